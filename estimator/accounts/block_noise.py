@@ -40,14 +40,16 @@ class RecentBlocks:
         self._blocks += 1
 
     def residuals(self, nuisances: Array, faults: Sequence[tuple[int, int, float]] = ()) -> Array:
-        """Return the missing flow of each block less what given nuisances and faults explain.
+        """Return the missing flow of each kept block less what given nuisances and faults explain.
 
         Args:
             nuisances: sizes of the nuisances, in standard deviations, float64 (n,).
-            faults: for each fault its index, the index of its first block, and its coefficient.
+            faults: for each fault its index, the index of its first block among all blocks that
+                were ever added, and its coefficient in SI units.
 
         Returns:
-            float64 (blocks, 2), oldest block first, one column for each chamber.
+            float64 (blocks, 2) in units of the expected noise, at most `RECENT` blocks, oldest
+            first, one column for each chamber.
         """
         order = np.arange(max(self._blocks - RECENT, 0), self._blocks)
         at = order % RECENT
@@ -68,7 +70,8 @@ def lasting_noise(residuals: Array, model_error: float = 1.0) -> float:
     errors, 1 / sqrt(2 n) each, are therefore added.
 
     Args:
-        residuals: residuals of both chambers, float64 (n, 2), oldest block first.
+        residuals: residuals of both chambers, float64 (n, 2), oldest block first; if all are 0
+            or there is none, the factor is 1.
         model_error: factor on the two standard errors that are added.
     """
     power = float((residuals**2).sum())

@@ -54,8 +54,8 @@ def student_quantile(probability: float, freedom: float) -> float:
     It is Wallace's transformation of the normal quantile (Wallace 1959, Ann. Math. Stat. 30).
 
     Args:
-        probability: probability of exceeding the value, on one side.
-        freedom: degrees of freedom.
+        probability: probability of exceeding the value, on one side, above 0 and below 0.5.
+        freedom: degrees of freedom, above 0.
     """
     return _students(-NormalDist().inv_cdf(probability), freedom)
 

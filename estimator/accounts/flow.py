@@ -206,6 +206,9 @@ class FlowAccount:
     ) -> list[AccountBlock]:
         """Add samples (float64 (n,) each, SI) and return the blocks they finish.
 
+        The list is empty if they finish no block, and it has incomplete blocks too
+        (`AccountBlock.complete`). Samples without an estimated position (NaN) are passed over.
+
         Args:
             time_s: time of each sample, at 1 kHz.
             spool: estimated spool position; NaN before the filter has started, like the estimated
@@ -249,8 +252,9 @@ def _block(row: Array) -> AccountBlock:
 def reference_drop(parameters: Parameters, fault: str) -> float:
     """Return the pressure drop in Pa at which a leak's flow is quoted.
 
-    It is half the supply pressure. For internal leaks it is the difference of the chamber pressures
-    that a slow ram needs against its friction: 1.5 times the slip friction (table 2.1).
+    It is half the difference of supply and return pressure. For `internal_leakage` it is the
+    difference of the chamber pressures that a slow ram needs against its friction: 1.5 times the
+    Coulomb friction (table 2.1) over the piston's area.
     """
     if fault == "internal_leakage":
         return 1.5 * parameters.coulomb / parameters.piston_area
@@ -258,5 +262,8 @@ def reference_drop(parameters: Parameters, fault: str) -> float:
 
 
 def reference_flow(parameters: Parameters, fault: str, coefficient: float) -> float:
-    """Return the flow in m^3/s of a leak coefficient (SI) at the `reference_drop` (eq. 5.2)."""
+    """Return the flow in m^3/s of a leak coefficient at its `reference_drop` (eq. 5.2).
+
+    The coefficient is in m^3/(s Pa^0.5).
+    """
     return coefficient * sqrt(reference_drop(parameters, fault))

@@ -119,11 +119,11 @@ class JointFit:
         return float((influence**2 / (1.0 - leverage)).sum())
 
     def left_out(self) -> tuple[Array, Array]:
-        """Return what the last coefficient would be if the blocks after a mark were left out.
+        """Return what the last coefficient would be without the blocks between a mark and the next.
 
-        Entry j is for the blocks between mark j and the next: one block, or several where old
-        marks were thinned out. The other coefficients stay as they are. Leaving out blocks that
-        are passed over anyway changes nothing.
+        Entry j leaves out those after mark j up to the next mark or now: one block, or several
+        where old marks were thinned out. The other coefficients stay as they are. Leaving out
+        blocks that are passed over anyway changes nothing.
 
         Returns:
             The coefficients and their variances, (marks,) each. A variance is the larger of that
@@ -161,8 +161,11 @@ def around(marks: Iterable[int], last: int, after: int = 1) -> list[Stretch]:
 
     Args:
         marks: indices of the marks at which faults begin or change.
-        last: number of marks, at which the last stretch ends.
+        last: number of marks; no stretch reaches beyond it.
         after: number of intervals between marks that are included after each onset.
+
+    Returns:
+        Pairs (first mark, end mark) in increasing order, without overlap.
     """
     stretches: list[Stretch] = []
     for mark in sorted(set(marks)):

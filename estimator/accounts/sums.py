@@ -158,11 +158,14 @@ class AccountSums:
         return np.array(stay)
 
     def mark_of(self, block: int) -> int:
-        """Return the index of the mark before a block, or of the next mark if that was removed."""
+        """Return the index of the mark before a block, or of the next mark if that was removed.
+
+        It is `marks` if there is no such mark.
+        """
         return int(np.searchsorted(self.mark_blocks, block))
 
     def start_s(self, mark: int) -> float:
-        """Return the time in s at which the block after a mark starts."""
+        """Return the time in s at which the block after a mark (index below `marks`) starts."""
         return float(self._starts[mark])
 
     def mark_at(self, time_s: float) -> int:
@@ -170,7 +173,7 @@ class AccountSums:
         return int(np.searchsorted(self._starts[: self.marks], time_s - 1e-6))
 
     def travel(self, mark: int) -> float:
-        """Return the difference of the greatest and least position in m since a mark."""
+        """Return the ram's greatest less its least position in m since a mark (below `marks`)."""
         since = slice(mark, self.marks)
         return float(self._high[since].max() - self._low[since].min())
 

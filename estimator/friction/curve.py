@@ -122,7 +122,10 @@ class FrictionCurve:
         return any(estimate.identified for estimate in self.estimates.values())
 
     def force(self, velocity: Array) -> Array:
-        """Return the fitted friction in N at velocities (m/s) other than zero."""
+        """Return the fitted friction in N at velocities (m/s) other than zero, same shape.
+
+        An asymmetry that was not fitted counts as 0. Without a fit (`NO_FIT`) all is NaN.
+        """
         coulomb, stiction, alpha, viscous, asymmetry = self.fit.values
         return slip_curve(
             velocity, (coulomb, stiction, alpha, viscous, asymmetry if isfinite(asymmetry) else 0.0)
@@ -130,7 +133,10 @@ class FrictionCurve:
 
 
 def slip_curve(velocity: Array, values: tuple[float, float, float, float, float]) -> Array:
-    """Return friction in N at velocities in m/s for parameters in the order of `PARAMETERS`."""
+    """Return friction in N at velocities in m/s for parameters in the order of `PARAMETERS`.
+
+    At velocity 0, where friction is undetermined, it is the asymmetry alone.
+    """
     coulomb, stiction, alpha, viscous, asymmetry = values
     level = coulomb + (stiction - coulomb) * np.exp(-np.abs(velocity) / alpha)
     return np.asarray(np.sign(velocity) * level + viscous * velocity + asymmetry)
@@ -257,7 +263,8 @@ class FrictionChange:
         name: name of the parameter in `fit.PARAMETERS`.
         difference: value in the last recording less that in the first, SI.
         score: difference divided by its standard error.
-        significant: whether chance would rarely make such a change (`CHANGE_PROBABILITY`).
+        significant: whether chance would rarely make such a change; that it makes one or more of
+            all changes that are tested together has `CHANGE_PROBABILITY`.
     """
 
     name: str
@@ -267,7 +274,7 @@ class FrictionChange:
 
 
 def friction_changes(first: FrictionCurve, last: FrictionCurve) -> tuple[FrictionChange, ...]:
-    """Return the changes of the parameters that are identified in both recordings."""
+    """Return the changes of the parameters identified in both recordings; () if there is none."""
     pairs = [
         (name, a.value, b.value, hypot(a.standard_error or 0.0, b.standard_error or 0.0))
         for name in PARAMETERS

@@ -40,8 +40,9 @@ class StribeckFit:
     """A fitted friction curve.
 
     Attributes:
-        values: the parameters in the order of `PARAMETERS`, float64 (5,), SI; NaN if not fitted.
-        covariance: covariance of the values, (5, 5); infinite if not fitted.
+        values: the parameters in the order of `PARAMETERS`, float64 (5,), SI; NaN if not fitted
+            (the asymmetry alone with strokes in one direction only, or all: `NO_FIT`).
+        covariance: covariance of the values, (5, 5); variances are infinite if not fitted.
         spread: robust standard deviation of a sample's residual, N.
         alpha_bounded: whether the search for alpha ended at a bound of its range.
     """

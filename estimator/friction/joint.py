@@ -48,9 +48,10 @@ class JointFit:
         estimates: the estimate of each of `fit.PARAMETERS`, by its name.
         covariance: covariance of the estimates in the order of `fit.PARAMETERS`, (5, 5).
         measured_stiction, measured_error: stiction by the break-aways alone, with the deficit
-            added, and its standard error, N.
-        deficit: force by which the break-aways are below stiction, N.
-        disagreement: measured less extrapolated stiction, divided by its standard error.
+            added, and its standard error, N; NaN and infinite without break-aways (`NO_LEVEL`).
+        deficit: force by which the break-aways are below stiction, N; NaN without break-aways.
+        disagreement: measured stiction less the one that sliding extrapolates, divided by the
+            standard error of this difference; NaN without break-aways.
         misfit: chi^2 over its degrees of freedom; above 1 the covariance is multiplied by it.
     """
 

@@ -59,7 +59,7 @@ class Spring(NamedTuple):
     contact: float
 
     def force(self, position: Array) -> Array:
-        """Return the spring's force in N against extension at positions in m, (n,)."""
+        """Return the force in N against extension at positions (n,) in m; 0 before contact."""
         return np.asarray(self.stiffness * np.maximum(position - self.contact, 0.0))
 
 
@@ -185,7 +185,7 @@ class BlockCollector:
 
     @property
     def blocks(self) -> MotionBlocks:
-        """Return all blocks that are complete so far."""
+        """Return all blocks so far; samples of a block that is not full yet are left out."""
         columns = np.concatenate([np.empty((0, 6)), *self._pieces]).T
         time_s, velocity, spread, load, position, sound = columns
         return MotionBlocks(time_s, velocity, spread, load, position, sound > 0.5)
@@ -214,6 +214,8 @@ def friction_samples(
     blocks: MotionBlocks, lag: LoadLag, spring: Spring, parameters: Parameters
 ) -> FrictionSamples:
     """Return the friction in the quasi-steady blocks of a motion, corrected for lags.
+
+    The arrays are empty if no stretch of `STEADY_BLOCKS` blocks or more is quasi-steady.
 
     Args:
         blocks: all blocks of the motion.
@@ -259,7 +261,8 @@ def friction_samples(
 def filled(values: Array) -> Array | None:
     """Return values (n,) with missing samples (NaN) interpolated from their neighbours.
 
-    The result is None if more than one in ten is missing, as with a transducer that failed.
+    The result is None if more than one in ten is missing, as with a transducer that failed. If none
+    is missing, it is `values` itself. Missing ones at an end get the nearest value.
     """
     known = np.isfinite(values)
     if known.all():
