@@ -33,7 +33,10 @@ def _any(typing_context, condition):
 
 
 def select(condition: Any, chosen: Any, other: Any) -> Any:
-    """Return `chosen` in lanes where the condition holds, else `other`; both must be computed."""
+    """Return `chosen` in lanes where the condition holds, else `other`.
+
+    Both are computed beforehand, so that neither may raise or have side effects.
+    """
     return chosen if condition else other
 
 

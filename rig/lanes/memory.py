@@ -58,7 +58,7 @@ def _elements(context: Any, builder: Any, kind: Any, array: Any, rows: Any) -> A
 def gather(typing_context, array, rows):
     """Return lanes with element (rows[j], j) of a C-contiguous float64 array (n, LANES) in lane j.
 
-    The rows are given as lanes of whole numbers.
+    The rows are given as lanes of whole numbers, each from 0 to n - 1; this is not checked.
     """
 
     def emit(context, builder, signature, arguments):

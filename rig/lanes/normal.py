@@ -113,7 +113,7 @@ def sine_and_cosine(turns):
 def fill_normal(state, numbers):
     """Fill a float64 array (n, LANES), n even, with standard normal numbers.
 
-    A stream gives the same numbers in the same order whatever the sizes of the arrays.
+    A stream gives the same numbers in the same order whatever the (even) sizes of the arrays.
 
     Args:
         state: uint64 (4, LANES), made by `start_streams`; updated.

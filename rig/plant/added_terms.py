@@ -108,7 +108,7 @@ def fields_of(terms: "tuple[AddedTerm, ...]") -> dict[str, float]:
 
 
 def terms_of(par: Parameters) -> tuple[AddedTerm, ...]:
-    """Return the terms in symbols that a rig's parameters hold."""
+    """Return the terms in symbols that a rig's parameters hold; () if there is none."""
     found = []
     for number in range(1, MOST_TERMS + 1):
         kind, size, at, by = (

@@ -84,7 +84,7 @@ def delayed_command(path, command, delay):
     Args:
         path: memory of the command path, updated.
         command: command given for this tick, V.
-        delay: delay, s.
+        delay: delay, s, up to `LONGEST_DELAY_TICKS` ticks.
 
     Returns:
         The command in V that acts at first, the command in V that acts after it, and the time in s

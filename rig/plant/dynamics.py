@@ -49,7 +49,8 @@ any sensor."""
 def rest_state(parameters: Parameters, position: float) -> np.ndarray:
     """Return the state (9,) of a ram at rest at `position` (m) with the valve at null.
 
-    Both chambers are at the mean of supply and return pressure.
+    Both chambers are at the mean of supply and return pressure. A ripple is added to the supply
+    pressure as it is at time 0.
     """
     supply, back = parameters.supply_pressure, parameters.return_pressure
     chamber = 0.5 * (supply + back)
@@ -99,7 +100,10 @@ def valve_drops(opening, p1, p2, supply, back):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def valve_flows(opening, p1, p2, supply, back, conductance):
-    """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s (eqs. 2.1 and 2.2)."""
+    """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s (eqs. 2.1 and 2.2).
+
+    The edges are ideal, without laps, and the ports alike. The conductance is `valve_conductance`.
+    """
     drop_1, drop_2 = valve_drops(opening, p1, p2, supply, back)
     flow = conductance * opening
     return flow * signed_root(drop_1), flow * signed_root(drop_2)
@@ -117,6 +121,7 @@ def edge_flows(opening, p1, p2, supply, back, par):
 
     They are: supply to chamber 1, chamber 1 to return, supply to chamber 2, chamber 2 to return.
     Near the null of an underlapped valve all edges are open, and oil flows from supply to return.
+    The opening in m is the one that `lapped` leaves.
     """
     conductance = valve_conductance(par)
     forth = conductance * _excess(par.valve_underlap_leakage + opening)
@@ -139,7 +144,10 @@ def is_real_valve(par):
 
 @inlined
 def port_flows(opening, p1, p2, supply, back, par):
-    """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s, laps and asymmetry included."""
+    """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s, laps and asymmetry included.
+
+    The opening in m includes the null bias, but no lap.
+    """
     if anywhere(is_real_valve(par)):
         edges = edge_flows(lapped(opening, par), p1, p2, supply, back, par)
         return edges[0] - edges[1], edges[3] - edges[2]
@@ -289,7 +297,7 @@ def total_mass(par):
 def spring_force(position, par):
     """Return the spring's force in N against extension, as the load cell measures it (chapter 6).
 
-    A ram that is pressed into a stroke end counts as being at the end.
+    It is 0 before the contact. A ram that is pressed into a stroke end counts as being at the end.
     """
     within = min(max(position, par.stroke_min), par.stroke_max)
     return par.spring_stiffness * _excess(within - par.spring_contact)

@@ -61,6 +61,8 @@ class PlantEffect:
     def applied(self, parameters: Parameters, **values: float) -> Parameters:
         """Return a rig's parameters with some knobs of this effect set.
 
+        The field in a knob's `followed_by` is scaled by the same factor. Ranges are not checked.
+
         Args:
             parameters: parameters of the rig before, which do not change.
             **values: SI value of each knob to set, by the knob's name.

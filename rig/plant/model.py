@@ -26,7 +26,8 @@ class Model:
 
         Args:
             name: name of the effect.
-            **values: SI value of each of its knobs to set, by the knob's name.
+            **values: SI value of each of its knobs to set, by the knob's name; the other knobs stay
+                as they are, and ranges are not checked.
 
         Raises:
             KeyError: the effect, or one of its knobs, is not in the catalogue.

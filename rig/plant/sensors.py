@@ -137,12 +137,12 @@ def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, read
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors, reading):
-    """Sample every transducer and write the readings to `reading`.
+    """Sample every transducer once a tick and write the readings to `reading`.
 
     Args:
         state: float64 (9,), true state (`PlantState`).
-        seen: float64 (`TRANSDUCERS_SIZE`,), the transducers' memory
-            (`rig.plant.transducer_effects`).
+        seen: float64 (`TRANSDUCERS_SIZE`,), the transducers' memory, which the caller has brought
+            up to `state` (`rig.plant.transducer_effects.follow`).
         leaks: true leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s.
         load: true spring force in N.
         meters: float64 (3,), flow-meter lag states in m^3/s, advanced in place by one tick.

@@ -35,6 +35,8 @@ def simulate(
 ) -> dict[str, Array]:
     """Simulate a rig in open loop at 1 kHz.
 
+    With a command delay, the command before the first sample is 0 V.
+
     Args:
         model: model of the rig.
         command: float64 (n,), valve command in V; value k acts from k ms to k + 1 ms.

@@ -75,7 +75,7 @@ def resolving_step(y, longest, duration, par, fault):
 
     Args:
         y: state at the start of the interval, in the order of `PlantState`.
-        longest: longest step, s; the result is between `SHORTEST` of it and itself.
+        longest: longest step, s; the result is between `SHORTEST` times this and this.
         duration: length of the interval, s.
         par: `Parameters`.
         fault: 8 fault coefficients in the order of `FaultInput` (SI).
@@ -151,9 +151,10 @@ def _edge_step(y, k, h, par):
 
 @inlined
 def standstill_step(y, k, h):
-    """Return the step in s, at most `h`, that ends where a ram that slows down comes to rest.
+    """Return the step in s that ends where a ram that slows down comes to rest, else `h`.
 
-    `y` is the state and `k` its rates.
+    It is at most `h`, unless rest comes within 1e-6 s; it is then 1e-6 s. `y` is the state and `k`
+    its rates.
     """
     velocity, acceleration = y[5], k[5]
     stops = (velocity * acceleration < 0.0) & (abs(velocity) < abs(acceleration) * h)
@@ -175,13 +176,17 @@ def _aeration_rate(pressure, slope, h, par):
 
 @inlined
 def smooth_step(y, k, longest, shortest, par):
-    """Return the step in s over which friction and oil change little.
+    """Return the step in s, at most `longest`, over which friction, stops and oil change little.
+
+    Oil counts only if it has air in it. The step also ends where an edge with a lap begins to open
+    and, if friction or a stop shortens it, where a ram that slows down comes to rest. For these two
+    it may be shorter than `shortest`, but not shorter than 1e-6 s.
 
     Args:
         y: state at the start of the step, in the order of `PlantState`.
         k: rates of the state.
         longest: longest step, s.
-        shortest: least step to which a rate may shorten it, s.
+        shortest: least step to which a rate of friction, stops or oil may shorten it, s.
         par: `Parameters`.
     """
     if anywhere(par.entrained_air != 0.0):
@@ -212,9 +217,10 @@ def smooth_step(y, k, longest, shortest, par):
 
 @inlined
 def break_away_step(y, k, h, net_force, par):
-    """Return the step in s, at most `h`, that ends at the break-away of a stuck ram.
+    """Return the step in s that ends at the break-away of a stuck ram, else `h`.
 
-    `y` is the state, `k` its rates, and `net_force` (N) the force that stiction balances.
+    It is at least 1e-6 s. `y` is the state, `k` its rates, and `net_force` (N) the force that
+    stiction balances.
     """
     loading = par.piston_area * (k[2] - k[3])
     gap = copysign(slip_friction(0.0, loading, par), loading) - net_force

@@ -47,7 +47,7 @@ class Means(NamedTuple):
 def transducers(parameters: Parameters, state: Array) -> Array:
     """Return the memory (`TRANSDUCERS_SIZE`,) of a rig that has long been in `state` (9,).
 
-    The encoder starts in the middle of its play.
+    The encoder starts in the middle of its play, and the memory's time at 0 s.
     """
     seen = np.zeros(TRANSDUCERS_SIZE)
     seen[_LAGGED : _LAST + 2] = np.maximum([*state[2:4], *state[2:4]], 0.0)
@@ -101,11 +101,13 @@ def _delayed(seen, delay):
 def follow(seen, state, par, step=TICK):
     """Update the transducers' memory, in place, to the plant's present state.
 
+    Parts of the memory whose effect (lag; play or delay) is switched off are left as they are.
+
     Args:
         seen: float64 (`TRANSDUCERS_SIZE`,), made by `transducers`.
         state: float64 (9,), true state now, in the order of `PlantState`.
         par: `Parameters`.
-        step: time since the last update, s.
+        step: time since the last update, s, above 0.
     """
     if par.pressure_lag != 0.0:
         _follow_pressures(seen, state, par.pressure_lag, step)
@@ -115,7 +117,11 @@ def follow(seen, state, par, step=TICK):
 
 @inlined
 def seen_position(seen, position, par):
-    """Return the position in m at the encoder, after play and delay; `position` is the true one."""
+    """Return the position in m at the encoder, after play and delay; `position` is the true one.
+
+    `seen` is the transducers' memory (`transducers`), which `follow` has brought up to now. Gain
+    and resolution are not included. Without play and delay the result is `position`.
+    """
     if par.position_delay != 0.0:
         return _delayed(seen, par.position_delay)
     if par.position_backlash != 0.0:
@@ -125,7 +131,10 @@ def seen_position(seen, position, par):
 
 @inlined
 def seen_pressures(seen, p1, p2, par):
-    """Return both pressures in Pa after the transducers' lag; p1 and p2 are the true pressures."""
+    """Return both pressures in Pa after the transducers' lag; p1 and p2 are the true pressures.
+
+    `seen` is the transducers' memory, as in `seen_position`. Without lag the result is p1 and p2.
+    """
     if par.pressure_lag != 0.0:
         return seen[_LAGGED], seen[_LAGGED + 1]
     return p1, p2
@@ -139,7 +148,7 @@ def shown_pressure(pressure, gain, bias):
 
 @inlined
 def reading_means(position, p1, p2, spool, supply, par):
-    """Return the readings with gain and bias (`Means`, SI), but without noise or range.
+    """Return the readings with gain and bias (`Means`, SI), but without noise, range or resolution.
 
     With a lag, delay or play, give position and pressures from `seen_position` and
     `seen_pressures`, else the true ones.
