@@ -53,7 +53,7 @@ class Checks:
         self.problems: list[RequestProblem] = []
 
     def require(self, granted: bool, field: str, value: object, limit: str, remedy: str) -> None:
-        """Note a problem with `field` unless its value is granted; `finish` raises it later."""
+        """Note a problem with `field` if `granted` is false; `finish` raises it later."""
         if not granted:
             self.problems.append(RequestProblem(self.where, field, value, limit, remedy))
 

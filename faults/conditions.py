@@ -21,6 +21,7 @@ class Condition:
     Attributes:
         channel: name of a signal that the rig measures.
         low, high: limits; the campaign is held while the channel is below `low` or above `high`.
+            An infinite limit is never passed.
         hysteresis: distance inside the limits that the channel must reach for the campaign to go
             on.
         for_s: time in s for which the channel must be beyond its limits before the campaign is

@@ -136,7 +136,10 @@ class Fault:
 
     @property
     def end_s(self) -> float:
-        """Return the time in s at which the ball has shut and the fault is gone; inf for never."""
+        """Return the time in s at which the ball has shut and the fault is gone; inf for never.
+
+        A ball that is still opening at `until_s` shuts from where it is.
+        """
         return self.until_s + min(self.travel_s, self.until_s - self.at_s)
 
     @property

@@ -13,7 +13,10 @@ Array = NDArray[np.float64]
 
 
 class Nuisance(NamedTuple):
-    """A known weakness of the model with its prior standard deviation, `sigma`, the tolerance."""
+    """A known weakness of the model with its tolerance: `sigma`, a prior standard deviation.
+
+    `sigma` is in `unit` (empty for a ratio), and `source` says where it comes from.
+    """
 
     name: str
     sigma: float

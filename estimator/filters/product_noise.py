@@ -58,7 +58,7 @@ class ProductNoise(NamedTuple):
 
     The fields `position`, `pressure` and `spool` are variances of the sensors. Those from
     `spool_velocity` to `null_bias` are process variances per millisecond, by a stated budget of
-    model errors. `initial` holds standard deviations (no variances) of the states at the start.
+    model errors. `initial` holds standard deviations, not variances, of the states at the start.
     """
 
     position: float

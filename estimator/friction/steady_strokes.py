@@ -31,7 +31,10 @@ the force counts as oscillating. With 12 blocks noise exceeds it less than once 
 
 
 class Stroke(NamedTuple):
-    """A stretch of a recording in which the setpoint moves at constant speed."""
+    """A stretch of a recording in which the setpoint moves at constant speed.
+
+    Its times are in s from the recording's first sample.
+    """
 
     start_s: float
     end_s: float

@@ -21,7 +21,10 @@ TREND_PROBABILITY: Final = 0.01
 
 
 class Trend(NamedTuple):
-    """The slope of a force along the stroke (N/m), its standard error, and whether it is real."""
+    """The slope of a force along the stroke (N/m), its standard error, and whether it is real.
+
+    It is significant if chance rarely makes such a slope (`TREND_PROBABILITY`).
+    """
 
     slope: float
     standard_error: float

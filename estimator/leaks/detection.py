@@ -176,7 +176,7 @@ class OilAccountDetector:
 
     Args:
         model: the model that the filter assumes.
-        false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
+        false_alarms_per_day: alarms a healthy rig may raise in a day of running, above 0 to 10000.
         expected: what is known of this rig's nuisances, from a baseline.
         model_error: factor on what is allowed for errors of the model (dead zones and the like);
             0 means that the model is exact.
@@ -490,7 +490,7 @@ def _with_supply(
 
 
 def leak_flow(run: FilterRun, parameters: Parameters) -> dict[str, Array]:
-    """Return the product filter's leak flows by leak name, float64 (n,) in m^3/s (eq. 5.2)."""
+    """Return the product filter's signed leak flows by name in `LEAKS`: (n,), m^3/s (eq. 5.2)."""
     p1, p2 = run.state("pressure_1_Pa"), run.state("pressure_2_Pa")
     drops = (p1 - parameters.return_pressure, p2 - parameters.return_pressure, p1 - p2)
     return {

@@ -209,9 +209,10 @@ class LeakTest:
         return [] if self._growing is None else [self._growing]
 
     def likely(self) -> list[Finding]:
-        """Return each fault with a gain of at least `RIVAL_GAIN`, likeliest first.
+        """Return each fault whose gain is `RIVAL_GAIN` or more, greatest gain first.
 
-        Its statistic may be below the limit, so that it may be noise.
+        The gain is that in twice the log likelihood. The fault may be noise, as its statistic may
+        be below the limit.
         """
         candidates = self.candidates()
         found = []
@@ -236,7 +237,10 @@ class LeakTest:
         return replace(again, likelihood=first.likelihood, limit=first.limit)
 
     def nuisances(self) -> NuisanceBelief:
-        """Return the nuisances estimated from the blocks so far, beside the first fault found."""
+        """Return the nuisances estimated from the blocks so far, beside the first fault found.
+
+        Before any block they are those expected.
+        """
         if not self.blocks:
             return self._expected
         n = NUISANCE_COUNT
@@ -254,7 +258,10 @@ class LeakTest:
         return sigma * float(belief.mean[_NULL_BIAS]), sigma * spread
 
     def healthy_noise(self) -> float:
-        """Return the factor by which lasting noise raises a variance if there is no fault."""
+        """Return the factor by which lasting noise raises a coefficient's variance without a fault.
+
+        It is `lasting_noise` of the residuals that the nuisances alone leave.
+        """
         if self._healthy_noise is None:
             residuals = self._recent.residuals(self.candidates().regression.nuisances()[0])
             self._healthy_noise = lasting_noise(residuals, self.model_error)
@@ -270,7 +277,8 @@ class LeakTest:
     def best(self, beside: Finding | None = None) -> Finding | None:
         """Return the fault with the greatest gain whose statistic exceeds the limit; else None.
 
-        A fault does not count if another cause has a gain greater by more than `RIVAL_GAIN`.
+        The gain is that in twice the log likelihood. A fault does not count if another cause has a
+        gain greater by more than `RIVAL_GAIN`.
 
         Args:
             beside: a fault that was found and is fitted along; None for the first fault.

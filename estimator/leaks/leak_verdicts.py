@@ -43,7 +43,10 @@ class LeakVerdicts:
         self._test = test
 
     def leaks_beside(self, dropped: Finding) -> list[Finding]:
-        """Return the leak that stands out beside a measured drop of the supply pressure, or []."""
+        """Return the leak that stands out beside a measured drop of the supply pressure, in a list.
+
+        The list is empty if no leak does, or with fewer than `MINIMUM_BLOCKS` blocks.
+        """
         test = self._test
         if test.blocks < MINIMUM_BLOCKS:
             return []
@@ -119,7 +122,10 @@ class LeakVerdicts:
         return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
 
     def ended_s(self, finding: Finding) -> float | None:
-        """Return when a leak ended, in s, to half a second or so; None while it may be present."""
+        """Return when a leak ended, in s, to half a second or so; None while it may be present.
+
+        For a leak that grows (`Finding.grown`) it is always None.
+        """
         if finding.grown is not None or self.present(finding) > 0.0:
             return None
         change = self._test.candidates(finding).change

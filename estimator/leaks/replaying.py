@@ -26,7 +26,8 @@ class ReplayResult:
         decision: the final decision.
         detected_at_s: sample time at which the detector first gave the verdict that is also the
             final one, from earlier samples alone; None if that is healthy or inconclusive.
-        history: pairs of time in s and decision, one for every half second.
+        history: pairs of time in s and decision, one for every half second and one for a shorter
+            piece at the end.
     """
 
     run: FilterRun
@@ -140,7 +141,10 @@ def stretch(samples: Samples, part: slice) -> Samples:
 
 
 def part_of(run: FilterRun, part: slice) -> FilterRun:
-    """Return a filter's estimates at the indices of `part`."""
+    """Return a filter's estimates at the indices of `part`.
+
+    The covariance stays that after the last sample of the whole run.
+    """
     return replace(run, time_s=run.time_s[part], states=run.states[part], outputs=run.outputs[part])
 
 

@@ -37,7 +37,10 @@ class _LaneArrayModel(models.StructModel):
 
 @intrinsic
 def in_lanes(typing_context, array):
-    """Return a C-contiguous float64 array (..., LANES) as an array of lanes on the same memory."""
+    """Return a C-contiguous float64 array (..., LANES) as an array of lanes on the same memory.
+
+    The array has two or three dimensions. The caller must keep it alive while the result is used.
+    """
     kind = LaneArrayType(array.ndim - 1)
 
     def emit(context, builder, signature, arguments):
