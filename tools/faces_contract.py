@@ -34,7 +34,8 @@ class FacesContract(Contract):
 
         Returns:
             A result that is kept if no import goes past a face. `metadata["past"]` holds importer,
-            imported module, the face to import from, and the line number of the import.
+            imported module, the face to import from, and the line number of the import (if there
+            are several, that of the first one).
         """
         packages, corridors = _names(self.packages), set(_names(self.corridors))
         modules = {m for m in graph.modules if m.split(".")[0] in packages}

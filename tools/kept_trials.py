@@ -20,7 +20,8 @@ Found = TypeVar("Found")
 def kept_trials(file: Path) -> Iterator[dict[str, Any]]:
     """Yield the fields of each trial that `file` holds, in the order of its lines.
 
-    A line that is no JSON, because a kill cut it off, is skipped. A missing file holds no trials.
+    A line that is empty or no JSON, because a kill cut it off, is skipped. A missing file holds no
+    trials.
     """
     for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
         try:
@@ -33,6 +34,9 @@ def run_and_keep(
     file: Path, title: str, run: Callable[..., Found], left: Sequence[tuple[Any, ...]], jobs: int
 ) -> Iterator[Found]:
     """Run trials and yield the result of each as it ends, after appending it to `file`.
+
+    Nothing is run before the first result is asked for. An error in a trial is raised here and ends
+    the iteration. The folder of `file` must exist.
 
     Args:
         file: each result is appended to it as a line of JSON.

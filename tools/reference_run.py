@@ -16,7 +16,8 @@ def main(run: Path, folder: Path) -> None:
     """Write a run's `results.json` to `folder`, without what depends on the machine.
 
     Three entries of the provenance are left out (source files, command, git), the wall time of
-    every test is set to 0, and its friction to None. The folder is created if it is missing.
+    every test is set to 0, and its friction to None. The folder is created if it is missing, and a
+    `results.json` in it is replaced.
     """
     results = dict(read_run(run).results)
     entries = results["provenance"].items()

@@ -35,6 +35,8 @@ _COLUMNS: Final = (
 def main(wanted: list[str]) -> int:
     """Play scenarios, print the outcome of each, and return how many did not end as claimed.
 
+    A scenario that could not be played counts as one of these.
+
     Args:
         wanted: texts, one of which a scenario's name must contain; empty plays all scenarios. The
             table is written only if all were played and ended as claimed.
@@ -67,7 +69,7 @@ def main(wanted: list[str]) -> int:
 
 
 def with_table(page: str, lines: Iterable[str]) -> str:
-    """Return the text of `page` with the table of the chaos suite replaced by `lines`."""
+    """Return the text of `page` with `lines` as the chaos suite's table, if it has such a table."""
     text = "\n".join(lines)
     return _TABLE.sub(lambda match: f"{match[1]}{text}\n{match[2]}", page)
 
@@ -81,7 +83,10 @@ def table(played: Iterable[tuple[Scenario, Outcome]]) -> Iterator[str]:
 
 
 def row(scenario: Scenario, outcome: Outcome) -> str:
-    """Return the line of the table, in Markdown, that states the outcome of a scenario."""
+    """Return the line of the table, in Markdown, that states the outcome of a scenario.
+
+    Where no trip is claimed, the times of the devices are left empty.
+    """
     lost = "all" if outcome.lost_s is None else f"{outcome.lost_s:.1f} s"
     if not scenario.causes:
         return f"| {scenario.name} | none: the run goes on | | | | {lost} | {outcome.exit_code} |"

@@ -38,7 +38,11 @@ def told(rig: str, part: str, record: Record, wall_s: float) -> str:
 
 
 def row(rig: str, part: str, record: Record) -> tuple[str, ...]:
-    """Return the cells, in the order of `_HEAD`, of the table's row on one part of one rig."""
+    """Return the cells, in the order of `_HEAD`, of the table's row on one part of one rig.
+
+    The times of the devices are empty on the simulated rig, and like the time lost also for parts
+    without which a run goes on.
+    """
     phases = Counter(kill.rpartition(", ")[2] or "between tests" for kill in record.kills)
     where = ", ".join(f"{phase} {count}" for phase, count in phases.most_common())
     stalls = ", ".join(f"`{cause}` {n}" for cause, n in Counter(record.stalls).most_common())
@@ -65,7 +69,11 @@ def _most(values: Iterable[float | None]) -> str:
 
 
 def main() -> int:
-    """Kill each part at random times; return for how many parts something was not as claimed."""
+    """Kill each part at random times; return for how many parts something was not as claimed.
+
+    A part on the other rig counts anew. The table is written only if no part and no rig was chosen
+    and everything was as claimed. Files of a part are kept only if something was not.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=10, help="kills of each part")
     parser.add_argument("--seed", type=int, default=1)

@@ -82,7 +82,11 @@ def judge(stage: Stage) -> Outcome:
 
 
 def problems(scenario: Scenario, outcome: Outcome) -> list[str]:
-    """Return a message for each point in which the outcome differs from the scenario's claims."""
+    """Return a message for each point in which the outcome differs from the scenario's claims.
+
+    In no scenario may more than `LOST_S` of data be lost, a traceback be printed, or a file be left
+    half written. `null_ms` is not checked.
+    """
     found = []
     if outcome.cause not in (scenario.causes or ("",)):
         found.append(
@@ -110,7 +114,10 @@ def problems(scenario: Scenario, outcome: Outcome) -> list[str]:
 
 
 def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
-    """Return since when (ns) each device has been safe without a break; None if it is not safe.
+    """Return since when (ns) each device has been safe without a break, by the record's end.
+
+    The devices are `valve` (disabled), `bypass` (all balls that were ordered to move are shut) and
+    `pump` (unloaded). None means that the device is not safe, or is not in the record.
 
     Args:
         events: the emulator's record, of which `at_ns` is the time.
@@ -141,7 +148,7 @@ def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
 
 
 def driven(events: list[dict[str, Any]]) -> list[str]:
-    """Return the devices that had been moved and were not safe at the end of a record."""
+    """Return the devices that were enabled, opened or loaded, and not safe at a record's end."""
     moved = {
         "valve": any(event["event"] == "valve_enabled" for event in events),
         "bypass": any(event["event"] == "ball_ordered" and event["opened"] for event in events),
@@ -169,7 +176,7 @@ def _cause(out: Path, recording: Table | None, printed: str) -> str:
 
 
 def readable(path: Path, saved: Path) -> Table | None:
-    """Return the rows of the recording at `path`; None if none is readable.
+    """Return the rows of the recording at `path`; None if it is missing or no row is readable.
 
     If the file was cut off, its rows are recovered to the file `saved` first.
     """
@@ -187,8 +194,9 @@ def readable(path: Path, saved: Path) -> Table | None:
 def lost_s(trace: Path, at_ns: int, recording: Table) -> float | None:
     """Return how long (s) before a moment the last row of a recording was made.
 
-    Rows have no time of the emulator's clock, so the commands in them are looked for in the
-    emulator's trace, which states when it received each command.
+    Rows have no time of the emulator's clock, so stretches of 20 commands in them are looked for
+    in the emulator's trace, which states when it received each command. Rows after the last
+    stretch that is found are counted as 1 ms each.
 
     Args:
         trace: CSV file with the time (ns) and value (V) of each command received.

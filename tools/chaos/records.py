@@ -19,7 +19,10 @@ TICK_S = 1e-3
 
 
 def finished_in(folder: Path) -> dict[int, Any]:
-    """Return the outcomes of the finished tests, by index, from the journal; {} without one."""
+    """Return the outcomes of the finished tests, by index, from the journal of the run in `folder`.
+
+    It is {} if the journal is missing or cannot be read.
+    """
     try:
         entries = read_journal(folder / JOURNAL)
     except JournalError:
@@ -32,7 +35,11 @@ def finished_in(folder: Path) -> dict[int, Any]:
 
 
 def repeated(folder: Path) -> Iterator[str]:
-    """Yield a message for each test that was begun again although it had finished."""
+    """Yield a message for each time that a test was begun again although it had finished.
+
+    Raises:
+        JournalError: the run in `folder` has no readable journal.
+    """
     done: set[int] = set()
     for entry in read_journal(folder / JOURNAL):
         if entry.kind == "phase" and entry["phase"] == "setup" and entry["test"] in done:
@@ -44,8 +51,9 @@ def repeated(folder: Path) -> Iterator[str]:
 def record_problems(folder: Path, before: list[dict[int, Any]], tests: int) -> list[str]:
     """Return messages on what is wrong in the folder of a run that was killed, resumed and ended.
 
-    Every test must be finished once, keep its outcome, and have a recording of its full length; the
-    recordings of interrupted attempts must be readable.
+    Every test must be finished once, keep the outcome that it had at a kill, and have a readable
+    recording of its full length to within 1 ms. The recording of an interrupted attempt must be
+    there and readable, unless it was cut off before it held a sample. [] means nothing is wrong.
 
     Args:
         folder: folder of the run.
@@ -101,7 +109,10 @@ def _has_samples(path: Path) -> bool:
 
 
 def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
-    """Return messages on what results and report leave out about the kills of a run.
+    """Return messages on what results and report leave out or say wrongly about a run's kills.
+
+    The results must have one entry on resuming for each kill, in order, which names its test and
+    phase. The report must have each entry of the results' history, and each attempt's message.
 
     Args:
         folder: folder of the run, which was resumed to its end.
@@ -124,7 +135,7 @@ def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
 
 
 def standing_in(folder: Path) -> JournalState:
-    """Return how far a run has come, by its journal; without a journal, nothing has begun."""
+    """Return how far a run has come, by its journal; without a readable one, nothing has begun."""
     try:
         return standing_of(read_journal(folder / JOURNAL))
     except JournalError:
@@ -132,7 +143,10 @@ def standing_in(folder: Path) -> JournalState:
 
 
 def main_s(folder: Path) -> float:
-    """Return how long (s) a run has been in the main phase of its test; 0 in any other phase."""
+    """Return for how long (s, until now) a run has been in the main phase of its present test.
+
+    It is 0 in any other phase, between tests, and without a readable journal.
+    """
     try:
         entries = read_journal(folder / JOURNAL)
     except JournalError:

@@ -69,14 +69,15 @@ class Record:
     """The outcome of the kills of one part of a run.
 
     Attributes:
-        kills: test and phase at each kill; "" for a kill outside any test.
+        kills: test and phase at each kill (`JournalState.where`); "" for a kill outside any test.
         campaigns: number of campaigns that were run to their end.
         tests: number of tests that these finished.
         attempts: number of runs of tests that were interrupted and did not count.
         stalls: causes of the trips that the machine brought about by stalling.
-        lost_s: for each recording that was cut off, how much was missing at its end, s.
-        safe_s: for each kill, after how many s each device was safe; devices that were safe already
-            are left out.
+        lost_s: for each recording that was cut off, how much was missing at its end, s. A recording
+            whose motion had hardly begun is left out.
+        safe_s: for each kill that ended a run on the emulated rig, after how many s each device was
+            safe; devices that were safe already are left out.
         problems: messages on what was wrong.
     """
 
@@ -96,10 +97,13 @@ class Relay:
     Args:
         stage: the stage, which must have been entered.
         part: the part to kill, a key of `PARTS`.
-        kills: number of kills.
+        kills: number of kills, over all campaigns.
         random_: draws the times of the kills.
         emulated: whether the stage has an emulator.
-        tell: is called with a line of text for each kill.
+        tell: is called with a line of text for each kill and each stall of the machine.
+
+    Attributes:
+        record: the outcome so far.
     """
 
     def __init__(
@@ -128,7 +132,8 @@ class Relay:
     def run(self) -> Record:
         """Run campaigns with kills until there were enough; return the outcome.
 
-        The first problem ends it earlier.
+        After the last kill, its campaign is resumed until it ends. A problem in a campaign makes it
+        the last one.
 
         Raises:
             StageError: the rig did not become safe, or a run did not come to its end.
@@ -355,13 +360,15 @@ def relay(
 ) -> Record:
     """Kill one part of campaigns on one rig again and again, and return the outcome.
 
+    If the rig does not become safe, or a run does not end, the outcome has this as a problem.
+
     Args:
         folder: an empty folder for all files.
         part: the part to kill, a key of `PARTS`.
-        kills: number of kills.
-        seed: draws the times of the kills.
+        kills: number of kills, over all campaigns.
+        seed: draws, together with the part's name, the times of the kills.
         emulated: whether the rig is the emulated one; otherwise it is the simulated one.
-        tell: is called with a line of text for each kill.
+        tell: is called with a line of text for each kill and each stall of the machine.
     """
     when = random.Random(f"{part} {seed}")
     with Stage(folder, tests=TESTS, emulated=emulated) as stage:

@@ -28,14 +28,15 @@ class Scenario:
         name: what fails, as the table calls it.
         steps: what is done to the rig, in this order.
         causes: possible first-out causes, of which the moment decides; empty if the run goes on to
-            its end.
-        null_ms: claimed time from the last step until the valve is at null and disabled. It is only
-            printed in the table, because a machine that stalls would make a test of it fail.
-        exit_code: exit code of `rig run`.
-        then: what is done once the rig is safe.
+            its end. The cause "" means that no process is left to state one.
+        null_ms: claimed time from the last step until the valve is at null and disabled, ms; None
+            if nothing is claimed. It is only printed in the table, because a machine that stalls
+            would make a test of it fail.
+        exit_code: exit code of `rig run`; minus the signal's number if a signal ends it.
+        then: what is done, in this order, once all devices are safe.
         mentions: texts that the trip report must contain.
-        unsafe: devices that do not become safe, because they themselves fail.
-        ordered: whether the devices become safe in the order of a trip.
+        unsafe: devices (valve, bypass, pump) that do not become safe, because they fail themselves.
+        ordered: whether the devices become safe in the order valve, bypass, pump.
         prefix: prefix of the command that runs the campaign.
     """
 
@@ -66,7 +67,7 @@ def wire(fault: str, target: str | None = None, **options: Any) -> Step:
 
 
 def kill(number: signal.Signals, *parts: str) -> Step:
-    """Return a step that sends a signal to all the processes `parts`, one right after another."""
+    """Return a step that sends a signal to all processes `parts` (`Stage.send`) without a pause."""
     return lambda stage: stage.send(number, *parts)
 
 
@@ -80,5 +81,5 @@ def full_disk(*parts: str) -> Step:
 
 
 def pause(seconds: float) -> Step:
-    """Return a step that waits."""
+    """Return a step that waits for a time, s."""
     return lambda stage: time.sleep(seconds)

@@ -73,8 +73,13 @@ class Stage:
         emulated: whether there is an emulator; without it, the campaign runs on the simulated rig.
 
     Attributes:
-        out: folder of the run.
-        injected_ns: when a fault was last started or a signal sent, CLOCK_MONOTONIC.
+        folder: the folder given.
+        out: folder of the run; it may be set before the next `start`.
+        stream: file with the profile of the live stream.
+        record, trace: files that the emulator writes: its events, and the commands it receives.
+        run: process of `rig run` that `start` started last; missing before.
+        injected_ns: when a fault was last started, a signal (but SIGCONT) sent, or file sizes
+            limited, CLOCK_MONOTONIC; 0 before.
         children: process ids of the run's processes by part, as `find_children` last found them.
     """
 
@@ -120,7 +125,7 @@ class Stage:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End all processes of the stage that are left."""
+        """End all processes of the stage that are left, by SIGKILL if need be; wait until ended."""
         self._ends.close()
 
     def _start_emulator(self) -> None:
@@ -139,18 +144,23 @@ class Stage:
         self.ask(do="inject", fault="lost_counts", counts=-MID_STROKE_COUNTS)
 
     def begin(self) -> None:
-        """Start the campaign's run, and return once the first leak of its test is open.
+        """Start the campaign's run, and return once the ball of the test's first leak is open.
+
+        Needs an emulator.
 
         Raises:
             NotBegunError: the run ended before that.
-            StageError: the leak was not open in time.
+            StageError: the ball was not open within `COMPILE_S`.
         """
         self.start()
         self.wait(self._is_leaking, "the test to run", COMPILE_S)
         self.find_children()
 
     def start(self, *options: str) -> None:
-        """Start `rig run` on the campaign, with further options of the command."""
+        """Start `rig run` on the campaign, with further options of the command; do not wait for it.
+
+        `children` is emptied, and `printed` begins anew.
+        """
         # What it prints goes through a pipe, so that a limit on its file sizes does not silence it.
         with self._printed.open("w") as file:
             copy = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=file, text=True)
@@ -195,10 +205,12 @@ class Stage:
         )
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Send a request to the emulator's control port and return the answer.
+        """Send a request, given by its fields, to the emulator's control port; return the answer.
 
         Raises:
             StageError: the emulator refuses the request.
+            OSError: the emulator gives no answer within `PATIENCE_S`, or has ended.
+            ValueError: the emulator ends before it has answered.
         """
         self._control.write(json.dumps(request) + "\n")
         self._control.flush()
@@ -208,14 +220,21 @@ class Stage:
         return reply
 
     def inject(self, **fault: Any) -> None:
-        """Start a fault of the emulator, given by its fields, and note the time."""
+        """Start a fault of the emulator, given by its fields; note the time in `injected_ns`.
+
+        Raises:
+            StageError: the emulator refuses the fault.
+        """
         self.injected_ns = time.monotonic_ns()
         self.ask(do="inject", **fault)
 
     def send(self, number: signal.Signals, *parts: str) -> None:
-        """Send a signal to parts, and note the time unless the signal is SIGCONT.
+        """Send a signal to parts; note the time in `injected_ns` unless the signal is SIGCONT.
 
         Parts are supervisor, loop, field, recorder, publisher and emulator.
+
+        Raises:
+            KeyError: `find_children` has found no process of a part.
         """
         if number != signal.SIGCONT:
             self.injected_ns = time.monotonic_ns()
@@ -223,13 +242,13 @@ class Stage:
             os.kill(self.pid(part), number)
 
     def limit_files(self, *parts: str) -> None:
-        """Set the limit on file sizes of these parts to 0, and note the time."""
+        """Set the limit on file sizes of these parts (`send`) to 0; note the time."""
         self.injected_ns = time.monotonic_ns()
         for part in parts:
             resource.prlimit(self.pid(part), resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
 
     def pid(self, part: str) -> int:
-        """Return the process id of a part.
+        """Return the process id of a part (`send`), even if its process has ended.
 
         Raises:
             KeyError: `find_children` has found no such process.
@@ -245,7 +264,7 @@ class Stage:
 
     @property
     def printed(self) -> str:
-        """What `rig run` has printed so far."""
+        """What `rig run`, as it was started last, has printed so far."""
         return self._printed.read_text()
 
     def wait(self, done: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
@@ -254,7 +273,7 @@ class Stage:
         Args:
             done: the condition to wait for.
             what: what is waited for, for the message.
-            patience_s: how long to wait, s.
+            patience_s: how long to wait at most, s.
 
         Raises:
             StageError: `done()` was not True in time.
@@ -268,7 +287,8 @@ class Stage:
     def is_safe(self) -> bool:
         """Return whether valve is at null and disabled, balls are shut and pump is unloaded.
 
-        On the simulated rig, which has no devices, this is always True.
+        The valve in the return line is not looked at. On the simulated rig, which has no devices,
+        this is always True.
         """
         if not self._emulated:
             return True
@@ -278,7 +298,7 @@ class Stage:
         return null and not any(balls.values()) and not status["can"]["pump_loaded"]
 
     def living(self) -> list[str]:
-        """Return the parts of the run whose processes have not ended."""
+        """Return the supervisor and those parts in `children` whose processes have not ended."""
         parts = {"supervisor": self.run.pid, **self.children}
         self.run.poll()
         return [part for part, pid in parts.items() if _lives(pid)]
@@ -293,7 +313,10 @@ class Stage:
         return {bypass: ball for bypass, (ball, _) in positions if bypass != "return_blockage"}
 
     def find_children(self) -> None:
-        """Add the processes that `rig run` has at present to `children`, by their part."""
+        """Add the processes that `rig run` has at present to `children`, by their part.
+
+        If `rig run` has ended, nothing changes. Processes that have ended stay in `children`.
+        """
         if self.run.poll() is not None:
             return
         # The system lists, for each thread, the processes that it started.

@@ -19,7 +19,12 @@ from tools.pages.marked_tables import fill
 
 
 def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -> None:
-    """Run the trials that are not kept from an earlier run, and print the tables of all."""
+    """Run the trials that are not kept from an earlier run, and print the tables of all.
+
+    Args:
+        arguments: of the command line; None means those of the program.
+        workflow: the function to test, unless `--in-process` is given.
+    """
     parser = argparse.ArgumentParser(
         prog="python -m tools.hidden_effects",
         description=__doc__,

@@ -66,15 +66,17 @@ class Envelope:
     """Everything that is drawn for a trial and not shown to the workflow.
 
     Attributes:
-        seed, number: seed of the study and number of the trial, from which all is drawn.
+        seed, number: seed of the study, and number of the trial among those of its kind; all is
+            drawn from these and the kind.
         kind: one of `KINDS`.
         effects: hidden effects of the catalogue by name, with their parameters in SI.
         off_menu: hidden effects that are not in the catalogue, likewise.
         nuisances: those values of the rig that differ between healthy rigs, by name, SI.
         motions: kind of motion, by recording.
         seconds: length of each recording.
-        shown: for hidden effects, the smallest size that the recordings to identify with would show
-            (`shown.smallest_shown`); empty if it was not computed.
+        shown: by hidden effect, the smallest distance of its size from the neutral value that the
+            recordings to identify with would show (`shown.smallest_shown`), SI. Effects for which
+            it was not computed are left out.
     """
 
     seed: int
@@ -93,14 +95,14 @@ class Envelope:
         return with_effects(rig, {**self.effects, **self.off_menu})
 
     def without_effects(self) -> "Envelope":
-        """Return an envelope of the same rig with nothing hidden in it."""
+        """Return an envelope of the same rig with nothing hidden in it; its kind stays."""
         return replace(self, effects={}, off_menu={})
 
     def shows(self, times: float) -> bool:
         """Return whether each effect has at least `times` the smallest size that would show.
 
-        Only the effects in `shown` are looked at. For `valve_rate_limit` the value must be at most
-        the limit divided by `times`.
+        Only the effects in `shown` are looked at; if it is empty, the answer is True. The value of
+        `valve_rate_limit` must be at most the limit in `shown` divided by `times`.
         """
         for name, limit in self.shown.items():
             size = distance(name, self.effects[name])
@@ -170,7 +172,10 @@ def _from_limit(name: str, sizes: Sizes, limit: float) -> Sizes:
 
 
 def distance(name: str, parameters: Mapping[str, float]) -> float:
-    """Return how far an effect's size is from its neutral value; for a rate limit, its value."""
+    """Return how far an effect's size is from its neutral value (SI); for a rate limit, its value.
+
+    The size is the parameter `value`, `stiffness` or `amplitude`; an effect of the menu has one.
+    """
     key = next(key for key in _SIZED if key in parameters)
     return abs(parameters[key] - _NEUTRAL.get(name, 0.0))
 
@@ -201,9 +206,9 @@ def _motion_names(kind: str, rng: Generator) -> list[str]:
 
 
 def drawn_nuisances(rng: Generator, without: Collection[str] = ()) -> dict[str, float]:
-    """Return nuisances of a rig, by name in SI, drawn within the tolerances of healthy rigs.
+    """Return nuisances of a rig, by name in SI, drawn evenly within 80 % of healthy tolerances.
 
-    The nuisances named in `without` are left out.
+    The tolerances are those in `NUISANCES`. The nuisances named in `without` are left out.
     """
     return {
         name: nominal * (1.0 + _SHARE_OF_TOLERANCE * tolerance * float(rng.uniform(-1.0, 1.0)))
@@ -226,7 +231,8 @@ def drawn_trial(
         seed: seed of the study.
         number: number of the trial among those of its kind.
         limits: by effect, the smallest distance of its size from the neutral value (for a rate
-            limit the largest value); effects that are not in it are drawn from `SIZES`.
+            limit the largest value). If no plausible size is so large, the largest plausible one is
+            taken. Effects that are not in it are drawn from `SIZES`.
         seconds: length of each recording.
 
     Raises:
@@ -254,7 +260,10 @@ def drawn_trial(
 
 
 def recordings(trial: Drawn) -> dict[str, Recorded]:
-    """Run the trial's motions on its rig and return the recordings by name."""
+    """Run the trial's motions on its rig, each from rest, and return the recordings by name.
+
+    The noise depends only on the seed, kind and number of the trial and the place of the motion.
+    """
     envelope = trial.envelope
     found = {}
     for place, (name, motion) in enumerate(trial.motions.items()):
@@ -265,7 +274,10 @@ def recordings(trial: Drawn) -> dict[str, Recorded]:
 
 
 def write_recordings(trial: Drawn, folder: Path) -> dict[str, Path]:
-    """Write the recordings of a trial as `*.csv.gz` into `folder`; return the files by name."""
+    """Record a trial, write its recordings as `*.csv.gz` into `folder`, and return files by name.
+
+    The folder is created if it is missing.
+    """
     files = {}
     for name, recorded in recordings(trial).items():
         files[name] = folder / f"{name}.csv.gz"

@@ -116,6 +116,7 @@ def with_effects(rig: RigValues, effects: Mapping[str, Parameters]) -> RigValues
 
     Raises:
         ValueError: an effect is in neither of them.
+        KeyError: an effect lacks a parameter that it needs.
     """
     for name, parameters in effects.items():
         if name in MENU:

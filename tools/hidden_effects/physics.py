@@ -58,7 +58,10 @@ def _relief(r, pressure):
 
 @njit(cache=True, error_model="numpy")
 def slip_force(r, position, speed, pressure_1):
-    """Return the friction (N) at which the seals slip: Stribeck's curve with the hidden effects."""
+    """Return the friction (N) at which the seals slip: Stribeck's curve with the hidden effects.
+
+    It is 10 N at least. Position is in m, speed in m/s, the pressure of chamber 1 in Pa.
+    """
     level = r.sliding + (r.break_away - r.sliding) * exp(-abs(speed) / r.stribeck)
     if speed > 0.0:
         level += r.direction_friction
@@ -92,7 +95,7 @@ def slopes(r, clock, reference, y, out):
         r: RigValues of the rig.
         clock: s since the recording began.
         reference: commanded spool position, m.
-        y: (11,) states, SI; they are not changed.
+        y: (11,) states, SI; they are not changed. Negative chamber pressures count as 0.
         out: (11,) time derivatives of the states, SI per s; overwritten.
     """
     position, speed, bend = y[POSITION], y[SPEED], y[BEND]
@@ -216,7 +219,9 @@ def _follow(held, moved, slack):
 
 @njit(cache=True, error_model="numpy")
 def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
-    """Simulate the rig with its position loop, and read its sensors once a tick.
+    """Simulate the rig with its position loop, and read its sensors once a tick (1 ms).
+
+    The command is limited to `r.volts` and rounded to microvolts; pressures are never read below 0.
 
     Args:
         r: RigValues of the rig.

@@ -44,6 +44,9 @@ class Recorded:
 def record(values: RigValues, motion: Motion, rng: Generator) -> Recorded:
     """Let a rig settle at the motion's first setpoint, then run the motion and record it.
 
+    The ram starts at rest at this setpoint, or at the stroke end if the setpoint lies beyond it,
+    and is held there for 1 s by the position loop, also if the motion is in open loop.
+
     Args:
         values: values of the rig.
         motion: what the rig is asked to do, of n rows.
@@ -68,7 +71,10 @@ def record(values: RigValues, motion: Motion, rng: Generator) -> Recorded:
 
 
 def at_rest(values: RigValues, position: float) -> Array:
-    """Return the states (11,) of a ram at rest at `position` (m), with equal chamber pressures."""
+    """Return the states (11,) of a ram at rest at `position` (m), columns as in `physics.STATES`.
+
+    Both chambers have half the pump's pressure, the supply line all of it, and the tank line 0.
+    """
     states = np.zeros(len(physics.STATES))
     states[physics.POSITION] = position
     states[[physics.P1, physics.P2]] = 0.5 * values.pump_pressure
@@ -77,7 +83,10 @@ def at_rest(values: RigValues, position: float) -> Array:
 
 
 def write(table: Array, file: Path) -> None:
-    """Write a table (n, 6) as gzip-compressed CSV; if it is cut short, `file` does not change."""
+    """Write a table (n, 6) as gzip-compressed CSV; if writing is cut short, `file` stays as it was.
+
+    The columns are those in `COLUMNS`. The folder is created if it is missing.
+    """
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.name}.part")
     with gzip.open(part, "wt", compresslevel=3, encoding="ascii") as out:

@@ -29,7 +29,7 @@ EVERY: Final = 100
 WINDOW: Final = 50
 """Rows of a window."""
 WITHIN: Final = 1.4
-"""A window counts as followed if no channel's rms residual is above this, in units of its noise."""
+"""A window is followed if every channel's rms residual is below this, in units of its noise."""
 SENSOR_NOISE: Final = {
     "position_m": physics.COUNT / np.sqrt(12.0),
     "pressure_1_Pa": 3e4,
@@ -147,10 +147,15 @@ def _window(values: RigValues, rows: Array, at: int, free: Array) -> Array:
 def following(values: RigValues, rows: Array, stride: int = 1) -> Following:
     """Simulate the windows of a recording and return the residuals.
 
+    Windows begin every `EVERY` rows, the first one `EVERY` rows after the recording's start.
+
     Args:
         values: values of the simulated rig.
         rows: (n, 5) readings of the recording, see `physics.READINGS`.
         stride: only each `stride`-th window is simulated.
+
+    Raises:
+        ValueError: the recording is too short for a window.
     """
     n = len(rows)
     states = np.zeros(len(physics.STATES))
@@ -173,19 +178,25 @@ def following(values: RigValues, rows: Array, stride: int = 1) -> Following:
 
 
 def read(file: Path) -> Array:
-    """Return the readings (n, 5) of a CSV file, compressed or not, as in `physics.READINGS`."""
+    """Return the readings (n, 5) of a CSV file, compressed or not, as in `physics.READINGS`.
+
+    The file must have a head line and a first column with the time, which is left out.
+    """
     return np.loadtxt(file, delimiter=",", skiprows=1)[:, 1:]
 
 
 def line(name: str, values: RigValues, file: Path, stride: int = 1) -> str:
-    """Return a line of text on a recording: windows, medians by channel, share followed."""
+    """Return a line of text on a recording: name, windows, medians by channel, share followed (%).
+
+    The arguments are those of `following`; `name` begins the line.
+    """
     found = following(values, read(file), stride)
     cells = "  ".join(f"{found.median[channel]:5.2f}" for channel in SENSOR_NOISE)
     return f"{name:28s} {found.windows:4d}   {cells}   {100.0 * found.followed:3.0f} %"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a line for each recording in the given folders, simulated with the given effects."""
+    """Print a line for each `*.csv.gz` in the given folders, simulated with the given effects."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.hidden_effects.restarts",
         description=__doc__,

@@ -26,7 +26,8 @@ answer calls indistinguishable from it.
   none can be named (none is hidden or shows, or it is off the menu), the verdict says that.
 - `right and more`: each hidden effect is in a set of its own; another set holds no hidden effect.
 - `half`: only one of two hidden effects is in a set.
-- `wrong`: no set holds a hidden effect, or a set has more than `LARGEST_SET` names.
+- `wrong`: no set holds a hidden effect, or a set has more than `LARGEST_SET` names; or the verdict
+  is `missing_effect` without a set, or where no effect can be named.
 - `unknown`, `inconclusive`: the answer has this verdict where another one would be right.
 - `missed`: the answer is adequate, although something is hidden.
 - `failed`: there is no answer.
@@ -43,8 +44,9 @@ class Estimate:
 
     Attributes:
         effect, parameter: names of the effect and of its parameter.
-        truth, value: true and estimated value, SI.
-        interval: ends of the 95 % interval; None where the answer has none.
+        truth, value: true and estimated value, SI. A true phase is given with those whole turns
+            that bring it nearest to the estimate.
+        interval: lower and upper end of the 95 % interval; None where the answer has none.
         inside: whether the true value lies in the interval; None without an interval.
     """
 
@@ -65,10 +67,11 @@ class Score:
         verdict: the verdict of the answer; "" if the workflow failed.
         sets: for each effect that the answer names, its name followed by the names of the effects
             that the answer calls indistinguishable from it.
-        false_names: the first name of each set that holds no hidden effect.
-        estimates: one for each parameter of an effect that is both hidden and named.
+        false_names: the first name of each set that holds no hidden effect of the catalogue.
+        estimates: one for each parameter with an estimate of an effect that is both hidden and
+            named (indistinguishable effects do not count as named).
         gap: held-out excess in noise variances, before and after the effects were fitted; None
-            where the answer has none.
+            where the answer has none, or one that is not finite.
         why: why the workflow failed; "" if it did not.
     """
 
@@ -82,7 +85,11 @@ class Score:
 
     @property
     def shrinkage(self) -> float | None:
-        """The share of the held-out excess that is gone; None if it was below `VISIBLE_GAP`."""
+        """The share of the held-out excess that is gone; None if `gap` is None or was small.
+
+        An excess before the fit below `VISIBLE_GAP` is small. An excess after it that is below 0
+        counts as 0; the share is negative if the excess grew.
+        """
         if self.gap is None or self.gap[0] < VISIBLE_GAP:
             return None
         return 1.0 - max(self.gap[1], 0.0) / self.gap[0]
@@ -95,6 +102,8 @@ def failed(why: str) -> Score:
 
 def scored(envelope: Envelope, answer: Mapping[str, Any]) -> Score:
     """Return the score of an answer, compared with what was hidden.
+
+    An answer whose verdict is not one of `VERDICTS` has failed.
 
     Args:
         envelope: what was hidden.

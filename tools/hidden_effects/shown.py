@@ -48,7 +48,7 @@ def smallest_shown(files: Sequence[Path], nuisances: Mapping[str, float]) -> dic
 
     For `valve_rate_limit` it is the largest rate that shows. The distance is infinite (the rate 0)
     if no plausible size shows. Effects whose size depends on the places that the motion reaches are
-    left out.
+    left out. The rig's other values are those of the nominal model.
 
     Args:
         files: recordings to identify with, of a rig in which nothing is hidden.
@@ -83,7 +83,9 @@ def in_motion(name: str, seed: int, seconds: float) -> dict[str, float]:
 def table(seeds: Sequence[int], seconds: float) -> str:
     """Return the table of limits in Markdown: a row for each effect, a column for each motion.
 
-    Each cell is the median over the seeds; `seconds` is the length of each recording.
+    Each cell is the median (SI) of `in_motion` over the seeds, "none" if no plausible size shows,
+    and empty if the effect has no limit. Effects without a limit in any motion have no row. Each
+    recording lasts `seconds`.
     """
     rows = []
     found = {name: [in_motion(name, seed, seconds) for seed in seeds] for name in MOTIONS}
@@ -103,7 +105,11 @@ def _cell(effect: str, size: float) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table of limits; with `--page`, write it into that page too."""
+    """Print the table of limits; with `--page`, write it into that page too.
+
+    Args:
+        arguments: of the command line; None means those of the program.
+    """
     parser = argparse.ArgumentParser(
         prog="python -m tools.hidden_effects.shown",
         description=__doc__,

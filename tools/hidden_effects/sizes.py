@@ -22,7 +22,8 @@ class Sizes:
     """The distribution that a parameter is drawn from.
 
     Attributes:
-        intervals: each is (low, high); one of them is drawn first, then a value within it.
+        intervals: each is (low, high); one of them is drawn first, all as likely, then a value
+            within it.
         even: whether the value is uniform within its interval. Otherwise its logarithm is, and both
             ends of the interval must have the same sign.
     """
@@ -39,9 +40,10 @@ class Sizes:
         return float(sign * exp(rng.uniform(*sorted((log(abs(low)), log(abs(high)))))))
 
     def beyond(self, smallest: float, neutral: float = 0.0) -> "Sizes":
-        """Return the sizes with intervals that begin at the distance `smallest` from neutral.
+        """Return the sizes with intervals that begin at the distance `smallest` from `neutral`.
 
-        The ends that are far from the neutral value stay.
+        Each interval must lie on one side of the neutral value. Its end near that value is replaced
+        and its far end stays; an interval that does not reach so far is left out.
 
         Raises:
             ValueError: no interval reaches so far.
@@ -61,7 +63,8 @@ class Sizes:
     def below(self, largest: float) -> "Sizes":
         """Return the sizes with intervals that end at `largest`; their lower ends stay.
 
-        This is meant for effects that are the larger, the smaller their value.
+        Intervals that begin above it are left out; those that ended below it become longer. This
+        is meant for effects that are the larger, the smaller their value.
 
         Raises:
             ValueError: all intervals begin above `largest`.

@@ -10,7 +10,11 @@ from tools.pages.marked_tables import markdown
 
 
 def summary(trials: Sequence[Trial]) -> str:
-    """Return a table with one row for each promise of the workflow: how often it was kept."""
+    """Return a table with one row for each promise of the workflow: how often it was kept.
+
+    Trials in which no plausible size was as large as `Plan.times` asks count only in two rows: that
+    on such sizes, and that on workflows without an answer.
+    """
     small = [trial.score for trial in trials if not trial.envelope.shows(trial.plan.times)]
     kinds = {
         kind: [
@@ -45,7 +49,10 @@ def summary(trials: Sequence[Trial]) -> str:
 
 
 def by_effect(trials: Sequence[Trial]) -> str:
-    """Return a table with one row for each effect, over the trials in which it alone was hidden."""
+    """Return a table with one row for each effect, over the trials in which it alone was hidden.
+
+    These are the trials of the kinds `single` and `off_menu`; effects without any have no row.
+    """
     rows = []
     for kind in ("single", "off_menu"):
         of_kind = [trial for trial in trials if trial.plan.kind == kind]

@@ -44,7 +44,8 @@ class Plan:
     Attributes:
         kind, seed, number, seconds: arguments of `drawn_trial`.
         times: smallest size of a hidden effect, as a multiple of the smallest size that the trial's
-            own motions would show; 0 means that sizes are drawn from `sizes.SIZES`.
+            own motions would show; 0 means that sizes are drawn from `sizes.SIZES`. Only the kinds
+            `single` and `double` heed it.
     """
 
     kind: str
@@ -107,6 +108,8 @@ def plans(
 def trial(plan: Plan, folder: Path, keep: bool = False, workflow: Workflow = rig_gap) -> Trial:
     """Draw and record a trial, run the workflow on its recordings, and score the answer.
 
+    If the workflow refuses the recordings of an `unexcited` trial, the answer is `inconclusive`.
+
     Args:
         plan: of the trial.
         folder: for the trial's files; what was there before is deleted. The envelope is written
@@ -140,7 +143,8 @@ def drawn_for(plan: Plan, folder: Path) -> Drawn:
     """Return the drawn trial of a plan, with sizes by the detection limits if `plan.times` is set.
 
     This is done for the kinds `single` and `double`. The limits are computed from recordings of the
-    same rig with nothing hidden, which are written to `folder` and deleted afterwards.
+    same rig with nothing hidden, which are written to `folder`; it is deleted afterwards. Their
+    part on hidden effects is the envelope's `shown`.
     """
     drawn = drawn_trial(plan.kind, plan.seed, plan.number, seconds=plan.seconds)
     if plan.times == 0.0 or plan.kind not in ("single", "double"):
@@ -160,7 +164,10 @@ def drawn_for(plan: Plan, folder: Path) -> Drawn:
 
 
 def kept_file(out: Path) -> Path:
-    """Return the file in `out` that keeps trials; its name changes whenever the sources change."""
+    """Return the file in `out` that keeps trials; its name changes whenever the sources change.
+
+    The sources are those of the product and of `tools/hidden_effects`.
+    """
     digest = sha256(source_key(_ROOT).encode())
     for path in sorted((_ROOT / "tools/hidden_effects").glob("*.py")):
         digest.update(path.read_bytes())
@@ -180,7 +187,7 @@ def run_trials(
         planned: plans, all different.
         out: folder for the file of kept trials and, while trials run, for their recordings.
         jobs: number of processes; with 1, the trials run in this process.
-        keep: whether to leave the recordings.
+        keep: whether to leave the files of all trials; otherwise only failed trials leave theirs.
         workflow: the function to test; with several processes, each must be able to import it.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -199,7 +206,10 @@ def run_trials(
 
 
 def read_trials(file: Path) -> dict[str, Trial]:
-    """Return the trials that `file` holds, by the key of their plan; none if it is missing."""
+    """Return the trials that `file` holds, by the key of their plan; {} if the file is missing.
+
+    Of several trials of one plan, the last one in the file counts.
+    """
     return {found.plan.key: found for found in map(_trial_of, kept_trials(file))}
 
 

@@ -37,8 +37,8 @@ def rig_gap(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
     """Run the command `rig gap` with the nominal model; return the JSON object that it printed.
 
     Raises:
-        WorkflowFailedError: the command ended with a status other than 0, printed no JSON object,
-            or took longer than `LONGEST_S`.
+        WorkflowFailedError: the command ended with a status other than 0 (`refused` is True for
+            status 2), its last line is no JSON object, or it took longer than `LONGEST_S`.
     """
     command = [
         sys.executable, "-m", "rig.cli", "gap", *map(str, identify), "--holdout", str(holdout),
@@ -71,7 +71,8 @@ def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
     No report and no files are written; `out` is not used.
 
     Raises:
-        WorkflowFailedError: the workflow raised an error, or a recording cannot be read.
+        WorkflowFailedError: the workflow raised an error, or a recording cannot be read; `refused`
+            is True only in the second case.
     """
     from estimator.gap.servo.actuator import servo_actuator
     from estimator.gap.verdict.workflow import find_gap

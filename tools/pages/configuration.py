@@ -25,7 +25,7 @@ _SECTIONS: Final = {"loop": LoopSettings, "homing": HomingSettings, "register_ma
 
 
 def main() -> None:
-    """Write the tables of the page anew."""
+    """Write the tables of keys in docs/configuration.md anew; the other text stays."""
     PAGE.write_text(updated(PAGE.read_text()))
 
 
@@ -43,6 +43,9 @@ def keys_table(section: str) -> Iterator[str]:
 
     Args:
         section: a section of the rig file (`loop`, `homing`), `register_map`, or a type of driver.
+
+    Raises:
+        DriverError: the section is none of these, or the driver is broken.
     """
     options: type = _SECTIONS.get(section) or driver_class(section).Options
     meanings = _meanings(options)

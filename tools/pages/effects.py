@@ -28,9 +28,10 @@ def _in_lines(effect: PlantEffect, cell: str) -> str:
 
 
 def effects_table() -> str:
-    """Return the table of all effects in Markdown, one row for each.
+    """Return the table of all effects of the catalogue in Markdown, one row for each.
 
     Its columns are name, equation, parameters, units, neutral values, plausible bounds and source.
+    The neutral value of a parameter that every rig has is given as "the model's".
     """
     rows = []
     for effect in CATALOGUE.values():
@@ -53,7 +54,7 @@ def effects_table() -> str:
 
 
 def main() -> None:
-    """Write the table of the page anew."""
+    """Write the table of effects in docs/model.md anew."""
     fill(PAGE, {NAME: effects_table()})
 
 

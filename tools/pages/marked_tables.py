@@ -35,6 +35,9 @@ def fill(page: Path, tables: Mapping[str, str]) -> None:
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown; the first column is left-aligned, the others right-aligned."""
+    """Return a table in Markdown; the first column is left-aligned, the others right-aligned.
+
+    The cells are taken as they are; a row must have as many cells as the head.
+    """
     ruler = [":--", *["--:"] * (len(head) - 1)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ruler, *rows))

@@ -58,10 +58,12 @@ class _LeakTests(HTMLParser):
 
 
 def staged(report: str) -> str:
-    """Return the HTML of a report, changed to show the first leak test and the plots in `PANELS`.
+    """Return the HTML of a report, changed to show only the first test that found an injected leak.
+
+    Of the test's plots, those in `PANELS` are shown.
 
     Raises:
-        ValueError: no test of the report found an injected leak.
+        ValueError: no test of the report found an injected leak, or the text is no whole report.
     """
     parser = _LeakTests()
     # After the last section there is only plotly's code, which takes long to parse.
@@ -77,10 +79,10 @@ def staged(report: str) -> str:
 
 
 def browser() -> str:
-    """Return the path of Chromium.
+    """Return the path of the first program in `BROWSERS` (Chromium or Chrome) that is installed.
 
     Raises:
-        ValueError: Chromium is not installed.
+        ValueError: none of them is on the search path.
     """
     for name in BROWSERS:
         if path := shutil.which(name):
@@ -91,10 +93,13 @@ def browser() -> str:
 
 
 def photograph(page: Path, picture: Path) -> None:
-    """Write a screenshot (PNG, 1400 x 1000) of an HTML file.
+    """Write a screenshot (PNG, 1400 x 1000) of the HTML file `page` to `picture`, by `browser()`.
+
+    An earlier `picture` is deleted first.
 
     Raises:
-        ValueError: there is no Chromium, or it took no picture.
+        ValueError: there is no browser, or it took no picture.
+        TimeoutExpired: the browser took longer than `TIMEOUT_S`.
     """
     with tempfile.TemporaryDirectory() as profile:
         command = [
@@ -117,7 +122,7 @@ def photograph(page: Path, picture: Path) -> None:
 
 
 def main() -> None:
-    """Take the picture; end the program with a message if that is not possible."""
+    """Take the picture; end with a message if report, leak test, browser or picture is missing."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "run", type=Path, metavar="RUN_DIR", help="folder of a run, with its report"

@@ -24,12 +24,12 @@ _TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.D
 
 
 def main() -> None:
-    """Write the tables of the page anew."""
+    """Write the tables in `TABLES` anew in docs/safety.md; its other tables and text stay."""
     PAGE.write_text(updated(PAGE.read_text()))
 
 
 def updated(page: str) -> str:
-    """Return the text of `page`, in which every table in `TABLES` is written anew."""
+    """Return the text of `page`, in which every table in `TABLES` is written anew; others stay."""
 
     def table(match: re.Match[str]) -> str:
         lines = TABLES.get(match[2])
@@ -41,7 +41,8 @@ def updated(page: str) -> str:
 def transitions_table() -> Iterator[str]:
     """Yield the lines of the state machine's table in Markdown.
 
-    Transitions that differ in nothing but the state that they begin in share a line.
+    Transitions that differ in nothing but the state that they begin in share a line. A star marks
+    the states in which the valve is enabled.
     """
     yield "| state | event | goes to | if |"
     yield "|---|---|---|---|"
@@ -59,7 +60,7 @@ def _mark(state: State) -> str:
 
 
 def causes_table() -> Iterator[str]:
-    """Yield the lines of the table of causes in Markdown."""
+    """Yield the lines of the table of all causes of a trip in Markdown, one line for each cause."""
     yield "| number | cause | the operator reads | remedy |"
     yield "|---|---|---|---|"
     for cause, (sentence, remedy) in EXPLANATIONS.items():

@@ -19,7 +19,8 @@ MIDDLE: Final = 0.3
 def drawn_rig(rng: np.random.Generator) -> Parameters:
     """Return a rig whose parameters spread around the model's as docs/detection.md states.
 
-    Four rigs in ten have a spring as their load.
+    Each of these parameters is uniform within its range; all others are nominal. Four rigs in ten
+    have a spring of 2e4 N/m as their load, the others no spring.
     """
     spread = rng.uniform
     return NOMINAL._replace(
@@ -52,21 +53,21 @@ _BESIDE_THE_ACCOUNT: Final = (
 
 
 def known_rig(rig: Parameters) -> Parameters:
-    """Return the nominal model with the friction and load of `rig`."""
+    """Return the nominal model with the friction parameters and the spring stiffness of `rig`."""
     return NOMINAL._replace(**{name: getattr(rig, name) for name in _BESIDE_THE_ACCOUNT})
 
 
 def sine(rng: np.random.Generator, ticks: int) -> Array:
-    """Return a sine (ticks,) in m, with an amplitude of 3 to 20 cm and 0.2 to 1 Hz."""
+    """Return a sine (ticks,) in m around `MIDDLE`, with 3 to 20 cm, 0.2 to 1 Hz, drawn phase."""
     time_s = np.arange(ticks) * TICK
     wave = np.sin(2.0 * np.pi * rng.uniform(0.2, 1.0) * time_s + rng.uniform(0.0, 6.0))
     return MIDDLE + rng.uniform(0.03, 0.2) * wave
 
 
 def steps(rng: np.random.Generator, ticks: int) -> Array:
-    """Return steps (ticks,) in m between levels within the stroke; each level lasts 1 to 3 s.
+    """Return steps (ticks,) in m between levels of 0.1 to 0.5 m; each level lasts 1 to 3 s.
 
-    The duration is drawn once for all levels.
+    The duration is drawn once for all levels, each level by itself.
     """
     time_s = np.arange(ticks) * TICK
     levels = rng.uniform(0.1, 0.5, max(200, ticks // 1000 + 1))
@@ -74,7 +75,10 @@ def steps(rng: np.random.Generator, ticks: int) -> Array:
 
 
 def multisine(rng: np.random.Generator, ticks: int) -> Array:
-    """Return a sum of six sines (ticks,) in m, of 0.1 to 2 Hz, with an amplitude of 12 cm."""
+    """Return a sum of six sines (ticks,) in m, of 0.1 to 2 Hz, at most 12 cm from `MIDDLE`.
+
+    The lower frequencies have the greater amplitudes; at one tick the sum is 12 cm from `MIDDLE`.
+    """
     time_s = np.arange(ticks) * TICK
     waves = [np.sin(2.0 * np.pi * f * time_s + rng.uniform(0.0, 6.0)) / (1.0 + f)
              for f in rng.uniform(0.1, 2.0, 6)]  # fmt: skip
@@ -82,9 +86,9 @@ def multisine(rng: np.random.Generator, ticks: int) -> Array:
 
 
 def open_loop_sine(rng: np.random.Generator, ticks: int) -> Array:
-    """Return a sine (ticks,) of the command in V, with 1.5 to 3 V and 0.5 to 1 Hz.
+    """Return a sine (ticks,) of the command in V, with an amplitude of 1.5 to 3 V and 0.5 to 1 Hz.
 
-    The null bias makes the ram drift meanwhile.
+    Under this command, the null bias of a rig makes its ram drift.
     """
     time_s = np.arange(ticks) * TICK
     frequency = rng.uniform(0.5, 1.0)
@@ -92,7 +96,7 @@ def open_loop_sine(rng: np.random.Generator, ticks: int) -> Array:
 
 
 def pseudorandom_holds(rng: np.random.Generator, ticks: int) -> Array:
-    """Return levels within the stroke (ticks,) in m, each of which lasts 0.2 to 4 s."""
+    """Return levels of 0.1 to 0.5 m (ticks,), each of which lasts a time drawn from 0.2 to 4 s."""
     count = max(200, ticks // 200 + 1)
     changes = np.cumsum(rng.integers(200, 4000, count))
     levels = rng.uniform(0.1, 0.5, count + 1)
@@ -100,7 +104,7 @@ def pseudorandom_holds(rng: np.random.Generator, ticks: int) -> Array:
 
 
 def standstill(rng: np.random.Generator, ticks: int) -> Array:
-    """Return one constant level within the stroke (ticks,) in m."""
+    """Return one constant level (ticks,), drawn from 0.1 to 0.5 m."""
     return np.full(ticks, rng.uniform(0.1, 0.5))
 
 
@@ -120,7 +124,7 @@ OPEN_LOOP: Final = ("open_loop_sine",)
 def drawn_motion(rng: np.random.Generator, ticks: int) -> tuple[Array, bool]:
     """Return one motion drawn from `MOTIONS` (ticks,), and whether it is in open loop.
 
-    It is in m, or in V in open loop.
+    In open loop the motion is a command in V, otherwise a setpoint in m. All kinds are as likely.
     """
     name = tuple(MOTIONS)[rng.integers(len(MOTIONS))]
     return MOTIONS[name](rng, ticks), name in OPEN_LOOP
@@ -143,7 +147,10 @@ class MixedMotion:
     kinds: tuple[str, ...]
 
     def kind_at(self, tick: int) -> str:
-        """Return the name of the motion at a tick."""
+        """Return the name of the motion of the stretch that holds a tick (0 is the first tick).
+
+        In a stretch of an open-loop motion this is so also while the loop is closed.
+        """
         return self.kinds[int(np.searchsorted(self.starts, tick, "right")) - 1]
 
 
@@ -170,7 +177,8 @@ def _with_returns(setpoint: Array) -> tuple[Array, NDArray[np.bool_]]:
 def mixed_motion(rng: np.random.Generator, ticks: int) -> MixedMotion:
     """Return a motion of stretches of 30 to 90 s, each drawn from `MOTIONS` or a standstill.
 
-    An open loop begins at the middle of the stroke, and is brought back there every 18 s.
+    The last stretch may be shorter. A stretch in open loop alternates between 3 s of closed loop,
+    which bring the ram to the middle of the stroke, and 15 s of open loop.
     """
     draws = {**MOTIONS, "standstill": standstill}
     setpoint, open_loop = np.empty(ticks), np.zeros(ticks, dtype=np.bool_)

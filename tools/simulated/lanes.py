@@ -54,6 +54,10 @@ class SimulatedLanes:
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
 
+    Attributes:
+        rigs: true parameters of each rig, (LANES,).
+        plant: states of the rigs, float64 (n, LANES), as in `rest_state`; updated in place.
+
     Raises:
         ValueError: an argument has not `LANES` items, the rigs differ in friction law, or a rig has
             an effect with a memory outside the plant's state (`REMEMBERING`).
@@ -94,6 +98,8 @@ class SimulatedLanes:
     def advance(self, setpoint: Array, open_loop: Array) -> Array:
         """Run all rigs for as many ticks as there are setpoints, and return their readings.
 
+        The rigs go on from where the call before left them.
+
         Args:
             setpoint: float64 (ticks, LANES) in m, or in V in open loop.
             open_loop: float64 (ticks, LANES), 1 where the setpoint is the command, else 0.
@@ -102,7 +108,8 @@ class SimulatedLanes:
             The readings, float64 (ticks, 6, LANES), in the order of `LANE_READINGS`.
 
         Raises:
-            RuntimeError: a rig needed too many integration steps in a millisecond.
+            RuntimeError: a rig needed more than `MOST_STEPS` integration steps a millisecond, on
+                average over a batch of up to 500 ticks.
         """
         ticks = setpoint.shape[0]
         readings = empty_lanes(ticks * READING_COUNT).reshape((ticks, READING_COUNT, LANES))

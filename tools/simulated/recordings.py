@@ -24,7 +24,7 @@ SETTLE_TICKS: Final = 2000
 
 
 def recorded_healthy(truth: Parameters, setpoint: Array, open_loop: bool, seed: int) -> Recording:
-    """Return the recording of a rig without faults in a motion that starts at mid stroke.
+    """Return the recording of a rig without faults in a motion that starts at `MIDDLE`.
 
     Args:
         truth: true parameters of the rig.
@@ -40,7 +40,8 @@ def recorded_healthy(truth: Parameters, setpoint: Array, open_loop: bool, seed: 
 def recorded(rig: SimulatedRig, motion: Motion) -> Recording:
     """Bring a rig to the start of a motion, run the motion, and return its recording.
 
-    The product filter runs along and assumes the nominal model.
+    The product filter runs along and assumes the nominal model. The recording holds all channels
+    of the loop, including the truth, but not the way to the start.
     """
     model = Model()
     loop = SimulatedLoop(rig, motion, start_memory("product", model), model.parameters)
