@@ -239,7 +239,7 @@ def source() -> str:
 
 
 def main() -> int:
-    """Write the module; with `--check`, return 1 if the committed one differs from it, else 0."""
+    """Write the module and return 0; with `--check`, write nothing and return 1 if it is stale."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true", help="compare only, exit 1 if stale")
     if parser.parse_args().check:

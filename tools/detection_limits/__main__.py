@@ -33,7 +33,10 @@ def bounds() -> tuple[dict[str, Bound], dict[str, Bound]]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Compute the bounds, run the trials that are missing, and write figures and tables."""
+    """Compute the bounds, run the trials that are not kept, and write figures and tables.
+
+    `arguments` are those of the command line; None means those of the program.
+    """
     parser = argparse.ArgumentParser(prog="python -m tools.detection_limits", description=__doc__)
     parser.add_argument("--runs", type=int, default=500, help="leaks; default 500")
     parser.add_argument("--jobs", type=int, default=2, help="processes; default 2")

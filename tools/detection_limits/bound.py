@@ -83,7 +83,8 @@ class Bound:
         window. Its threshold is such that a healthy rig exceeds it as often as stated.
 
         Args:
-            false_alarms_per_day: rate of false alarms, if windows follow one another all day.
+            false_alarms_per_day: rate of false alarms, if windows follow one another all day; it
+                counts as one in two windows at most.
             power: probability that the leak is found.
         """
         normal = NormalDist()
@@ -112,7 +113,8 @@ def flow_bound(
         weaknesses: names of the constants that are unknown within their tolerances; None means all
             of `known`.
         spool_sensor: whether the spool is measured.
-        supply_sensor: whether the supply pressure is measured, by a transducer like the chambers'.
+        supply_sensor: whether the supply pressure is measured, by a transducer like the chambers';
+            this matters only if the supply pressure is one of the unknown constants.
 
     Raises:
         ValueError: the course is too short, or a chamber pressure is too low for a linear model.

@@ -39,7 +39,7 @@ class Course:
 
 
 def setpoints(ticks: int) -> dict[str, Array]:
-    """Return the setpoints in m, float64 (ticks,), by the name of their motion."""
+    """Return the setpoints in m, float64 (ticks,), by the name of their motion; always the same."""
     time_s = np.arange(ticks) * TICK
     rng = np.random.default_rng(_SEED)
     levels = rng.uniform(0.1, 0.5, int(time_s[-1] / _STEP_S) + 1)
@@ -59,9 +59,10 @@ def courses(ticks: int) -> Iterator[Course]:
 
 
 def follow(name: str, parameters: Parameters, setpoint: Array) -> Course:
-    """Return the course of a rig whose position loop follows a setpoint (ticks,) in m.
+    """Return the course of a healthy rig whose position loop follows a setpoint (ticks,) in m.
 
-    The ram begins at rest at the first setpoint. The loop gets the true position.
+    The ram begins at rest at the first setpoint. The loop is proportional, with `POSITION_GAIN` and
+    commands up to `COMMAND_LIMIT`, and gets the true position without noise or delay.
     """
     state = rest_state(parameters, float(setpoint[0]))
     command = np.empty(setpoint.size)

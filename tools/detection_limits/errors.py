@@ -58,15 +58,18 @@ class Errors:
     flow: Array
 
     def rms(self) -> tuple[Array, Array]:
-        """Return the rms error (n,), L/min, over the runs, and its relative standard error (n,)."""
+        """Return the rms error (n,), L/min, over the runs, and its relative standard error (n,).
+
+        Only runs whose leak was named at that time count; if there is none, NaN and inf result.
+        """
         count = np.isfinite(self.flow).sum(axis=0)
         return np.sqrt(np.nanmean(self.flow**2, axis=0)), 1.0 / np.sqrt(2.0 * count)
 
 
 def errors(runs: int, jobs: int) -> Errors:
-    """Run `runs` rigs with a leak, in each place in turn, and return the detector's errors.
+    """Run `runs` rigs with a leak of `LEAK`, in each place in turn; return the detector's errors.
 
-    `jobs` is the number of processes.
+    The run's number is the seed that draws its rig and noise. `jobs` is the number of processes.
     """
     with ProcessPoolExecutor(jobs) as pool:
         rows = list(pool.map(partial(_errors_of, windows_s=WINDOWS_S), range(runs)))

@@ -41,7 +41,10 @@ def _save(figure: Figure, file: Path) -> None:
 def limits(
     leaks: Sequence[Trial], exact: Mapping[str, Bound], budgeted: Mapping[str, Bound], file: Path
 ) -> None:
-    """Draw the smallest leak named over time since onset, and the chance to be named over size."""
+    """Draw the smallest leak named over time since onset, and the chance to be named over size.
+
+    Beside the first are the range of either bound over all motions, and published leaks.
+    """
     figure = Figure(figsize=(11.0, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     for bounds, colour, name in ((exact, "0.75", _EXACT), (budgeted, "0.45", _BUDGETED)):
@@ -143,7 +146,10 @@ def outcomes(healthy: Sequence[Trial], leaks: Sequence[Trial], file: Path) -> No
 
 
 def error_check(found: Errors, bound: Bound, file: Path) -> None:
-    """Draw the detector's rms error and the bound, both over the time since onset."""
+    """Draw the detector's rms error and the bound, both over the time since onset.
+
+    The bound is the rms of those for the three places of the leak.
+    """
     figure = Figure(figsize=(5.5, 4.0), layout="constrained")
     axes = figure.subplots()
     rms, relative = found.rms()

@@ -27,7 +27,10 @@ _RESAMPLES: Final = 200
 
 
 def plans(runs: int) -> Iterator[Plan]:
-    """Yield the plans of `runs` leaks and of as many healthy rigs; all judges judge each."""
+    """Yield the plans of `runs` leaks, then of as many healthy rigs; all judges judge each.
+
+    The leaks are in each place in turn, with sizes drawn from `SIZES`.
+    """
     for i in range(runs):
         size = float(np.exp(np.random.default_rng([i, 2]).uniform(*np.log(SIZES))))
         yield Plan(2_000_000 + i, LEAKS[i % 3], size, ONSET_S, SECONDS, judges=tuple(SETTINGS))
@@ -36,9 +39,10 @@ def plans(runs: int) -> Iterator[Plan]:
 
 
 def named_after(trial: Trial, judge: str) -> float:
-    """Return the time (s) from the onset until a judge named the leak.
+    """Return the time (s) from the onset until a judge first named the leak rightly.
 
-    It is inf if the judge never named it, or raised any alarm before the onset.
+    It is inf if the judge never did so, if it raised any alarm before the onset or at it, and in a
+    healthy trial.
     """
     judgement, onset_s = trial.judged[judge], trial.plan.onset_s
     alarm_s = judgement.alarm_s()
@@ -49,7 +53,13 @@ def named_after(trial: Trial, judge: str) -> float:
 
 
 def peak(trial: Trial, judge: str, window_s: float) -> float:
-    """Return the greatest ratio of statistic to threshold within `window_s` of the onset."""
+    """Return the greatest ratio of a judge's statistic to its threshold soon after the onset.
+
+    Ratios later than the onset, by at most `window_s` (s), count.
+
+    Raises:
+        ValueError: no ratio is within this time.
+    """
     ratios = np.array(trial.judged[judge].ratios)
     times = (np.arange(ratios.size) + 1) * trial.plan.seconds / ratios.size
     onset_s = trial.plan.onset_s
@@ -85,6 +95,8 @@ class PowerCurve:
 def power_curve(flows: Array, named: NDArray[np.bool_]) -> PowerCurve:
     """Fit the chance of being named to trials (maximum likelihood by damped Newton steps).
 
+    A slight ridge penalty keeps the slope finite where all larger leaks are named and no smaller.
+
     Args:
         flows: flow of each leak, float64 (n,), L/min.
         named: whether each leak was named, bool (n,).
@@ -111,9 +123,9 @@ def smallest_named(
 ) -> tuple[float, float, float]:
     """Return the smallest flow that a judge names in time, and its 95 % interval, in L/min.
 
-    In time means within `window_s` of the onset with probability `power`. The interval (low, high)
-    comes from resampled trials (Efron 1979). A value above the largest leak that was tried is
-    returned as inf.
+    The result is (flow, low, high). In time means within `window_s` of the onset with probability
+    `power`. The interval comes from resampled trials (Efron 1979). A value above `SIZES[1]`, the
+    largest leak that is planned, is returned as inf.
     """
     flows = np.array([trial.flow for trial in leaks])
     named = np.array([named_after(trial, judge) <= window_s for trial in leaks])
@@ -132,7 +144,8 @@ def operating_curve(
 
     Returns:
         Two arrays, float64 (n,): the shares of the healthy and of the leaking trials whose
-        statistic exceeds a threshold within `window_s` of the onset.
+        statistic reaches a threshold within `window_s` of the onset. The n thresholds are the
+        trials' different peaks above 0, the greatest first.
     """
     quiet = np.array([peak(trial, judge, window_s) for trial in healthy])
     loud = np.array([peak(trial, judge, window_s) for trial in leaks])

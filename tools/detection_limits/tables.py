@@ -31,8 +31,9 @@ PUBLISHED: Final = (
 def bounds(exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]) -> str:
     """Return a table of the smallest leak that any test could find, in 1e-3 L/min.
 
-    It has a row for each motion and a column for each time since onset; the place of the leak is
-    the one that is hardest to find.
+    It has two rows for each motion, for an exact model and one with its budget of errors, and a
+    column for each time since onset. The place of the leak is the one that is hardest to find.
+    Found means with probability `POWER`, at one false alarm a day.
     """
     windows = next(iter(exact.values())).windows_s
     head = ["motion", *(f"{window:g} s" for window in windows)]
@@ -49,7 +50,8 @@ def bounds(exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]) -> str:
 def power(healthy: Sequence[Trial], leaks: Sequence[Trial]) -> str:
     """Return a table with a row for each detector: false alarms, and smallest leaks named.
 
-    The leaks are grouped by place (external or internal) and load.
+    The smallest leaks are those named within the times `WITHIN_S`, with their 95 % intervals, by
+    place (external or internal) and load.
     """
     hours = len(healthy) * SECONDS / 3600.0
     head = ["", "healthy rigs alarmed", *(f"{name}, {within:g} s" for name, _ in _groups(leaks)
@@ -65,7 +67,10 @@ def power(healthy: Sequence[Trial], leaks: Sequence[Trial]) -> str:
 
 
 def outcomes(leaks: Sequence[Trial]) -> str:
-    """Return a table by size of leak: how many each detector named right, and how soon."""
+    """Return a table by size of leak: how many each detector named right, and how soon.
+
+    Leaks with a flow from the largest planned size (`SIZES`) on are left out.
+    """
     head = ["leak, L/min", "leaks", *(f"{name}: {what}" for name in NAMES.values() for what in (
         "right within 10 s", "right at the end", "latency, median / 95 %"))]  # fmt: skip
     edges = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.2, SIZES[1])
@@ -85,7 +90,10 @@ def outcomes(leaks: Sequence[Trial]) -> str:
 
 
 def error_check(found: Errors, bound: Bound) -> str:
-    """Return a table of the detector's rms error and the bound, by time since onset."""
+    """Return a table of the detector's rms error and the bound, by time since onset.
+
+    The bound is the rms of those for the three places of the leak.
+    """
     rms, relative = found.rms()
     least = np.sqrt((bound.flow**2).mean(axis=0)) / LITRE_PER_MINUTE
     named = np.isfinite(found.flow).sum(axis=0)

@@ -102,6 +102,6 @@ def aeration_of(pressures: Array, parameters: Parameters) -> Array:
 
 
 def known(course: Course) -> tuple[str, ...]:
-    """Return the names of the detector's weaknesses that the bound can take into account."""
+    """Return the names of those of the detector's `NUISANCES` that the bound takes into account."""
     have = {NULL_BIAS, *OF_PARAMETERS, *OF_TRANSDUCERS, *inflows(course)}
     return tuple(name for name in TOLERANCE if name in have)

@@ -13,7 +13,10 @@ DEFAULT_OUT = Path(__file__).parents[2] / "docs" / "thesis_tables.md"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write the page and return 0; if a recording cannot be read, write nothing and return 2."""
+    """Write the page and return 0; if a recording cannot be read, write nothing and return 2.
+
+    `arguments` are those of the command line; None means those of the program.
+    """
     parser = argparse.ArgumentParser(prog="python -m tools.thesis_tables", description=__doc__)
     parser.add_argument(
         "--measured",

@@ -72,11 +72,13 @@ class HealthyLevel:
 def healthy_level(campaign_name: str, filter_name: str, rig_name: str, noisy: bool) -> HealthyLevel:
     """Run the healthy sine of a campaign on a shipped rig, and return the filters' innovations.
 
+    The filters' first `STARTED_S` are left out.
+
     Args:
         campaign_name: of the shipped campaign.
         filter_name: of the thesis's filter.
         rig_name: of the shipped rig, in place of the campaign's own.
-        noisy: whether the transducers have noise.
+        noisy: whether the transducers have noise; if not, the encoder resolves 0.1 um too.
     """
     campaign, rig = load_campaign(campaign_name, rig_name)
     test = next(t for t in campaign.tests if not t.faults and isinstance(t.setpoint, Sine))
@@ -167,7 +169,10 @@ class Chatter:
 
 
 def chatter(trial: Trial, speed: float) -> Chatter:
-    """Compare a thesis filter's velocity with the true one; slow is truly below `speed` (m/s)."""
+    """Compare a thesis filter's velocity with the true one; slow is truly below `speed` (m/s).
+
+    The trial's first `STARTED_S` are left out. An innovation is NaN if no sample has its speed.
+    """
     started = trial.recording.time_s > STARTED_S
     truth = trial.recording["true_velocity_m_per_s"][started]
     run = trial.thesis.run
@@ -191,9 +196,9 @@ class HiddenLeak:
     """The error that an internal leak causes in the velocity estimated by a thesis filter, m/s.
 
     Attributes:
-        error: mean of estimated less true velocity; velocities are positive away from the chamber
-            with the higher pressure.
-        leak: mean flow of the leak divided by the piston area.
+        error: mean of estimated less true velocity, before and after the leak; velocities are
+            positive away from the chamber with the higher pressure.
+        leak: mean magnitude of the true leak flow, after the leak, divided by the piston area.
     """
 
     error: Change
@@ -212,6 +217,10 @@ def hidden_leak(trial: Trial, velocity: Array) -> HiddenLeak:
 
 def noise_ranges(trials: Trials, trial: Trial) -> tuple[Array, Array]:
     """Repeat a test with different sensor noise; return its averages after the leak, Pa.
+
+    Args:
+        trials: the campaign's trials, from which rig and thesis filter are taken.
+        trial: the one of them whose test is repeated, on the simulated rig.
 
     Returns:
         Two arrays (`REPEATS`, 2) of the averaged absolute innovations of both pressures: for the
@@ -255,7 +264,8 @@ class Stretch:
 def stretches(trial: Trial, states: Array, outputs: Array, length_s: float) -> Iterator[Stretch]:
     """Yield the figures of a thesis filter over each `length_s` of a trial.
 
-    The trial's first sample is left out. `states` and `outputs` are the filter's, row by row.
+    The trial's first sample is left out; the last stretch may be shorter. `states` (n, 6 or 7) and
+    `outputs` (n, 10) are the filter's, row by row.
     """
     time_s = trial.recording.time_s
     for start in np.arange(0.0, time_s[-1], length_s):

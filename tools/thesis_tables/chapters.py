@@ -26,7 +26,10 @@ KINDS: Final = (*EXTERNAL, INTERNAL)
 
 
 def validation_tables(measured: Measured | None) -> dict[str, str]:
-    """Return section 3.2's tables by motion; with `measured`, they have columns for recordings."""
+    """Return section 3.2's tables by motion; with `measured`, they have columns for recordings.
+
+    They compare the printed differences with those of the recorded simulated rig.
+    """
     simulated = run_simulated()
     return {motion: _validation_table(motion, simulated, measured) for motion in PRINTED}
 
@@ -72,7 +75,11 @@ def loaded_tables(trials: Trials, printed: PrintedTable) -> dict[str, str]:
 
 
 def counted(columns: Sequence[Column]) -> str:
-    """Return a text that counts rises of the averages as in the thesis, and right verdicts."""
+    """Return a text that counts rises of the averages and right verdicts over the leaks' columns.
+
+    Counted are the rises of the innovations' moving averages that section 5.3 expects, and the
+    right verdicts of the thesis's pattern and of the product's detector.
+    """
     counts = score([column.trial for column in columns])
     return (
         f"By the innovation, {_pattern(columns, trusted=False)}; with the encoder trusted, "

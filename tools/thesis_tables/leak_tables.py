@@ -57,6 +57,7 @@ def columns_of(
 ) -> list[Column]:
     """Return the columns of the healthy test and of the tests with the given kinds of leak.
 
+    The healthy test comes first, then the kinds in their order, each with the smallest leak first.
     `sine` chooses the tests with a sine as setpoint, or else those with another one.
     """
     only = kinds[0] if len(kinds) == 1 else None
@@ -73,7 +74,10 @@ Row = tuple[str, Callable[[Column], str]]
 
 
 def leak_table(columns: Sequence[Column], exponent: int) -> str:
-    """Return the table of some tests; its moving averages are in units of 10^exponent Pa."""
+    """Return the table of some tests in Markdown, with moving averages in units of 10^exponent Pa.
+
+    Rows in which no test has a figure are left out.
+    """
     sections = [
         ("Leak", _leak_rows(columns)),
         *((f"MAE of chamber {i + 1} (1e{exponent} Pa)", _chamber_rows(i, 10.0**exponent))
@@ -122,31 +126,36 @@ def _chamber_rows(i: int, unit: float) -> list[Row]:
 def innovation_change(trial: Trial, chamber: int) -> Change:
     """Return the averaged absolute innovation of a chamber's pressure in the thesis's filter, Pa.
 
-    It has one value before the leak and one after it; `chamber` is 0 or 1.
+    The values before and after the leak are those of `average_change`. `chamber` is 0 for chamber 1
+    and 1 for chamber 2.
     """
     return _average(trial.thesis.run.innovation[:, 1 + chamber], trial)
 
 
 def residual_change(trial: Trial, chamber: int) -> Change:
-    """Return the same average of the absolute a posteriori residuals of the thesis's filter, Pa."""
+    """Return the averaged absolute a posteriori residual of a chamber's pressure, Pa.
+
+    It is that of the thesis's filter; for the rest see `innovation_change`.
+    """
     return _average(trial.thesis.run.residual[:, 1 + chamber], trial)
 
 
 def trusted_change(trial: Trial, chamber: int) -> Change:
-    """Return the same average of innovations, of the thesis filter that trusts the encoder, Pa."""
+    """Return `innovation_change` for the thesis filter that trusts the encoder (`trusted`), Pa."""
     return _average(trial.trusted.outputs[:, 1 + chamber], trial)
 
 
 def product_change(trial: Trial, chamber: int) -> Change:
-    """Return the same average of absolute innovations, of the product filter, Pa."""
+    """Return `innovation_change` for the product filter, Pa."""
     return _average(trial.product.run.innovation[:, 1 + chamber], trial)
 
 
 def state_change(trial: Trial, kind: str) -> Change:
-    """Return the mean flow (L/min) of one leak state of the product filter.
+    """Return the mean flow (L/min) of the product filter's state for a kind of leak.
 
-    It has one value before the leak, and one from 2 s after it on, as the true flow. A flow across
-    the piston counts as positive from the higher to the lower pressure.
+    The means before and after the leak are those of `change`; each begins 2 s after the filter's
+    start or the leak's opening. A flow across the piston counts as positive from the higher to the
+    lower pressure.
     """
     run = trial.product.run
     flow = to_litres_per_minute(leak_flow(run, trial.model.parameters)[kind])
@@ -160,15 +169,15 @@ def _average(error: Array, trial: Trial) -> Change:
 
 
 def outside_change(trial: Trial) -> Change:
-    """Return the share of time (%) in which the thesis filter's position is outside the stroke.
+    """Return the share of samples (%) at which the thesis filter's position is outside the stroke.
 
-    It has one value before the leak and one after it.
+    See `share_outside`, which counts the samples before and after the leak.
     """
     return share_outside(trial.thesis.run.states[:, POSITION], trial)
 
 
 def said(decision: Decision | None, trial: Trial) -> str:
-    """Return a verdict in words for the page, in bold if it is right; a dash without a decision."""
+    """Return a verdict in words, in bold if it is what the test expects; a dash for None."""
     if decision is None:
         return NOTHING
     word = LOCATIONS.get(decision.verdict, decision.verdict.replace("_", " "))

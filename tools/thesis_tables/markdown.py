@@ -15,7 +15,8 @@ _LEAST_AT_TWO_DECIMALS: Final = 0.005
 def figure(value: float | None, digits: int = 2) -> str:
     """Return a value as text with `digits` significant digits, or one more from 10^digits on.
 
-    None gives a dash; an infinite value or NaN gives "not finite".
+    None gives a dash; an infinite value or NaN gives "not finite". A magnitude below 1e-4, or from
+    1e5 on, is written with an exponent of ten, such as "1.2e-5".
     """
     if value is None:
         return NOTHING
@@ -41,6 +42,8 @@ def fixed(value: float | None, decimals: int) -> str:
 def arrow(change: Change, unit: float = 1.0, decimals: int | None = None) -> str:
     """Return the text "before → after" of a change, or only the value that is not None.
 
+    If both are None, it is a dash.
+
     Args:
         change: the values before and after.
         unit: unit that they are divided by.
@@ -57,8 +60,8 @@ def arrow(change: Change, unit: float = 1.0, decimals: int | None = None) -> str
 def spread(coefficient: Coefficient | None, unit: float) -> str:
     """Return the text "mean ± deviation" of a coefficient, divided by `unit`.
 
-    None gives a dash. If the deviation is 0, because the coefficient was set, the mean alone is
-    returned.
+    Both have 2 decimals, a deviation below 0.005 units has 3. None gives a dash. If the deviation
+    is 0, because the coefficient was set, the mean alone is returned.
     """
     if coefficient is None:
         return NOTHING
@@ -84,5 +87,5 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def heading_row(text: str, columns: int) -> list[str]:
-    """Return a row whose first cell is a heading for the rows below; the other cells are empty."""
+    """Return a row of `columns` cells: first a heading for the rows below, in bold, then empty."""
     return [f"**{text}**", *[""] * (columns - 1)]

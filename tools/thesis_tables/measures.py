@@ -46,7 +46,10 @@ def rise(change: Change) -> float:
 
 
 class Coefficient(NamedTuple):
-    """A leak coefficient, SI: its mean and standard deviation over the samples."""
+    """A leak coefficient: its mean and standard deviation over the samples.
+
+    Both are in m^3/(s Pa^0.5), or in m^3/(s Pa) for a linear leak.
+    """
 
     mean: float
     deviation: float
@@ -55,8 +58,9 @@ class Coefficient(NamedTuple):
 def change(series: Array, time_s: Array, leak: Fault | None, lead_s: float = 0.0) -> Change:
     """Return the means of a series (n,) before and after a leak.
 
-    Without a leak, the mean over the whole test counts as before, and after is None. The start of
-    the filter, the time in which the leak opens, and `lead_s` after each of them are left out.
+    Left out are the start of the filter, the time in which the leak opens, and `lead_s` after each
+    of them. Without a leak, the mean over all the rest of the test counts as before, and after is
+    None.
     """
     started = time_s >= STARTED_S + lead_s
     if leak is None:
@@ -75,9 +79,10 @@ def average_change(error: Array, time_s: Array, leak: Fault | None) -> Change:
 
 
 def share_outside(position: Array, trial: Trial) -> Change:
-    """Return the share of time (%) in which an estimated position (n,), m, is outside the stroke.
+    """Return the share of samples (%) at which an estimated position (n,), m, leaves the stroke.
 
-    It has one value before the leak and one after it.
+    The samples before and after the leak are those of `change`: the filter's start and the time in
+    which the leak opens are left out, and a healthy test has no share after the leak (None).
     """
     par = trial.model.parameters
     outside = (position < par.stroke_min) | (position > par.stroke_max)
@@ -85,16 +90,16 @@ def share_outside(position: Array, trial: Trial) -> Change:
 
 
 def meter_flow(trial: Trial, kind: str) -> Change:
-    """Return the mean reading (L/min) of a leak's flow meter, before and after the leak.
+    """Return the mean reading (L/min) of the flow meter for a kind of leak, before and after it.
 
-    The mean after the leak begins 2 s later.
+    The means are those of `change`; each begins 2 s after the filter's start or the leak's opening.
     """
     flow = to_litres_per_minute(trial.recording[_FLOWS[kind][0]])
     return change(flow, trial.recording.time_s, trial.leak, SETTLED_AFTER_S)
 
 
 def true_flow(trial: Trial) -> float | None:
-    """Return the true mean magnitude of the leak flow (L/min) from 2 s after onset on.
+    """Return the mean magnitude of the true leak flow (L/min), from 2 s after the leak's onset on.
 
     It is None for a healthy test.
     """
@@ -108,8 +113,8 @@ def true_flow(trial: Trial) -> float | None:
 def metered_coefficient(trial: Trial) -> Coefficient | None:
     """Return the leak coefficient from flow meter and pressures (eqs. 5.3 to 5.7).
 
-    Samples from 2 s after the leak on are used, if their drop is above `LEAST_DROP`. A healthy test
-    has None.
+    Samples from 2 s after the leak's onset on are used, if their pressure drop is above
+    `LEAST_DROP`. A healthy test has None; the figures are NaN if no sample can be used.
     """
     leak = trial.leak
     if leak is None:

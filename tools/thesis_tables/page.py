@@ -31,7 +31,10 @@ _TEMPLATE: Final = "page.md.j2"
 
 
 def page(measured: Measured | None) -> str:
-    """Return the page as Markdown; with `measured`, section 3.2 is compared with recordings too."""
+    """Run all campaigns and return the page as Markdown.
+
+    With `measured`, section 3.2 is compared with those recordings too.
+    """
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         undefined=StrictUndefined,

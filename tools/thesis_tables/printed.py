@@ -15,8 +15,9 @@ class Printed:
     Attributes:
         coefficient: mean and standard deviation in m^3/(s Pa^0.5), although the thesis prints the
             unit m^3/(s Pa); None if it is not printed.
-        flow: mean leak flow before and after the leak, L/min.
-        averages: moving averages of chambers 1 and 2, each before and after the leak, Pa.
+        flow: mean leak flow before and after the leak, L/min; None where it is not printed.
+        averages: moving averages of the absolute pressure errors of chambers 1 and 2, each before
+            and after the leak, Pa; None where they are not printed.
     """
 
     coefficient: Coefficient | None = None

@@ -15,10 +15,10 @@ class Score:
 
     Attributes:
         leaks, healthy: number of tests with and without a leak.
-        pattern_right, product_right: leaks that were named right at the end of the test.
+        pattern_right, product_right: leaks whose test ends with the verdict that it expects.
         pattern_early: tests with a leak in which the pattern named a fault just before the leak.
         pattern_alarms, product_alarms: healthy tests whose last verdict was not healthy.
-        covered: leaks named right whose true flow is within the product's 95 % interval.
+        covered: leaks that the product names right, with the true flow in its 95 % interval.
     """
 
     leaks: int

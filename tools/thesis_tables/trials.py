@@ -66,7 +66,11 @@ class Trials:
     trials: tuple[Trial, ...]
 
     def healthy(self, *, sine: bool = True) -> Trial:
-        """Return the healthy test whose setpoint is a sine, or is not one if `sine` is False."""
+        """Return the first healthy test with a sine as setpoint, or with another if not `sine`.
+
+        Raises:
+            StopIteration: there is no such test.
+        """
         return next(
             t for t in self.trials if t.leak is None and isinstance(t.test.setpoint, Sine) == sine
         )
@@ -82,7 +86,10 @@ class Trials:
 
 
 def record(rig: Rig, test: CampaignTest, model: Model) -> Recording:
-    """Run a test on the simulated rig; return all channels of the loop, including the truth."""
+    """Run a test on the simulated rig; return all channels of the loop, including the truth.
+
+    The product filter runs along. The way to the start of the motion is not recorded.
+    """
     loop = loop_of(rig, test, start_memory(DEFAULT_FILTER, model, rig.sensors), model)
     loop.position()
     rows = loop.advance(loop.ticks_left)

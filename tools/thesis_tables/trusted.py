@@ -61,7 +61,8 @@ def run_trusted(
 ) -> TrustedRun:
     """Run a thesis filter over a recording, with its printed tuning except R's position variance.
 
-    `position_variance` is in m^2.
+    `filter_name` is `thesis-6` or `thesis-7`; `position_variance` is in m^2. Row 0 has the filter's
+    start: its states are the printed ones, and its outputs are NaN.
     """
     with_load = filter_named(filter_name).code == THESIS_7
     x, P = thesis.initial_state(with_load)

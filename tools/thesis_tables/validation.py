@@ -68,7 +68,7 @@ class Simulated:
     Attributes:
         model: the model that is compared with the recordings.
         truth: the model of the simulated rig itself.
-        recordings: by motion.
+        recordings: by motion, a key of `FILES`.
     """
 
     model: Model
@@ -101,7 +101,10 @@ class Comparison:
 
 
 def start_of(recording: Recording, model: Model) -> PlantState:
-    """Return the state in which a recording begins, if the ram is at rest and held by friction."""
+    """Return the state in which a recording begins, if the ram is at rest and held by friction.
+
+    Both lines have the model's pressures; a spool that was not recorded is taken for centred.
+    """
     par = model.parameters
     p1, p2 = float(recording["pressure_1_Pa"][0]), float(recording["pressure_2_Pa"][0])
     return PlantState(
@@ -133,8 +136,9 @@ def compare(recording: Recording, model: Model) -> Comparison:
 def compare_without_drift(recording: Recording, model: Model) -> Comparison:
     """Compare after changing the model's null bias so that the ram ends where the recorded one did.
 
-    The thesis removes this drift by adjusting the friction model instead (section 3.2.1). The ram
-    drifts further out the greater the bias is, so that bisection finds the bias.
+    The mean positions of the last second are made equal, with a bias of 20 um at most of either
+    sign. It is found by bisection, as the ram drifts further out the greater the bias is. The
+    thesis removes this drift by adjusting the friction model instead (section 3.2.1).
     """
     last = recording.time_s > recording.time_s[-1] - _LAST_S
     low, high = -_WIDEST_BIAS, _WIDEST_BIAS
@@ -154,7 +158,8 @@ def _biased(model: Model, null_bias: float) -> Model:
 def one_step_error(recording: Recording, model: Model) -> Array:
     """Return the product filter's mean absolute innovations (3,): position (m), pressures (Pa).
 
-    They measure the error of the model's prediction over one sample, including sensor noise.
+    They measure the error of the model's prediction over one sample, including sensor noise. The
+    filter's first `STARTED_S` are left out.
     """
     run = filter_recording(recording, model)
     started = recording.time_s - recording.time_s[0] > STARTED_S

@@ -66,7 +66,8 @@ def oil_table(trials: Trials) -> str:
 def friction_table(trials: Sequence[Trials], speed: float) -> str:
     """Return a table of velocity reversals in the six-state filter, and innovations by speed.
 
-    Innovations are taken below and above `speed` (m/s).
+    It has a row for the healthy sine of each campaign. Innovations are taken where the true speed
+    is below and above `speed` (m/s).
     """
     named = f"{fixed(speed, 2)} m/s"
     head = ["`thesis-6`, healthy", "true reversals a second", "estimated",
@@ -81,7 +82,10 @@ def friction_table(trials: Sequence[Trials], speed: float) -> str:
 
 
 def noise_table(trials: Sequence[Trials]) -> str:
-    """Return a table of the range of averages after a leak of chamber 1 as sensor noise varies."""
+    """Return a table of the range of averages after a leak of chamber 1 as sensor noise varies.
+
+    It has a row for each campaign and level of leak, each with the ranges of `noise_ranges`.
+    """
     head = ["MAE after the leak (1e6 Pa)", "as printed: chamber 1", "chamber 2",
             "encoder trusted: chamber 1", "chamber 2"]  # fmt: skip
     rows = []
@@ -96,7 +100,10 @@ def noise_table(trials: Sequence[Trials]) -> str:
 
 
 def hidden_table(trials: Sequence[Trials]) -> str:
-    """Return a table of the velocity error that an internal leak causes in the six-state filter."""
+    """Return a table of the velocity error that an internal leak causes in the six-state filter.
+
+    It has a row for each campaign and level of leak.
+    """
     head = ["internal leak", "velocity error, as printed (mm/s)", "grows by",
             "encoder trusted (mm/s)", "grows by", "leak / piston area (mm/s)"]  # fmt: skip
     rows = []
@@ -112,7 +119,10 @@ def hidden_table(trials: Sequence[Trials]) -> str:
 
 
 def runaway_table(trials: Trials) -> str:
-    """Return a table of the seven-state filter's errors over time, on a healthy rig in a sine."""
+    """Return a table of the seven-state filter's errors over time, on a healthy rig in a sine.
+
+    It has a row for each 10 s, for the filter as printed and for the one that trusts the encoder.
+    """
     trial = trials.healthy()
     printed = stretches(trial, trial.thesis.run.states, trial.thesis.run.outputs, _LENGTH_S)
     trusted = stretches(trial, trial.trusted.states, trial.trusted.outputs, _LENGTH_S)

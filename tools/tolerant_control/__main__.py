@@ -14,7 +14,10 @@ _TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.D
 
 
 def with_tables(page: str, tables: dict[str, str]) -> str:
-    """Return the text of `page` with the given tables put in, by name; other tables stay."""
+    """Return the text of `page` with the given tables put in, by name; other tables stay.
+
+    A table for which the page has no place is left out.
+    """
 
     def replaced(match: re.Match[str]) -> str:
         found = tables.get(match[2])

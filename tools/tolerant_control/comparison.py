@@ -91,7 +91,7 @@ def setpoint(motion: str) -> Array:
 def comparisons(leak_is_given: bool) -> Iterator[Comparison]:
     """Yield a comparison for every leak in every motion under every load.
 
-    If `leak_is_given`, the tolerant controller gets the true leak some time after its onset;
+    If `leak_is_given`, the tolerant controller gets the true leak `TOLD_AFTER_S` after its onset;
     otherwise the detector in the loop has to find the leak.
     """
     for motion in MOTIONS:
@@ -108,7 +108,10 @@ def comparisons(leak_is_given: bool) -> Iterator[Comparison]:
 
 
 def comparison_table(found: list[Comparison]) -> str:
-    """Return the table in Markdown; its cells state healthy / proportional / tolerant values."""
+    """Return the table in Markdown, with a row for each comparison, in the order given.
+
+    Its cells state healthy / proportional / tolerant values; only holds have errors that are left.
+    """
     rows: list[list[str]] = []
     last = ""
     for one in found:
@@ -134,8 +137,8 @@ def comparison_table(found: list[Comparison]) -> str:
 def summary_table(found: list[Comparison]) -> str:
     """Return a table with a row for each size of leak: the worst errors over all comparisons.
 
-    Errors of motions are divided by the healthy loop's. For holds, the row has the median and the
-    largest of the errors that are left at the end, in mm.
+    Errors of motions are divided by the healthy loop's, and the greatest ratio is given. For holds,
+    the row has the median and the largest of the errors that are left at the end, in mm.
     """
     rows = []
     for flow in FLOWS:
@@ -162,7 +165,10 @@ def summary_table(found: list[Comparison]) -> str:
 
 
 def late(found: list[Comparison]) -> str:
-    """Return a sentence that states how many leaks were compensated for, and the latest time."""
+    """Return a sentence that states how many leaks were compensated for, and the latest time (s).
+
+    The time counts from the start of the run, not from the leak's onset.
+    """
     times = [one.tolerant.confirmed_s for one in found]
     known = [time for time in times if time is not None]
     missed = len(times) - len(known)

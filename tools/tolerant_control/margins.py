@@ -68,8 +68,9 @@ class Margins:
     """The stability margins of one operating point, or the worst of several.
 
     Attributes:
-        gain: factor by which the position loop's gain may grow before the loop is unstable.
-        phase_deg: least phase margin at any crossover, in degrees.
+        gain: factor by which the position loop's gain may grow before the loop is unstable; 1 if it
+            is unstable already, 100 if it is stable with 100 times the gain.
+        phase_deg: least phase margin at any crossover, in degrees; 180 if there is no crossover.
         radius: largest magnitude of the loop's poles; stable below 1.
     """
 
@@ -219,6 +220,8 @@ def _radius(a: Array, b: Array, c: Array, factor: float) -> float:
 def margins(point: OperatingPoint, assumed: Coefficients, leaks: Coefficients) -> Margins:
     """Return the margins at one operating point; the gain margin is searched from 1 to 100.
 
+    Crossovers are searched from 0.1 rad/s up to nearly half the sampling rate.
+
     Args:
         point: the operating point.
         assumed: coefficients of the leak that the controller compensates for.
@@ -252,7 +255,13 @@ def operating_points(assumed: Coefficients, leaks: Coefficients) -> Iterator[Ope
 
 
 def least_margins(assumed: Coefficients, leaks: Coefficients) -> tuple[Margins, int]:
-    """Return the worst of each margin over all operating points, and the number of points."""
+    """Return the worst of each margin over all operating points, and the number of points.
+
+    The arguments are those of `margins`.
+
+    Raises:
+        ValueError: there is no operating point.
+    """
     found = [margins(at, assumed, leaks) for at in operating_points(assumed, leaks)]
     least = Margins(
         min(one.gain for one in found),
@@ -269,7 +278,10 @@ FLOWS: Final = (0.5, 1.0, 2.0, 4.0)
 
 
 def margins_table() -> str:
-    """Return a table of the worst margins, by place and size of the leak and by its estimate."""
+    """Return a table of the worst margins, by place and size of the leak and by its estimate.
+
+    The first row is that of the healthy loop; each leak has a row without compensation too.
+    """
     rows = [_margins_row("none", NO_LEAK, NO_LEAK)]
     for place, name in ((0, "chamber 1"), (2, "internal")):
         for flow in FLOWS:

@@ -57,7 +57,10 @@ def _run(
 
 
 def drawn(seeds: range) -> Iterator[Drawn]:
-    """Draw a rig, a motion and a leak of 0.5 to 4 L/min by each seed; yield the runs."""
+    """Draw a rig, a motion and a leak of 0.5 to 4 L/min by each seed; yield its runs, seed by seed.
+
+    The motion is a closed-loop one of `MOTIONS` or a standstill; the leak may be in any place.
+    """
     draws = {**_DRAWS, "standstill": standstill}
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -98,7 +101,13 @@ def _row(name: str, pairs: list[tuple[Run, Run]], still: list[tuple[Run, Run]]) 
 
 
 def proof_table(found: list[Drawn]) -> str:
-    """Return the table of the worst errors, compared with proportional control."""
+    """Return the table of the worst rms errors, compared with proportional control.
+
+    Moving rams are compared by the ratio of the errors, rams at standstill by their difference.
+
+    Raises:
+        ValueError: no rig of `found` moves.
+    """
     moving = [one for one in found if not one.still]
     still = [one for one in found if one.still]
 

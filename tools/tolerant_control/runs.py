@@ -61,7 +61,7 @@ class Run:
 
     @property
     def final_error(self) -> float:
-        """The magnitude of the mean error of the last 5 s, m, which a hold does not remove."""
+        """The magnitude of the mean error over the last 5 s, m: what a hold leaves at its end."""
         return float(abs(self.error[-round(5.0 / TICK) :].mean()))
 
     @property
@@ -72,6 +72,8 @@ class Run:
 
 def leak_coefficients(place: int, flow: float) -> Coefficients:
     """Return the leak coefficients (k_el1, k_el2, k_il), m^3/(s Pa^0.5), of a rig with one leak.
+
+    The coefficients of the other two places are 0.
 
     Args:
         place: index of the leak in `LEAKS`.
@@ -84,7 +86,7 @@ def leak_coefficients(place: int, flow: float) -> Coefficients:
 
 
 def ticks() -> int:
-    """Return the number of ticks of a run."""
+    """Return the number of ticks (1 ms) of a run of `SECONDS`."""
     return round(SECONDS / TICK)
 
 
@@ -99,7 +101,7 @@ def run(
     """Run the simulated loop with a leak that opens at `ONSET_S`.
 
     Args:
-        setpoint: float64 (ticks,), m.
+        setpoint: float64 (ticks,), m, longer than `MEASURED_FROM_S`.
         rig: the true parameters; filter and controller assume the nominal ones.
         leaks: true coefficients (k_el1, k_el2, k_il), m^3/(s Pa^0.5).
         told: coefficients that the controller compensates for, from `TOLD_AFTER_S` after the onset
