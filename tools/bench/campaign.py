@@ -57,7 +57,11 @@ def _timed(run: Callable[[], object]) -> float:
 
 
 def start_up() -> tuple[float, float]:
-    """Return the wall times (s) of `rig --help`, and of a process that runs one tick and ends."""
+    """Return the wall times (s) of `rig --help`, and of a process that only runs `first_sample`.
+
+    Raises:
+        CalledProcessError: one of the two processes failed.
+    """
     command = [str(Path(sys.executable).with_name("rig")), "--help"]
     help_s = _timed(lambda: subprocess.run(command, check=True, capture_output=True))
     code = "import tools.bench.campaign as b; b.first_sample()"
@@ -77,7 +81,10 @@ def first_sample() -> None:
 
 
 def measure(rounds: int) -> Table:
-    """Time every stage once in each round, and return the table of medians over the rounds."""
+    """Time every stage once in each round, and return the table of rates (medians and quartiles).
+
+    Before the first round, every stage is run once without being timed, so that it is compiled.
+    """
     quickstart_s = load_campaign("quickstart")[0].rig_time_s
     stages: dict[str, tuple[Callable[[], None], float]] = {
         f"loop with {name}": (lambda name=name: loop_alone(name), RIG_SECONDS)  # type: ignore[misc]

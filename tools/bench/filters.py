@@ -177,12 +177,16 @@ def simulated_record(samples: int = SAMPLES) -> Record:
 
 
 def c_parameters(parameters: Parameters = NOMINAL) -> Array:
-    """Return the parameters in the order of the C reference's struct."""
+    """Return the parameters (20,), SI, in the order of the C reference's struct."""
     return np.array([getattr(parameters, name) for name in PARAMETER_FIELDS])
 
 
 def compile_reference(folder: Path) -> ctypes.CDLL | None:
-    """Compile the C references into `folder` and return the library; None if there is no gcc."""
+    """Compile the C references into `folder` and return the library; None if there is no gcc.
+
+    Raises:
+        CalledProcessError: gcc refuses the sources.
+    """
     gcc = shutil.which("gcc")
     if gcc is None:
         return None
@@ -195,9 +199,10 @@ def compile_reference(folder: Path) -> ctypes.CDLL | None:
 def run_reference(
     library: ctypes.CDLL, contest: Contest, x: Array, P: Array, record: Record, out: Array
 ) -> None:
-    """Run the C reference over a record in one call.
+    """Run the C reference over a record in one call, with the nominal parameters.
 
-    `x` and `P` are updated in place; `out` (9,) receives the outputs of the last sample.
+    `x` (6 or 7,) and `P`, square, are updated in place; `out` (9,) receives the outputs of the last
+    sample.
     """
     run = getattr(library, contest.reference)
     constants = c_parameters()
@@ -208,9 +213,10 @@ def run_reference(
 def disagreement(library: ctypes.CDLL, contest: Contest, record: Record, length: int = 5) -> float:
     """Return the largest relative difference of x, P and outputs between ours and the C reference.
 
-    Differences are relative to the value plus its standard deviation, or to the latter alone. Both
-    filters start anew from the true state every `length` samples, because over longer times the
-    thesis's filters, as printed, diverge and rounding errors grow with them.
+    Differences of states are relative to the state plus its standard deviation, those of P and of
+    innovations and residuals to standard deviations, those of variances to themselves. Both filters
+    start anew from the true state every `length` samples, because over longer times the thesis's
+    filters, as printed, diverge and rounding errors grow with them.
     """
     n = contest.size
     sigma = np.array([1e-7, 1e3, 1e3, 1e-3, 1e-2, 1e-4, 1e2])[:n]
@@ -303,7 +309,8 @@ def measure(
 ) -> dict[str, dict[str, Array]]:
     """Return the times by filter and implementation, (rounds,) each, in ns a sample.
 
-    In every round, each implementation of each filter runs once.
+    In every round, each implementation of each filter runs once. If `library` is None, there are no
+    C references; the product filter has no implementation by filterpy.
     """
     runs = {contest.name: _contestants(contest, record, library) for contest in CONTESTS}
     product = product_record(record.command, record.measured, record.truth)
@@ -329,7 +336,10 @@ def _spread(ratio: Array) -> str:
 
 
 def table(times: dict[str, dict[str, Array]]) -> Table:
-    """Return the table of median times in ns a sample, and of ratios with their quartiles."""
+    """Return the table of median times in ns a sample, and of ratios with their quartiles.
+
+    A ratio is taken within each round; a dash stands for an implementation that was not run.
+    """
     result = Table("filter", "ours ns", "C ns", "filterpy ns", "ours / C", "filterpy / ours")
     for name, by_who in times.items():
         ours, reference, textbook = by_who["ours"], by_who.get("C"), by_who.get("filterpy")

@@ -64,9 +64,10 @@ def mixed() -> tuple[SimulatedLanes, Array, Array]:
 
 
 def in_lanes(setting: Callable[[], tuple[SimulatedLanes, Array, Array]], filtered: bool) -> float:
-    """Run the rigs that `setting` returns, and return the processor time (s).
+    """Run the rigs that `setting` returns, and return the processor time (s) of all together.
 
-    If `filtered`, the product filter runs over their readings.
+    If `filtered`, the product filter runs over their readings. The time to make the rigs is not
+    counted.
     """
     rigs, setpoint, is_open = setting()
     filters = ProductLanes(Model()) if filtered else None
@@ -87,7 +88,10 @@ def alone() -> float:
 
 
 def measure(rounds: int) -> Table:
-    """Time every stage once in each round, and return the table of medians over the rounds."""
+    """Time every stage once in each round, and return the table of rates (medians and quartiles).
+
+    Before the first round, every stage is run once without being timed, so that it is compiled.
+    """
     stages: dict[str, tuple[Callable[[], float], int]] = {}
     for title, setting in (("campaign", campaign), ("mixed motion", mixed)):
         for filtered in (False, True):

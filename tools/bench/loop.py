@@ -75,7 +75,13 @@ class Measured:
 
 
 def cyclictest(seconds: float) -> Array:
-    """Return how late cyclictest woke up at each tick, s, with a resolution of 1 us."""
+    """Run cyclictest for a time, and return how late it woke up at each tick, s, to within 1 us.
+
+    The times are sorted, and those above 20 ms are left out.
+
+    Raises:
+        CalledProcessError: cyclictest failed.
+    """
     command = ["cyclictest", "-m", "-q", "-t1", f"-a{CPU}", f"-p{PRIORITY}", "-i1000",
                f"-l{round(seconds / TICK)}", "-h20000"]  # fmt: skip
     ran = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -86,6 +92,7 @@ def histogram_times(text: str) -> Array:
     """Return the times (s) that are counted in a histogram by cyclictest.
 
     Each line of the histogram has a whole number of us and a count; the middle of the us is taken.
+    Lines that do not begin with a digit are left out.
     """
     pairs = [line.split() for line in text.splitlines() if line and line[0].isdigit()]
     micros = np.array([int(pair[0]) for pair in pairs], dtype=np.float64)
@@ -94,7 +101,10 @@ def histogram_times(text: str) -> Array:
 
 
 def idle(rig: Rig, seconds: float) -> Array:
-    """Run the loop without a device to exchange samples with, for a time, and return its rows."""
+    """Run the loop for a time (s) without a device to exchange samples with; return its rows.
+
+    They are (rows, columns), as in `CHANNELS`, the newest of the run.
+    """
     board = Board.create(len(CHANNELS))
     board.words[Word.SWITCH] = 1
     spec = fast(rig)
@@ -124,7 +134,9 @@ def idle(rig: Rig, seconds: float) -> Array:
 
 
 def whole_chain(rig: Rig, seconds: float) -> Array:
-    """Run the loop on an emulated rig with recorder and subscriber, and return its rows.
+    """Run the loop on an emulated rig with recorder and subscriber for a time, and return its rows.
+
+    They are (rows, columns), as in `CHANNELS`, for `seconds` of the motion.
 
     Raises:
         RuntimeError: rows are missing in the recording.
@@ -186,7 +198,13 @@ def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
 
 
 def table(rows: list[tuple[str, ...]], rounds: int, seconds: float) -> str:
-    """Return a sentence on the measurement and its table, in Markdown."""
+    """Return a sentence on the measurement and its table, in Markdown.
+
+    Args:
+        rows: see `measure`.
+        rounds: number of rounds.
+        seconds: for how long each thing was measured in a round.
+    """
     heads = ("", "p50, us", "p99, us", "p99.9, us", "p50 ratio", "p99 ratio", "missed")
     lines = [heads, tuple("---" if i == 0 else "---:" for i in range(len(heads))), *rows]
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
@@ -205,7 +223,10 @@ def _processor() -> str:
 
 
 def write_page(page: Path, text: str) -> None:
-    """Replace the text between the two marks of a page by `text`."""
+    """Replace the text between the two marks of a page by `text`.
+
+    If the page has no marks, they are added at its end, with `text` between them.
+    """
     before, _, rest = page.read_text().partition(BEGIN_MARK)
     _, _, after = rest.partition(END_MARK)
     page.write_text(f"{before}{BEGIN_MARK}\n{text}{END_MARK}{after}")

@@ -52,6 +52,8 @@ class TrippedError(Exception):
 class Chain:
     """A context manager in which a loop follows a sine on an emulated rig and is recorded.
 
+    It is entered once the motion has begun. Its end ends all processes and deletes the recording.
+
     Args:
         rig: the emulated rig, as configured.
         seconds: length of the motion, s.
@@ -100,7 +102,9 @@ class Chain:
         return int(words[Word.TICK]) if words[Word.SEGMENT] == TEST else 0
 
     def rows(self, count: int) -> Array:
-        """Wait for the next rows and return them, (count, columns) as in `CHANNELS`.
+        """Wait for the next `count` rows and return them, (count, columns) as in `CHANNELS`.
+
+        Rows that were made before the call are not among them.
 
         Raises:
             TrippedError: the loop tripped, or rows were written over before they could be read.
@@ -129,7 +133,7 @@ class Chain:
         """End recording and loop; return how many rows are missing in the recording.
 
         It is the largest of four counts: rows that were not recorded, recorded rows that are not in
-        the file, holes in its time, and losses that the recorder reported.
+        the file, holes in its time, and losses that the recorder reported. No further rows come.
         """
         due = int(self.board.words[Word.ROWS]) - self._begun
         self._recorder.send(FinishRecording(due))

@@ -57,7 +57,10 @@ class Course:
 
 
 def course(name: str, command: Array) -> Course:
-    """Return the motion of the nominal rig, with bristle friction and from mid stroke, in V."""
+    """Return the motion of the nominal rig from mid stroke under a command (ticks,), V.
+
+    The rig has bristle friction.
+    """
     run = simulate(Model(), command)
     return Course(name, command, np.stack([run[key] for key in PlantState._fields], axis=1))
 
@@ -113,8 +116,9 @@ def pressure_error(found: Array, reference: Array) -> float:
 def accuracies(derivative: Any, motion: Course) -> tuple[float, float, float]:
     """Return our error (Pa), LSODA's error (Pa) and the tolerance with which LSODA has it.
 
-    Errors are medians over the short runs. If no tolerance makes LSODA's error as small as ours,
-    the tightest one is returned.
+    Errors are medians over the short runs of the largest pressure difference from LSODA at
+    `REFERENCE_TOLERANCE`. The tolerance is the loosest of `TOLERANCES` with which LSODA's error is
+    not above ours, or the tightest one if there is none.
     """
     pieces = [(motion.along[k], motion.command[k : k + HORIZON]) for k in motion.starts]
     reference = [lsoda(derivative, *piece, REFERENCE_TOLERANCE) for piece in pieces]

@@ -83,8 +83,8 @@ def run_product(
 ) -> None:
     """Run the product filter over a record of n samples.
 
-    `x`, `factors` and `work` are updated in place; `out` (10,) receives the outputs of the last
-    sample.
+    `command` is (n,), V, and `measured` (n, 5) as in `ProductRecord`. `x`, `factors` and `work` are
+    updated in place; `out` (10,) receives the outputs of the last sample.
     """
     for k in range(command.size):
         z = measured[k]

@@ -96,7 +96,11 @@ class Pairs:
     trips: list[str] = field(default_factory=list)
 
     def row(self, name: str) -> tuple[str, ...]:
-        """Return the cells of the table's row on these pairs, with medians over the pairs."""
+        """Return the cells of the table's row on these pairs, with medians over the pairs.
+
+        They are the name; p50 and p99 of the wake-up without -> with readers, us; the ratios, with
+        to without, of both percentiles of all `TIMES`; the share of ticks missed; rows missing.
+        """
         ratios = np.median(np.array(self.with_) / np.array(self.without), axis=0)
         before, after = (np.median(each, axis=0) for each in (self.without, self.with_))
         missed = np.median(np.array(self.missed), axis=0)
@@ -159,7 +163,7 @@ _KEPT: Final[list[object]] = []
 def be(what: str, endpoint: str, count: int) -> None:
     """Run `count` readers with the behaviour `what` in this process; this never returns.
 
-    The line "follows" is printed once they follow.
+    The line "follows" is printed 0.5 s after the last one began to follow.
     """
     for _ in range(count):
         BEHAVIOURS[what](Endpoint.parse(endpoint))
@@ -170,7 +174,11 @@ def be(what: str, endpoint: str, count: int) -> None:
 
 @contextmanager
 def present(readers: Readers, endpoint: Endpoint) -> Iterator[None]:
-    """Start processes with readers, enter the context once all follow, and kill them at its end."""
+    """Start processes with readers, enter the context once all follow, and kill them at its end.
+
+    More than `PROCESSES` readers share that many processes evenly; their number must be a multiple.
+    Otherwise one process with one reader is started.
+    """
     shares = [readers.count // PROCESSES] * PROCESSES if readers.count > PROCESSES else [1]
     command = [sys.executable, "-m", "tools.bench.readers", "--be", readers.what, str(endpoint)]
     processes = [

@@ -81,7 +81,7 @@ def follow(endpoint: str, mode: str, seconds: float) -> None:
 
 
 def follower(endpoint: str, mode: str, seconds: float) -> "subprocess.Popen[str]":
-    """Start a process that runs `follow`, and return it."""
+    """Start a process that runs `follow` with these arguments, and return it at once."""
     command = [sys.executable, "-m", "tools.bench.stream", "--follow", endpoint, mode]
     return subprocess.Popen(
         [*command, "--seconds", str(seconds)], stdout=subprocess.PIPE, text=True
@@ -89,7 +89,13 @@ def follower(endpoint: str, mode: str, seconds: float) -> "subprocess.Popen[str]
 
 
 def one_rig(readers: int, seconds: float, port: int) -> list[dict[str, Any]]:
-    """Publish rows of one rig at 1 kHz, and return what each reader printed (see `follow`)."""
+    """Publish rows of one rig at 1 kHz, and return what each reader printed (see `follow`).
+
+    Args:
+        readers: number of readers, each in a process of its own.
+        seconds: for how long each reader measures.
+        port: of the publisher on loopback.
+    """
     endpoint = f"tcp/127.0.0.1:{port}"
     board = Board.create(COLUMNS)
     with tempfile.TemporaryDirectory() as folder:
@@ -127,7 +133,8 @@ def _write_rows(board: Board, going_on: Any) -> None:
 def publish_fleet(endpoint: str, count: int, batch: int) -> None:
     """Publish the streams of `count` rigs, each with a session of its own, until stdin is closed.
 
-    At the end, the delay behind the schedule is printed as JSON, and the process ends.
+    Each message has `batch` samples at 1 kHz. The line "publishes" is printed when all sessions are
+    open. At the end, the delay behind the schedule is printed as JSON, and the process ends.
     """
     settings = StreamSettings(mode="client", listen=(), connect=(Endpoint.parse(endpoint),))
     rigs: list[tuple[object, StreamSender]] = []
@@ -171,7 +178,7 @@ def fleet(seconds: float, port: int, count: int, batch: int) -> dict[str, Any]:
     Args:
         seconds: for how long is measured.
         port: of the router.
-        count: number of rigs.
+        count: number of rigs, a multiple of `PUBLISHERS`.
         batch: samples in a message.
 
     Returns:
@@ -211,7 +218,7 @@ def _cpu_s(pid: int) -> float:
 
 
 def route(endpoint: str) -> None:
-    """Run a router of the stream until stdin is closed."""
+    """Run a router of the stream until stdin is closed; print the line "routes" once it runs."""
     settings = StreamSettings(mode="router", listen=(Endpoint.parse(endpoint),))
     with publisher_session(settings):
         print("routes", flush=True)

@@ -46,6 +46,9 @@ def sweep(reference: str, out: Path, *options: str, checkout: Path | None = None
         out: folder for its results.
         options: further options of the command.
         checkout: folder of another checkout that is run; None runs this one.
+
+    Raises:
+        CalledProcessError: the command failed.
     """
     environment = dict(os.environ)
     if checkout is not None:
@@ -68,7 +71,11 @@ def sweep(reference: str, out: Path, *options: str, checkout: Path | None = None
 
 @contextmanager
 def cluster(workers: int, folder: Path) -> Iterator[str]:
-    """Start a Dask scheduler and workers on loopback, yield its address, and end them."""
+    """Start a Dask scheduler and workers on loopback, yield its address, and end them.
+
+    The scheduler's file is written to `folder`. The workers may not have come yet when the address
+    is yielded.
+    """
     file = folder / "scheduler.json"
     quiet = subprocess.DEVNULL
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
@@ -94,7 +101,15 @@ def lanes_alone() -> float:
 
 
 def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: Console) -> None:
-    """Run a sweep in several rounds, and on a cluster if `on_cluster`; print the table of rates."""
+    """Run a sweep in several rounds, and on a cluster if `on_cluster`; print the table of rates.
+
+    Args:
+        reference: name or path of the sweep.
+        jobs: number of processes.
+        rounds: number of rounds.
+        on_cluster: whether to run it once more on a cluster, and print whether its table is equal.
+        console: receives the output.
+    """
     found: list[dict[str, Any]] = []
     alone = []
     with tempfile.TemporaryDirectory() as name:
@@ -136,7 +151,10 @@ def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: C
 
 
 def compare(reference: str, jobs: int, rounds: int, other: Path, console: Console) -> None:
-    """Run another checkout and this one in each round; print both rates, and their ratios."""
+    """Run another checkout and this one in each round; print both rates, and their ratios.
+
+    The ratios are this checkout's rate to that of the other one, in the folder `other`.
+    """
     this = Path(__file__).resolve().parents[2]
     table = Table(title=f"rig sweep {reference}: rig-seconds per second, another checkout to this")
     for column in ("round", "wall, start-up apart", "ratio", "processor", "ratio"):

@@ -83,7 +83,11 @@ class _NoiseWatcher:
 
 
 def crossings(statistics: Sequence[Array], limit: float) -> int:
-    """Return how often the statistics of runs exceed `limit` after being below it for 8 s."""
+    """Return how often the statistics of runs exceed `limit` without having done so for 8 s.
+
+    Each array of `statistics` has a run's highest statistic by block; the first time that a run
+    exceeds the limit counts in any case.
+    """
     count = 0
     for series in statistics:
         above = np.flatnonzero(series > limit)

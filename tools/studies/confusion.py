@@ -44,7 +44,8 @@ _LINE_PART: Final = 5
 def plans(runs: int) -> Iterator[Plan]:
     """Yield the plans of all trials: `runs` leaks, then faults of the lines, then healthy rigs.
 
-    There are half as many healthy rigs as leaks.
+    For every five leaks, each of the two faults of the lines has two plans, with and without a
+    sensor of supply pressure. There are half as many healthy rigs as leaks.
     """
     for i in range(runs):
         yield _plan(i, LEAKS[i % 3], SIZES)
@@ -69,7 +70,11 @@ def _plan(
 
 
 def truth(trial: Trial) -> str:
-    """Return the row of the confusion matrix that a trial belongs to."""
+    """Return the name of the row of the confusion matrix that a trial belongs to.
+
+    It is the injected fault or "healthy"; for faults of the lines it also says whether the supply
+    pressure was measured.
+    """
     plan = trial.plan
     if plan.fault is None:
         return "healthy"
@@ -79,7 +84,10 @@ def truth(trial: Trial) -> str:
 
 
 def confusion(found: Sequence[Trial]) -> str:
-    """Return the confusion matrix in Markdown: injected fault by row, final verdict by column."""
+    """Return the confusion matrix in Markdown: injected fault by row, final verdict by column.
+
+    Each cell is the number of trials; 0 is left empty.
+    """
     counts: dict[str, Counter[str]] = {}
     for each in found:
         counts.setdefault(truth(each), Counter())[each.judged["product"].verdict] += 1
@@ -92,7 +100,10 @@ def confusion(found: Sequence[Trial]) -> str:
 
 
 def sizing(found: Sequence[Trial]) -> str:
-    """Return a table of how leaks were named and sized, by bin of true flow and for all leaks."""
+    """Return a table of how leaks were named and sized, by bin of true flow and for all leaks.
+
+    Named right is a leak that the last verdict names. Latency and errors are those of these leaks.
+    """
     leaks = [each for each in found if each.plan.fault in LEAKS]
     head = ["true flow, L/min", "leaks", "named right", "other alarm", "latency, median / 95 %",
             "bias", "rms error", "relative", "true flow in 95 % interval"]  # fmt: skip
@@ -131,7 +142,10 @@ def _latency(trial: Trial) -> float:
 
 
 def covered(trial: Trial) -> bool:
-    """Return whether the 95 % interval of the estimate holds the true mean flow."""
+    """Return whether the 95 % interval of the estimate holds the true mean flow; False without one.
+
+    The estimate is that of the judge "product".
+    """
     judgement = trial.judged["product"]
     if judgement.flow is None or judgement.deviation is None:
         return False
@@ -139,7 +153,10 @@ def covered(trial: Trial) -> bool:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the trials that are not kept from before, and write the tables into the page."""
+    """Run the trials that are not kept from before, and write the tables into the page.
+
+    `arguments` are those of the command line; None means those of the program.
+    """
     parser = argparse.ArgumentParser(prog="python -m tools.studies.confusion", description=__doc__)
     parser.add_argument("--runs", type=int, default=500, help="leaks; default 500")
     parser.add_argument("--jobs", type=int, default=2, help="processes; default 2")

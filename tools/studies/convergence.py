@@ -27,7 +27,10 @@ REFERENCE: Final = 16
 
 
 def motions(seconds: float) -> dict[str, tuple[Array, dict[str, float]]]:
-    """Return, by name of motion, the commands (ticks,) in V and the rig's additional parameters."""
+    """Return, by name of motion, the commands (ticks,) in V and what differs from the nominal rig.
+
+    The latter are values of the rig's parameters by name, SI; {} means none.
+    """
     time = np.arange(round(seconds / TICK)) * TICK
     rng = np.random.default_rng(1)
     steps = np.repeat(rng.uniform(-6.0, 6.0, -(-time.size // 200)), 200)[: time.size]
@@ -54,7 +57,9 @@ def stacked(run: dict[str, Array]) -> Array:
 def differences(rig: Parameters, command: Array) -> Iterator[Array]:
     """Yield, for each short run, its largest differences from the reference in each state.
 
-    Each yielded array is (len(FINENESS), 9), SI; columns are in the order of `PlantState`.
+    Short runs of `HORIZON` ticks begin every 47 ticks along one long run with `command` (ticks,),
+    V. Each yielded array is (len(FINENESS), 9), SI: a row for each fineness of the step, and
+    columns in the order of `PlantState`.
     """
     model = Model(parameters=rig)
     along = stacked(simulate(model, command))

@@ -40,8 +40,8 @@ class Run:
 
     Attributes:
         leak: name of the injected leak; None for a healthy rig.
-        onset_s: when the leak opened.
-        true_m3_per_s: mean magnitude of its true flow, once it had settled.
+        onset_s: when the leak opened, s; drawn also for a healthy rig.
+        true_m3_per_s: mean magnitude of the leak's true flow, from 2 s after its onset on.
         decision: the last decision of the detector.
         detected_at_s: when the detector first came to its last verdict; None if it is no fault.
         alarmed: whether any decision named a fault.
@@ -56,7 +56,10 @@ class Run:
 
 
 def sampled(recording: Recording, every: int) -> Recording:
-    """Return the recording with readings at every `every`-th row only, and NaN in the others."""
+    """Return a recording with readings at every `every`-th row only, and NaN in the others.
+
+    Channels that are no readings, such as the command and the truth, stay whole.
+    """
     seldom = {name: values.copy() for name, values in recording.channels.items()}
     for name in READINGS:
         between = np.arange(recording.time_s.size) % every != 0
@@ -95,7 +98,11 @@ def runs_of(seed: int, size: float, spool_sensor: bool, rates: list[int]) -> lis
 
 
 def leak_row(size: float, rate: int, runs: list[Run]) -> tuple[str, ...]:
-    """Return the cells of the table's row on one size of leak at one rate."""
+    """Return the cells of the table's row on one size of leak (L/min) at one rate (Hz).
+
+    They are size, rate, leaks that the last verdict names right, other runs with an alarm, and for
+    the leaks named right latency, rms error, and how often the 95 % interval holds the true flow.
+    """
     right = [run for run in runs if run.decision.verdict == run.leak]
     wrong = [run for run in runs if run.alarmed and run not in right]
     latency = [run.detected_at_s - run.onset_s for run in right

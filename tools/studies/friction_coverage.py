@@ -40,7 +40,8 @@ class Case(NamedTuple):
 def setpoint_of(name: str, rng: np.random.Generator, ticks: int) -> Array:
     """Return the setpoint (ticks,) of a motion in `MOTIONS` or of `EXPERIMENT`, m.
 
-    For a motion in open loop it is the command, V.
+    For a motion in open loop it is the command, V. Any other name stands for `EXPERIMENT`, whose
+    setpoint is not drawn.
     """
     if name in MOTIONS:
         return MOTIONS[name](rng, ticks)
@@ -49,6 +50,8 @@ def setpoint_of(name: str, rng: np.random.Generator, ticks: int) -> Array:
 
 def case(name: str, seed: int) -> Case:
     """Simulate one rig in one motion, and identify its friction.
+
+    The identification is told the rig's true spring, and assumes the nominal model otherwise.
 
     Args:
         name: of the motion, see `setpoint_of`.
@@ -65,8 +68,9 @@ def case(name: str, seed: int) -> Case:
 def row(cases: list[Case], parameter: str) -> tuple[str, ...]:
     """Return the cells of the table's row on one parameter, over all cases.
 
-    The cells are: share of cases in which it was identified, coverage of the 95 % interval, mean
-    error, rms error, and median standard error.
+    The cells are: number of cases in which it was identified, coverage of the 95 % interval, mean
+    error, rms error, and median standard error (errors in SI, over the cases in which it was
+    identified). All but the first are empty if there is no such case.
     """
     errors, widths = [], []
     for truth, found in cases:

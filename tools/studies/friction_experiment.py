@@ -42,7 +42,8 @@ class Case(NamedTuple):
 def unknown_friction(seed: int) -> Parameters:
     """Return a rig drawn by a seed, whose friction differs from the model's by up to 30 %.
 
-    Its bristles are half to twice as stiff as the model's, and it has no spring.
+    Its bristles are half to twice as stiff as the model's, and it has no spring. Its other
+    parameters are those of `drawn_rig`.
     """
     rng = np.random.default_rng(seed)
     names = ("stiction", "coulomb", "stribeck_velocity", "viscous")
@@ -52,7 +53,7 @@ def unknown_friction(seed: int) -> Parameters:
 
 
 def case(seed: int) -> Case:
-    """Draw a rig by a seed, and run the whole friction experiment on it."""
+    """Draw a rig by a seed, and run the whole friction experiment on it with the nominal model."""
     truth = unknown_friction(seed)
     rig = replace(load_rig("simulated"), plant=Model(parameters=truth))
     with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +62,10 @@ def case(seed: int) -> Case:
 
 
 def rows(cases: Sequence[Case]) -> list[tuple[str, ...]]:
-    """Return the table's rows, one for each parameter, with cells as in `HEAD`."""
+    """Return the table's rows, one for each parameter and for `MEASURED`, with cells as in `HEAD`.
+
+    Errors are in SI; they are those of the cases in which the experiment came to a fit.
+    """
     fitted = [(truth, found.fit) for truth, found in cases if found.fit is not None]
     table: list[tuple[str, ...]] = []
     for name in (*PARAMETERS, MEASURED):

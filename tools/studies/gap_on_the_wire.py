@@ -38,7 +38,7 @@ def emulated_rig(effects: dict[str, str], folder: Path) -> dict[str, Any]:
 
     Args:
         effects: size of each effect with its unit, by name.
-        folder: for the file that stands for the serial line.
+        folder: for the file that stands for the serial line; nothing is written to it here.
     """
     rig: dict[str, Any] = yaml.safe_load((ROOT / "config" / "rigs" / "emulated.yaml").read_text())
     rig["plant"] = {"model": "nominal", "effects": effects}

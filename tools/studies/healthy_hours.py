@@ -115,7 +115,11 @@ class Group:
 
 
 class Judge:
-    """The detector of one rig, which starts anew after each alarm.
+    """The detector of one rig, which assumes the nominal model and starts anew after each alarm.
+
+    Args:
+        seed: of the rig, for alarms and messages.
+        rate, model_error: see `Setting`.
 
     Attributes:
         verdicts: number of decisions by verdict.
@@ -128,7 +132,9 @@ class Judge:
         self.verdicts: Counter[str] = Counter()
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
-        """Judge the next block; return an alarm if the decision names a fault, otherwise None.
+        """Take the next block (0.5 s); return an alarm if a decision names a fault, otherwise None.
+
+        The detector decides once in 20 blocks, and at every block while it suspects a fault.
 
         Args:
             samples: of the block.
@@ -175,7 +181,7 @@ class Watcher(Protocol):
     verdicts: Counter[str]
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
-        """Take the next block; return an alarm, or None if there is none."""
+        """Take the next block, as `Judge.take` does; return an alarm, or None if there is none."""
 
 
 def run_group(
@@ -190,7 +196,7 @@ def run_group(
         number: of the group; the seeds of its rigs follow from it.
         setting: settings of the detectors and of the rigs to draw.
         run_s: simulated time of each rig, s.
-        watchers: one for each rig; by default a `Judge` each.
+        watchers: one for each rig, in the order of the lanes; None means a `Judge` each.
     """
     seeds = [number * LANES + lane for lane in range(LANES)]
     generators = [np.random.default_rng((seed, 1)) for seed in seeds]
@@ -276,7 +282,7 @@ def summary_of(groups: Sequence[Group], setting: Setting) -> dict[str, Any]:
 
 
 def read_groups(file: Path) -> dict[int, Group]:
-    """Return the groups that a file holds, by number; none if it is missing."""
+    """Return the groups that a file holds, by number; {} if the file is missing."""
     groups = {}
     for fields in kept_trials(file):
         alarms = [Alarm(**alarm) for alarm in fields.pop("alarms")]

@@ -96,11 +96,11 @@ class Judgement:
         return self.held[-1][1]
 
     def first_s(self, verdict: str) -> float | None:
-        """Return when the judge first came to a verdict, s; None if it never did."""
+        """Return when the judge first came to the verdict `verdict`, s; None if it never did."""
         return next((time for time, held in self.held if held == verdict), None)
 
     def alarm_s(self) -> float | None:
-        """Return when a verdict was first an alarm, s; None if none was."""
+        """Return when a verdict was first an alarm (not in `SILENT`), s; None if none was."""
         return next((time for time, held in self.held if held not in SILENT), None)
 
 
@@ -111,8 +111,8 @@ class Trial:
     Attributes:
         plan: of the trial.
         loaded: whether the ram worked against a spring.
-        flow: true mean magnitude of the leak's flow from 2 s after onset on, L/min; 0 without a
-            leak.
+        flow: true mean magnitude of the leak's flow from 2 s after onset on, L/min; 0 for a healthy
+            rig and for a fault of the lines.
         judged: the judgements, by name of the judge.
     """
 
@@ -125,7 +125,8 @@ class Trial:
 def coefficient(plan: Plan) -> float:
     """Return the coefficient (SI) of the plan's fault, as the plant takes it.
 
-    The plan must have a fault.
+    The plan must have a fault. A leak's coefficient is in m^3/(s Pa^0.5), a blockage's in
+    Pa/(m^3/s)^2.
     """
     if plan.fault == "return_blockage":
         return plan.size
@@ -158,7 +159,10 @@ def record(plan: Plan) -> tuple[Recording, bool, float]:
 
 
 def judged(recording: Recording, judge: str) -> Judgement:
-    """Replay a recording with the filter and detector of a judge; return the judgement."""
+    """Replay a recording with filter and detector of a judge in `SETTINGS`; return the judgement.
+
+    Filter and detector assume the nominal model.
+    """
     name, rate = SETTINGS[judge]
     result = replay(recording, Model(), filter_name=name, false_alarms_per_day=rate)
     held: list[tuple[float, str]] = []

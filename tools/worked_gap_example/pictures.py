@@ -49,9 +49,11 @@ def accounts_picture(
 ) -> None:
     """Draw the missing oil of both chambers over one recording, as computed with each model.
 
+    The first 2 s are left out.
+
     Args:
         recording: of a rig with a leak out of chamber 1.
-        models: the models by name.
+        models: the models by name, `nominal` or `revised`.
         onset_s: when the leak opens, s.
         flow: mean flow of the leak, L/min.
         file: PNG file to write.

@@ -26,7 +26,10 @@ def interval(count: int, of: int) -> tuple[float, float]:
 
 
 def counted(flags: Iterable[bool]) -> str:
-    """Return the text "n of m" for n True among m flags, with the share's 95 % interval in %."""
+    """Return the text "n of m" for n True among m flags, with the share's 95 % interval in %.
+
+    It is a dash if there are no flags.
+    """
     found = list(flags)
     if not found:
         return "–"
@@ -40,18 +43,28 @@ def judged(trials: Iterable[Trial], model: str) -> list[tuple[Trial, Heard]]:
 
 
 def right(trial: Trial, judgement: Heard) -> bool:
-    """Return whether the last verdict names the leak and there was no alarm before it opened."""
+    """Return whether the last verdict names the leak and there was no alarm before it opened.
+
+    It is False for a healthy rig.
+    """
     early = judgement.alarm_s is not None and judgement.alarm_s < ONSET_S
     return judgement.verdict == trial.leak and not early
 
 
 def wrong(trial: Trial, judgement: Heard) -> bool:
-    """Return whether an alarm was false: on a healthy rig, too early, or with a wrong name."""
+    """Return whether there was an alarm and the judgement is not `right`.
+
+    The alarm was then on a healthy rig, too early, or the last verdict is not the leak.
+    """
     return judgement.alarm_s is not None and not right(trial, judgement)
 
 
 def by_size(trials: Sequence[Trial]) -> str:
-    """Return two tables of a case: alarms and names by size of leak, and figures of right ones."""
+    """Return two tables of a case: alarms and names by size of leak, and figures of right ones.
+
+    Raises:
+        IndexError: there is no trial on a healthy rig, or none with a leak between two `EDGES`.
+    """
     head = ["recordings", *(f"{what}, {model}" for what in ("alarm, wrong", "named right")
                             for model in MODELS)]  # fmt: skip
     rows = [_row("healthy", [trial for trial in trials if trial.leak is None])]
@@ -107,7 +120,7 @@ def _figures(named: Sequence[tuple[Trial, Heard]]) -> list[str]:
 
 
 def by_case(found: Mapping[Case, Sequence[Trial]]) -> str:
-    """Return a table with one row for each case, that is each hidden effect."""
+    """Return a table with a row for each case (hidden effect): wrong alarms, leaks named right."""
     head = ["hidden", "revised model", "wrong alarms, nominal", "revised",
             "leaks named right, nominal", "revised"]  # fmt: skip
     rows = []

@@ -102,7 +102,7 @@ class Trial:
 
     Attributes:
         leak: name of the leak that opened at `ONSET_S`; None for a healthy rig.
-        flow: true mean flow of the leak, L/min; 0 for a healthy rig.
+        flow: true mean flow of the leak (`true_flow`), L/min; 0 for a healthy rig.
         nominal, revised: the detector's judgement with the nominal and with the revised model.
     """
 
@@ -128,7 +128,8 @@ def revised_model(case: Case, rig: RigValues, folder: Path, seed: int) -> Model:
     """Return the revised model of a rig.
 
     If `case.found` is False, it is the nominal model with the case's effect. Otherwise `rig gap`
-    writes it into `folder`; a model that is there from before is only read.
+    writes it into `folder`, from recordings of `rig` drawn by `seed`; a model that is there from
+    before is only read, whatever rig and seed it was made with.
 
     Raises:
         WorkflowFailedError: `rig gap` did not end in a result.
@@ -170,7 +171,10 @@ def runs(case: Case, rig: RigValues, seed: int) -> Iterator[tuple[str | None, fl
 
 
 def true_flow(rig: RigValues, leak: str, made: Recorded) -> float:
-    """Return the true mean flow (L/min) of a leak from `SETTLED_AFTER_S` after its onset on."""
+    """Return the true mean flow (L/min) of a leak from `SETTLED_AFTER_S` after its onset on.
+
+    The flow is taken without a sign, and only of the leak that opens at `ONSET_S`.
+    """
     states = made.truth[round((ONSET_S + SETTLED_AFTER_S) / TICK) :]
     ends = {
         "external_leakage_1": states[:, P1] - states[:, TANK],
@@ -207,7 +211,10 @@ def heard(recording: Recording, model: Model) -> Heard:
 
 
 def tried(case: Case, out: Path, seed: int) -> list[Trial]:
-    """Run the trials of a case, keep them in `out` and return them; kept ones are only read."""
+    """Run the trials of a case, keep them in `out` and return them; kept ones are only read.
+
+    They are kept by the case's effect, so that `seed` has no influence on kept trials.
+    """
     folder = out / case.effect
     folder.mkdir(parents=True, exist_ok=True)
     rig = hiding(case, seed)
