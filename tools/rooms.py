@@ -21,7 +21,11 @@ EXCEPTIONS: Final[dict[str, str]] = {
 
 
 def problems() -> Iterator[str]:
-    """Yield one message for each folder or file that is too big, or needlessly an exception."""
+    """Yield one message for each folder or file that is too big, or needlessly an exception.
+
+    Too big is a folder of `PLACES` with more than `MOST_MODULES` modules, or a module with more
+    than `MOST_LINES` lines that is not in `EXCEPTIONS`.
+    """
     for package in PLACES:
         for folder in [ROOT / package, *sorted((ROOT / package).rglob("*/"))]:
             modules = [file for file in folder.glob("*.py") if file.name != "__init__.py"]

@@ -154,7 +154,8 @@ class Record:
     Attributes:
         command: (n,) V, before each sample.
         measured: (n, 3) position, p1 and p2, SI.
-        truth: (n + 1, 7) true states, SI; row 0 is before the first sample.
+        truth: (n + 1, 7) true states, SI; row 0 is before the first sample. The columns are spool,
+            pressures 1 and 2, position, velocity, spool velocity and load.
     """
 
     command: Array
@@ -240,7 +241,10 @@ def disagreement(library: ctypes.CDLL, contest: Contest, record: Record, length:
 
 
 def filterpy_filter(contest: Contest) -> Any:
-    """Return filterpy's EKF with the filter's tuning and our compiled prediction and Jacobian."""
+    """Return filterpy's EKF with the filter's tuning and our compiled prediction and Jacobian.
+
+    It begins with the x0 and P0 that the thesis prints, and assumes the nominal parameters.
+    """
     ekf = ExtendedKalmanFilter(dim_x=contest.size, dim_z=3)
     ekf.x, ekf.P = thesis.initial_state(contest.with_load)
     ekf.Q, ekf.R = np.diag(contest.process_noise), np.diag(contest.measurement_noise)

@@ -42,6 +42,10 @@ END_MARK: Final = "<!-- table by tools.bench.stream: end -->"
 def follow(endpoint: str, mode: str, seconds: float) -> None:
     """Follow all rigs at an endpoint for a time, and print latency and loss as JSON.
 
+    The object has the numbers of rigs (`rigs`, `alive`), of messages (`batches`) and of rows lost
+    (`missing`), p50 and p99 of the latency (s) since sending (`sent_s`) and since the newest sample
+    (`taken_s`), and the processors used (`cpu`).
+
     Args:
         endpoint: as text.
         mode: of the session, `peer` or `client`.

@@ -40,8 +40,8 @@ def told(rig: str, part: str, record: Record, wall_s: float) -> str:
 def row(rig: str, part: str, record: Record) -> tuple[str, ...]:
     """Return the cells, in the order of `_HEAD`, of the table's row on one part of one rig.
 
-    The times of the devices are empty on the simulated rig, and like the time lost also for parts
-    without which a run goes on.
+    The times of the devices are empty on the simulated rig. They and the time lost are empty for
+    parts without which a run goes on (`OUTLIVED`).
     """
     phases = Counter(kill.rpartition(", ")[2] or "between tests" for kill in record.kills)
     where = ", ".join(f"{phase} {count}" for phase, count in phases.most_common())

@@ -183,5 +183,8 @@ STILL: Final[Mapping[str, Callable[[Generator, int], Motion]]] = {
 
 
 def drawn(name: str, rng: Generator, rows: int) -> Motion:
-    """Return a motion of `rows` rows (1 ms each), of the kind `name` in `MOTIONS` or `STILL`."""
+    """Return a motion of `rows` rows (1 ms each), of the kind `name` in `MOTIONS` or `STILL`.
+
+    Its amplitudes, frequencies, places and gain are drawn by `rng`.
+    """
     return {**MOTIONS, **STILL}[name](rng, rows)

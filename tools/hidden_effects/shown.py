@@ -46,9 +46,11 @@ _MODELLED: Final[Mapping[str, str]] = {
 def smallest_shown(files: Sequence[Path], nuisances: Mapping[str, float]) -> dict[str, float]:
     """Return, by effect, the smallest distance from its neutral value that the recordings show, SI.
 
-    For `valve_rate_limit` it is the largest rate that shows. The distance is infinite (the rate 0)
-    if no plausible size shows. Effects whose size depends on the places that the motion reaches are
-    left out. The rig's other values are those of the nominal model.
+    For an effect on a nuisance, the distance counts from the rig's own value, and only what lies
+    beyond the nuisance's tolerance shows. For `valve_rate_limit`, the largest rate that shows is
+    given in place of a distance. The distance is infinite (the rate 0) if no plausible size shows.
+    Effects whose size depends on the places that the motion reaches are left out. The rig's other
+    values are those of the nominal model.
 
     Args:
         files: recordings to identify with, of a rig in which nothing is hidden.

@@ -11,6 +11,8 @@ _TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.D
 def filled(page: str, tables: Mapping[str, str]) -> str:
     """Return the text of `page` with the given tables put in, by name; other tables stay.
 
+    A table's place is between `<!-- table of NAME -->` and `<!-- end -->`.
+
     Raises:
         ValueError: the page has no place for one of the tables.
     """

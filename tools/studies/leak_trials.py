@@ -80,7 +80,8 @@ class Judgement:
 
     Attributes:
         held: (time in s, verdict) of the first decision and of each that changed the verdict.
-        ratios: statistic divided by threshold, of each decision; there is one in half a second.
+        ratios: statistic divided by threshold, of each decision; there is one in half a second. It
+            is 0 where it would not be finite.
         flow, deviation: last estimate of the leak flow and its standard error, L/min; None if the
             last decision names no leak.
     """

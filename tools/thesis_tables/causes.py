@@ -169,7 +169,7 @@ class Chatter:
 
 
 def chatter(trial: Trial, speed: float) -> Chatter:
-    """Compare a thesis filter's velocity with the true one; slow is truly below `speed` (m/s).
+    """Compare a thesis filter's velocity with the true one; a true speed below `speed` is slow.
 
     The trial's first `STARTED_S` are left out. An innovation is NaN if no sample has its speed.
     """

@@ -28,7 +28,8 @@ KINDS: Final = (*EXTERNAL, INTERNAL)
 def validation_tables(measured: Measured | None) -> dict[str, str]:
     """Return section 3.2's tables by motion; with `measured`, they have columns for recordings.
 
-    They compare the printed differences with those of the recorded simulated rig.
+    Each table has the printed figures on what was recorded less what the model simulates, beside
+    those for the simulated rig.
     """
     simulated = run_simulated()
     return {motion: _validation_table(motion, simulated, measured) for motion in PRINTED}
@@ -68,7 +69,10 @@ def unloaded_table(trials: Trials, printed: PrintedTable, *, sine: bool = True) 
 
 
 def loaded_tables(trials: Trials, printed: PrintedTable) -> dict[str, str]:
-    """Return a section's tables of chapter 7 by kind of leak, and a sentence with `counts`."""
+    """Return a section's tables of chapter 7 by kind of leak, and under `counts` counts over all.
+
+    The counts are a sentence (`counted`).
+    """
     columns = {kind: columns_of(trials, printed, (kind,)) for kind in KINDS}
     tables = {kind: leak_table(of_kind, 5) for kind, of_kind in columns.items()}
     return tables | {"counts": counted([c for of_kind in columns.values() for c in of_kind])}

@@ -35,7 +35,9 @@ _POSITIONS: Final = (0.02, 0.1, 0.3)
 def levels_table() -> str:
     """Return a table of the filters' innovations on healthy rigs, with one row for each rig.
 
-    The rigs are ever more like the model. The last row has the error of one forward-Euler step.
+    The columns are the thesis's filters in all `MOTIONS`, and the product filter in the first and
+    the last of them. The rigs are ever more like the model. The last row has the error of one
+    forward-Euler step.
     """
     first, last = MOTIONS[0][0], MOTIONS[-1][0]
     head = ["mean absolute innovation, chamber 1 / 2 (1e5 Pa)"]
@@ -144,7 +146,11 @@ def runaway_table(trials: Trials) -> str:
 
 
 def runaway_figures(trials: Trials) -> dict[str, str]:
-    """Return the figures that the page's text beside `runaway_table` uses, by name."""
+    """Return the figures that the page's text beside `runaway_table` uses, by name, as text.
+
+    They are the ends of the measured position, the positions at which a chamber is empty (all m),
+    and the standard deviations that the filter assumes of pressure (kPa) and position (cm).
+    """
     trial = trials.healthy()
     position, pressure = (sqrt(variance) for variance in THESIS7_MEASUREMENT_NOISE[:2])
     empty_1, empty_2 = empty_chamber(trial.model.parameters)
