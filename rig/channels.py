@@ -153,7 +153,7 @@ def names_of(*kinds: Kind) -> tuple[str, ...]:
 
 
 def names_from(source: Source) -> tuple[str, ...]:
-    """Return the names of the channels that a device usually supplies."""
+    """Return the names of the channels that a device usually supplies, in `CHANNELS`' order."""
     return tuple(channel.name for channel in CHANNELS if channel.source is source)
 
 

@@ -39,7 +39,10 @@ Other checkouts of the software have their folders in the same place.
 
 
 def source_key(root: Path) -> str:
-    """Return a digest of Python's version and all sources below `root` that may be compiled."""
+    """Return a digest, 16 hex digits, of Python's version and all sources that may be compiled.
+
+    `root` is the folder that holds the packages `rig`, `control` and `estimator`.
+    """
     digest = sha256(sys.version.encode())
     for package in _COMPILED:
         here = root / package
@@ -50,7 +53,7 @@ def source_key(root: Path) -> str:
 
 
 def drivers_key() -> str:
-    """Return a digest of all other packages that have drivers; "" if there are none.
+    """Return a digest, 16 hex digits, of the other packages with drivers; "" if there are none.
 
     numba cannot read code that it cached for a driver whose package is not installed any more.
     """
@@ -80,8 +83,9 @@ def _sources_of(package: str) -> list[Path]:
 def use_compile_cache() -> None:
     """Make numba use the cache folder of the present sources, unless NUMBA_CACHE_DIR is set.
 
-    The folder is in the user's cache directory (XDG_CACHE_HOME). If it cannot be written, numba
-    chooses a folder by itself. A new folder removes the ones that were not used for longest.
+    The folder is in the user's cache directory (XDG_CACHE_HOME, else ~/.cache). If it cannot be
+    written, numba chooses a folder by itself. When a folder is made, only the 12 that were used
+    last are kept.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
@@ -101,7 +105,7 @@ def use_compile_cache() -> None:
 
 
 def marks_folder() -> Path | None:
-    """Return the folder for files that mark which pieces are compiled; None if nothing is cached.
+    """Return the folder for files that mark what is compiled; None without a cache to write to.
 
     Each processor type and each version of numba has another folder, as numba compiles anew for
     each of them. The folder is made if missing.

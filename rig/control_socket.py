@@ -25,7 +25,7 @@ _PATIENCE_S: Final = 2.0
 
 
 class ControlError(ValueError):
-    """The error of a request that a campaign did not accept.
+    """The error of a request that a campaign refused, or that no campaign answered.
 
     Attributes:
         problems: the reasons, as one line each.
@@ -50,12 +50,13 @@ def ask(
     Args:
         folder: folder of the run.
         request: the request, one of `rig.runner.campaign.operator_requests.Request`.
-        text: text of a note; a remark on any other request, which is recorded with it.
+        text: text of a note; a remark on any other request, recorded with it; empty for none.
         test: name of the test to skip or to retry; empty for the present one.
         wait_s: time in s for which an answer is awaited.
 
     Raises:
-        ControlError: no campaign runs there, it does not answer, or it refused the request.
+        ControlError: no campaign runs there, it belongs to another user, it does not answer in time
+            or as a campaign does, or it refused the request.
     """
     content = {"request": str(request), "text": text, "test": test}
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
@@ -93,9 +94,10 @@ def _why(error: Exception) -> str:
 
 @contextmanager
 def address_of(folder: Path) -> Iterator[str]:
-    """Give the block the address of the socket in a folder.
+    """Give the block the address of the control socket in a folder; the socket need not exist.
 
-    It is a short path by the folder's descriptor, as a socket's address has at most 107 bytes.
+    It is a short path by the folder's descriptor, as a socket's address has at most 107 bytes, and
+    is valid within the block only.
 
     Raises:
         OSError: the folder cannot be opened.
@@ -110,14 +112,16 @@ def address_of(folder: Path) -> Iterator[str]:
 def line_from(connection: socket.socket, longest: int = LONGEST_LINE) -> bytes:
     """Receive a line and return it with its newline.
 
-    The connection's timeout, or 2 s without one, limits the whole line.
+    The connection's timeout, or 2 s without one, limits the whole line; it is changed meanwhile and
+    not set back. Nothing may follow the line, or the call goes on waiting for another newline.
 
     Args:
         connection: the connection.
         longest: most bytes of the line.
 
     Raises:
-        EndlessLineError: the line does not end in time, or is too long.
+        EndlessLineError: the line does not end in time, or is too long, or the other end closes the
+            connection before.
         OSError: the connection is lost.
     """
     received = b""

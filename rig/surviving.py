@@ -25,7 +25,8 @@ class Surviving:
     Args:
         what: name of the activity that goes on, for the line that reports a failure: "the control
             port".
-        tell: is called with that line, once for each different failure, from any thread.
+        tell: is called with that line, once for each different failure of the first `MOST_TOLD`,
+            from the thread that failed.
 
     Attributes:
         count: number of failures so far, repetitions included.
@@ -53,7 +54,7 @@ class Surviving:
         return True
 
     def note(self, error: Exception) -> None:
-        """Count a failure, and report it if the same one was not reported before."""
+        """Count a failure; report it, unless the same one or `MOST_TOLD` others were reported."""
         self.count += 1
         line = failure(error)
         if line in self._told or len(self._told) >= MOST_TOLD:
@@ -65,7 +66,10 @@ class Surviving:
 
 
 def failure(error: BaseException) -> str:
-    """Return an exception on one line, with the place in the program where it was raised."""
+    """Return an exception's type and text on one line, with the file and line where it was raised.
+
+    Type and text are cut after `LONGEST` characters; an exception that was not raised has no place.
+    """
     text = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
     frames = extract_tb(error.__traceback__)
     return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text

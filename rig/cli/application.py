@@ -116,10 +116,10 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def is_bad_input(error: BaseException) -> bool:
-    """Return whether an error lists problems of the input, rather than being a bug.
+    """Return whether an error is a ValueError that lists problems of the input, rather than a bug.
 
-    ConfigError, RecordingError, RequestError and DirectoryError list problems. They are recognised
-    by their attribute `problems`, as importing them all would cost `rig --help` half a second.
+    ConfigError, RecordingError, RequestError, RunError and others do, by an attribute `problems`
+    that is not empty. Their classes are not imported, as `rig --help` would take longer by 0.5 s.
     """
     return isinstance(error, ValueError) and bool(getattr(error, "problems", None))
 

@@ -21,7 +21,8 @@ class Address:
     Attributes:
         host: host name or IP address, without brackets.
         port: the port; 0 for any free one.
-        names: allowed values of a browser's header Host, lower case: host names with port.
+        names: allowed values of a browser's header Host, lower case: host names with port, for the
+            ports 80 and 443 also without.
         certificate: PEM file of the server's certificate; None without TLS.
         key: PEM file of the certificate's private key; None without TLS.
     """
@@ -56,8 +57,9 @@ def address_of(
         key: PEM file of its private key; None without TLS.
 
     Raises:
-        AddressError: the text is no address, other machines could reach it without TLS, or the
-            certificate is unusable.
+        AddressError: the text is no address, only one of certificate and key is given, other
+            machines could reach it without TLS, the certificate is unusable, or the host is every
+            address of this machine and `names` is empty.
     """
     host, colon, port_text = listen.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")

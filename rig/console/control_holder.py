@@ -33,7 +33,7 @@ class ControlHolder:
     since_ns: int = 0
 
     def take(self, visitor: Visitor, *, over: bool = False) -> None:
-        """Give a visitor control.
+        """Give a visitor control; do nothing if the visitor has it already.
 
         Args:
             visitor: the visitor who asks for control.

@@ -95,14 +95,17 @@ class Curves:
         return not self._points
 
     def begin(self) -> None:
-        """Drop all points and begin a new epoch, as another run begins."""
+        """Drop all points and begin a new epoch, so that stored rows are added anew.
+
+        `count` goes on.
+        """
         self.epoch += 1
         self.next_row = 0
         self._points.clear()
         self._test = None
 
     def take(self, window: Window, period_s: float) -> None:
-        """Add points for the rows of a window that are new; begin anew if row numbers fell back.
+        """Add points, one every `POINT_S`, for a window's new rows; begin anew if rows fell back.
 
         Args:
             window: samples of `CHANNELS`.

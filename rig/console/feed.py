@@ -48,7 +48,10 @@ class Sections:
         self._lock = threading.Lock()
 
     def put(self, name: str, content: Any) -> None:
-        """Set the content of a section; number the change if the content differs from before."""
+        """Set a section's content; number the change if its JSON differs from before.
+
+        The content must be JSON values without NaN and infinity.
+        """
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
         # The lock is needed as orders are carried out, and reported, in threads.
         with self._lock:
@@ -88,7 +91,10 @@ class RigFeed:
         return f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}"
 
     def follow(self, client: StreamClient, now: float) -> None:
-        """Update sections and curves with what the client received since the last call."""
+        """Update the curves with what the client received; every `NOTICED_S` the sections too.
+
+        `now` is a monotonic time in s.
+        """
         if now - self._noticed_at >= NOTICED_S:
             self._noticed_at = now
             snapshot = client.snapshot(self.rig)
@@ -144,7 +150,10 @@ class Feed:
         self._survives = Surviving("showing a rig", self.notice)
 
     def tick(self, now: float) -> None:
-        """Update the content of every rig with what the client received since the last tick."""
+        """Update the content of every rig with what the client received since the last tick.
+
+        `now` is a monotonic time in s. An error with one rig becomes a notice and stops no other.
+        """
         living: dict[str, Life] = {}
         for rig in self._client.rigs():
             feed = self._rigs.setdefault(rig, RigFeed(rig))

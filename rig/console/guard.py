@@ -40,7 +40,7 @@ class Guard:
 
     Args:
         application: the application that serves the other requests.
-        hosts: allowed values of the header Host: names of the console, with port.
+        hosts: allowed values of the header Host, in lower case: names of the console, with port.
         secure: whether the console is served over TLS.
         refused: is called at each refusal with the sender's address and the reason.
     """
@@ -62,7 +62,7 @@ class Guard:
         self._refused = refused
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse a request, or pass it on to the application."""
+        """Refuse a request, or pass it on to the application; `lifespan` events pass unchecked."""
         if scope["type"] == "lifespan":
             await self._application(scope, receive, send)
             return

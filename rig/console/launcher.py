@@ -45,7 +45,7 @@ Open = Callable[..., "subprocess.Popen[bytes]"]
 
 
 class LaunchRefused(Exception):  # noqa: N818 (a refusal, not a failure)
-    """The error of a campaign that is not started; its message is the reason."""
+    """The error of a campaign that is not started, or not resumed; its message is the reason."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,8 @@ def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
             If there are none, all shipped campaigns are offered.
 
     Raises:
-        ConfigError: lists every campaign that cannot be read, and every name that occurs twice.
+        ConfigError: lists every reference that does not exist; or else every file that cannot be
+            read, and every name that occurs twice.
     """
     shipped = shipped_config_dir() / "campaigns"
     found: dict[str, Offer] = {}
@@ -179,7 +180,7 @@ class Launcher:
         self._launched: list[Launched] = []
 
     def start(self, name: str) -> None:
-        """Start an offered campaign in a new folder.
+        """Start an offered campaign, by its name, in a new folder; do not wait for its end.
 
         Raises:
             LaunchRefused: it is not offered, nothing may be started here, another run that was
@@ -196,7 +197,7 @@ class Launcher:
         self._run(name, folder, on, [offer.reference, *rig, "--out", str(folder)])
 
     def go_on(self, name: str) -> None:
-        """Resume an unfinished run, which is given by its folder's name.
+        """Resume one of the `unfinished` runs, which is given by its folder's name.
 
         Raises:
             LaunchRefused: there is no such unfinished run, nothing may be started here, another run
@@ -209,7 +210,7 @@ class Launcher:
         self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume"])
 
     def rig_of(self, name: str) -> str:
-        """Return the rig on which an offered campaign would run; "" if it is not offered."""
+        """Return path or name of the rig on which an offered campaign would run; "" if no offer."""
         offer = self.offers.get(name)
         return "" if offer is None else self._rig or offer.rig
 
@@ -288,7 +289,11 @@ class Launcher:
         }
 
     def unfinished(self) -> list[dict[str, str]]:
-        """Return folder and campaign of the newest runs that were stopped or killed."""
+        """Return folder's name and campaign of the newest runs that did not end of themselves.
+
+        They were stopped or killed, or are still under way, as their journals do not differ. At
+        most `MOST_RUNS` are returned.
+        """
         journals = sorted(self._folder.glob(f"*/{JOURNAL}"), key=_modified, reverse=True)
         found: list[dict[str, str]] = []
         for journal in journals[:50]:

@@ -30,7 +30,7 @@ _KEYS: Final = frozenset({"order", "rig", "text", "name"})
 
 
 class MalformedError(ValueError):
-    """The error of a request that is not an order; the message says why."""
+    """The error of a request that is not an order; the message says why, for "the order ..."."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class Order:
 
     Attributes:
         order: the kind of order, one of `ORDERS`.
-        rig: id of the rig, for a command; else empty.
+        rig: id of the rig, for a command or a stop; if empty, the only rig that is known, or for a
+            stop the only one that is alive.
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
             run to resume; else empty.
@@ -55,7 +56,8 @@ def parse(body: bytes) -> Order:
     """Return the order in the body of a request.
 
     Raises:
-        MalformedError: the body is not an order.
+        MalformedError: the body is not a JSON object of texts with the keys of `Order`, its kind is
+            not in `ORDERS`, or a text is too long.
     """
     try:
         content = json.loads(body)

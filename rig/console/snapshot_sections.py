@@ -40,7 +40,10 @@ STAGES: Final = (
 
 
 def sections(snapshot: Snapshot) -> dict[str, Any]:
-    """Return all that is shown of a rig, except its curves, by section."""
+    """Return all that is shown of a rig, except its curves: section -> JSON values.
+
+    Values are in units of the screen, which their keys name; None stands for what is not known.
+    """
     return {
         "life": _life(snapshot),
         "readings": _readings(snapshot),

@@ -80,12 +80,12 @@ class Visitors:
         self._count = 0
 
     def log_in(self, token: str, name: str, address: str) -> str:
-        """Log a visitor in, and return the cookie.
+        """Log a visitor in, and return the cookie; spaces around token and name do not count.
 
-        If there are too many visitors, the oldest login ends.
+        If there are too many visitors, the oldest login ends. The right token is always accepted.
 
         Raises:
-            LoginRefused: the token is wrong, or the name is missing or too long. After too many
+            LoginRefused: the token is wrong, or the name is missing or too long. After `FAILURES`
                 wrong tokens from this address, the error gives a time to wait.
         """
         # Digests have the same length, so the time of the comparison shows nothing of the token.

@@ -23,8 +23,9 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
     Parquet, MCAP and MF4, and beside a CSV in `NAME.json`. MF4 needs asammdf, and is not read back.
 
     Raises:
-        RecordingError: the extension is unknown, the folder does not exist, or a channel name or
-            the metadata cannot be written.
+        RecordingError: the extension is unknown, the folder does not exist, a channel name or the
+            metadata cannot be written, or asammdf is needed and not installed.
+        OSError: a file cannot be written.
     """
     name = fspath(path)
     target = Path(name)

@@ -18,7 +18,8 @@ class Column:
 def mapped(table: Table, columns: Mapping[str, Column], needed: Sequence[str]) -> set[str]:
     """Rename and scale a table's columns to channels, in place; return the needed ones it lacks.
 
-    For each of the latter a problem is added to the table.
+    For each of the latter a problem is added to the table. A needed channel that `columns` does not
+    name is not looked for.
 
     Args:
         table: the table, which is changed.

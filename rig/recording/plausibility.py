@@ -44,7 +44,11 @@ _PRESSURE_UNITS: Final = (
 
 
 def implausible_values(table: Table) -> Iterator[RecordingProblem]:
-    """Yield a problem, with the likely unit, for each channel whose values are implausible."""
+    """Yield a problem, with the likely unit, for each channel whose values are implausible.
+
+    Position, setpoint, spool, command and pressures are checked for too large magnitudes. Chamber
+    pressures (both together) and supply pressure are also checked for a maximum below 0.05 MPa.
+    """
     for name, span in _SPANS.items():
         if name in table.columns:
             yield from _beyond(table, name, span)

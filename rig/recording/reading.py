@@ -38,7 +38,9 @@ def read_recording(
 
     Required channels must have a finite value in every row, except where the loop recorded that a
     measured sample is missing. In other channels NaN (in CSV an empty cell) is a missing sample.
-    Samples must be 1 ms apart, without gaps.
+    Samples must be 1 ms apart within 1 %, without gaps, for 1 s at least. A CSV's metadata and
+    events come from `NAME.json` beside it; if that describes other data, it is ignored with a
+    warning.
 
     Args:
         path: the file.
@@ -47,7 +49,7 @@ def read_recording(
         of_rig: whether values that no servo-hydraulic rig shows are refused.
 
     Raises:
-        RecordingError: lists every problem of the file, each with line and remedy.
+        RecordingError: lists every problem of the file, each with remedy and, if it has one, line.
     """
     name = fspath(path)
     extension = extension_of(name)

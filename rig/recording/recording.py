@@ -18,7 +18,7 @@ REPLAY_CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened at a time: an injected fault, a trip, an operator's note."""
+    """Something that happened at a time, s as in `time_s`: an injected fault, a trip, a note."""
 
     time_s: float
     kind: str

@@ -36,7 +36,7 @@ class RecoverySummary:
         path_out: the file that was written.
         samples_kept: samples that were written.
         samples_dropped: readable samples that were left out, on the other side of a gap.
-        first_time_s, last_time_s: times of the first and the last sample that were written.
+        first_time_s, last_time_s: times in s of the first and the last sample that were written.
         events_kept: events that were written.
         lost: one sentence on each loss.
     """
@@ -61,14 +61,15 @@ class RecoverySummary:
 
 
 def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> RecoverySummary:
-    """Write the longest unbroken stretch of samples, with metadata and events, to path_out.
+    """Write the longest unbroken stretch of samples, with metadata and all events, to path_out.
 
     A filter needs samples without gaps, so only the longest part is written if damage splits the
     recording. Every chunk is checked by its checksum. The key `recovered` is added to the metadata.
 
     Raises:
-        RecordingError: path_out exists or does not end with .mcap, or path_in has no readable
-            sample or is not a recording.
+        RecordingError: path_out exists, is in no folder or does not end with .mcap, or path_in does
+            not exist, has no readable sample, or is not a recording of rig.
+        OSError: a file cannot be read or written.
     """
     source, target = fspath(path_in), fspath(path_out)
     problems = _path_problems(source, target)

@@ -98,7 +98,7 @@ def _conversion(name: str) -> str:
 
 
 def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the indices (first, last) of every run of True in a mask of shape (n,)."""
+    """Return the indices (first, last), both within, of every run of True in a mask, shape (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
 

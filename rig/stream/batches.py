@@ -47,7 +47,7 @@ class Batches:
         The rows gathered so far must have been flushed before.
 
         Args:
-            names: names of the columns, `time_s` among them.
+            names: names of the columns, `time_s` among them, which is no channel of the batches.
             units: unit of each column.
             test: number of the test that the rows belong to.
         """

@@ -73,7 +73,7 @@ class StreamClient:
         settings: the profile; `rig.configuration.rigs.stream.load_stream` reads one.
         connect: endpoints to connect to, instead of the profile's.
         rig: id of the rig; `*` for all.
-        window_s: how long samples are stored.
+        window_s: how long in s samples are stored after their arrival.
         history: whether each rig that appears is asked for its past messages.
         credentials: name and key to sign commands with; if None, those of the profile's first
             operator, which are read when a command is sent.
@@ -83,7 +83,9 @@ class StreamClient:
             called from any thread. If None, the line is written to stderr.
 
     Raises:
-        StreamError: the session cannot be opened. It is no error if there is no rig or router yet.
+        StreamError: a file of the profile cannot be read, or the session cannot be opened. It is no
+            error if there is no rig or router yet. In mode `client` the session is opened later, in
+            the client's thread, which passes errors to `on_failure` and tries again.
     """
 
     def __init__(
@@ -138,7 +140,7 @@ class StreamClient:
             thread.join()
 
     def rigs(self) -> tuple[str, ...]:
-        """Return the sorted ids of all rigs that were seen on the stream, dead ones included."""
+        """Return the sorted ids of all rigs that were heard on the stream, dead ones included."""
         with self._lock:
             return tuple(sorted(self._views))
 
@@ -166,7 +168,7 @@ class StreamClient:
             return self._view(rig).snapshot(time.time_ns())
 
     def window(self, last_s: float, names: tuple[str, ...] = (), rig: str | None = None) -> Window:
-        """Return a rig's stored samples of the last seconds of rig time.
+        """Return a rig's stored samples of the last seconds of rig time, in whole batches.
 
         Args:
             last_s: length of the window in s.
@@ -180,12 +182,14 @@ class StreamClient:
             return self._view(rig).window(last_s, names)
 
     def history(self, last_s: float, rig: str | None = None, timeout_s: float = ANSWER_S) -> Window:
-        """Ask a rig for its past samples, and return the window of the last seconds with them.
+        """Ask a rig for its past messages, await them, and return the window of the last seconds.
+
+        Samples that came longer ago than the client's `window_s` are not stored.
 
         Args:
             last_s: how far back to ask, in s; the rig may have less.
             rig: id of the rig; None for the only known one.
-            timeout_s: how long each question waits for its answers.
+            timeout_s: how long in s each question, one for each kind of message, waits for answers.
 
         Raises:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
@@ -210,13 +214,13 @@ class StreamClient:
         Args:
             command: the command.
             rig: id of the rig; None for the only known one.
-            text: a remark, which is recorded with the command.
-            timeout_s: how long to wait for the answer.
+            text: a remark, which is recorded with the command; cut off after 500 characters.
+            timeout_s: how long in s to wait for the answer.
             test: name of the test to skip or retry; empty for the present one.
 
         Raises:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
-            KeyFileError: the operator's key cannot be used.
+            KeyFileError: the operator's key cannot be read or made; only at the first command.
         """
         with self._lock:
             view = self._view(rig)

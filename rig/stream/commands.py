@@ -164,7 +164,8 @@ class Gate:
         """Return the command in a payload that came on the key of the command `name`.
 
         Raises:
-            Refused: the command must not be obeyed.
+            Refused: the command must not be obeyed, for a reason that the module names. No operator
+                at all is one too, and so are too many senders at once (`SENDERS_KEPT`).
         """
         if not self._operators:
             raise Refused("denied", "this stream takes no commands")
@@ -246,7 +247,7 @@ def _mapping(
 
 
 def gate_of(settings: StreamSettings, rig: str, session: str) -> Gate:
-    """Return the gate of a rig's stream, after reading the keys of its operators.
+    """Return the gate of a rig's stream, after reading its operators' keys.
 
     Raises:
         KeyFileError: a key cannot be used.
@@ -333,5 +334,5 @@ def local_key() -> bytes:
 
 
 def fingerprint(payload: bytes) -> str:
-    """Return a short digest of a refused payload, by which it can be found in a network capture."""
+    """Return 12 hex digits of SHA-256 of a refused payload, to find it in a network capture."""
     return sha256(payload).hexdigest()[:12]

@@ -58,7 +58,9 @@ def command_key(rig: str, command: str) -> str:
 
 
 def rig_and_kind(text: str) -> tuple[str, str]:
-    """Return the rig's id and the kind of message in a Zenoh key.
+    """Return the rig's id and the rest of a Zenoh key: a kind, `alive` or `command/<name>`.
+
+    Whether such a kind exists is not checked.
 
     Raises:
         MessageError: it is no key of this version, or it does not name a single rig.
@@ -72,7 +74,10 @@ def rig_and_kind(text: str) -> tuple[str, str]:
 
 
 def rig_id(name: str) -> str:
-    """Return a rig's id for Zenoh keys: its name with all but letters, digits, `.`, `_` as `-`."""
+    """Return a rig's id: its name with `-` for all but letters, digits, `.`, `_`; "rig" if "".
+
+    It is a part of every Zenoh key.
+    """
     kept = "".join(sign if sign.isalnum() or sign in "._-" else "-" for sign in name)
     return kept or "rig"
 
@@ -148,7 +153,7 @@ class Samples:
     Attributes:
         channels_id: the `id` of the message `channels` that names the columns.
         first_row: number of the first row since the session's start. Rows that are missing between
-            two batches were lost on the way, or overwritten before they were sent.
+            two batches were lost on the way, or dropped or overwritten before they were sent.
         test: number of the test that the samples belong to; 0 outside of tests.
         newest_ns: wall clock at which the newest sample was taken, ns since 1970.
         time_s: (n,) time of each sample within its test, s.
@@ -179,8 +184,8 @@ class Samples:
         """Return the batch in the content of a message.
 
         Raises:
-            MessageError: the content is no batch, its arrays do not have the stated length, or a
-                time is not finite or beyond `LONGEST_TEST_S`.
+            MessageError: the content is no batch, has no rows, its arrays do not have the stated
+                length, or a time is not finite or beyond `LONGEST_TEST_S`.
         """
         _check("samples", content)
         rows, packed = content["rows"], (content["time_s"], content["values"])
@@ -204,7 +209,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Channels:
-    """Names and units of the columns of samples, with the number by which batches refer to them."""
+    """Names and SI units of the columns of samples; batches refer to them by their `number`."""
 
     number: int
     names: tuple[str, ...]
@@ -219,7 +224,8 @@ class Channels:
         """Return the channels in the content of a message.
 
         Raises:
-            MessageError: the content names no channels, or not as many units as names.
+            MessageError: the content lacks names, units or number, or has not as many units as
+                names.
         """
         _check("channels", content)
         names, units = tuple(content["names"]), tuple(content["units"])
@@ -229,7 +235,10 @@ class Channels:
 
 
 def finite(value: Any) -> Any:
-    """Return a value for a message, with plain types, and None in place of NaN and infinity."""
+    """Return a value for a message, with plain types, and None in place of NaN and infinity.
+
+    Maps and sequences are converted throughout, with text keys; any other number becomes a float.
+    """
     if isinstance(value, Mapping):
         return {str(name): finite(item) for name, item in value.items()}
     if isinstance(value, str | bytes | bool | int) or value is None:

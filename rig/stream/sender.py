@@ -30,7 +30,7 @@ class StreamSender:
     Args:
         session: an open Zenoh session, which is not closed here.
         rig: the rig's id.
-        history_s: how long samples are stored for late joiners.
+        history_s: how long in s samples are stored for late joiners.
         on_failure: is called, from another thread, with a line on each answer to a late joiner that
             failed; later questions are answered all the same.
 
@@ -63,7 +63,10 @@ class StreamSender:
         self._queryable = session.declare_queryable(key(rig, "*"), self._asked)
 
     def send(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Number, store and send a message; it is dropped for readers that do not keep up."""
+        """Number, store and send a message; it is dropped for readers that do not keep up.
+
+        Of kinds in `LASTING` only the newest message is stored. The content must be packable.
+        """
         sequence = self.sequences.get(kind, _BEFORE_ALL) + 1
         self.sequences[kind] = sequence
         now_ns = time.time_ns()

@@ -47,13 +47,16 @@ class UnreachableError(StreamError):
 def publisher_session(settings: StreamSettings) -> zenoh.Session:
     """Return an open session that publishes a rig's stream.
 
-    On loopback any number of rigs share the profile's port. The first rig listens on it; the others
-    listen on free ports and connect to the first, which makes them known to readers. When the first
-    has gone, another one takes over the port.
+    With a peer profile on loopback, without TLS, login and access control, any number of rigs share
+    the profile's port. The first rig listens on it; the others listen on free ports and connect to
+    the first, which makes them known to readers. When the first has gone, another takes the port.
+    In mode `client` the router must be reached now; other modes do not wait for those they connect
+    to.
 
     Raises:
-        UnreachableError: the router is not reached.
-        StreamError: the session cannot be opened.
+        UnreachableError: in mode `client`, no router is reached within `REACH_MS`.
+        StreamError: the session cannot be opened: a port is taken (other profiles than those that
+            share it), or a certificate or password file is missing or wrong.
     """
     listen, connect = list(settings.listen), list(settings.connect)
     if _is_shared(settings):
@@ -80,8 +83,8 @@ def subscriber_session(settings: StreamSettings, connect: Sequence[Endpoint] = (
             on.
 
     Raises:
-        UnreachableError: the router is not reached.
-        StreamError: the session cannot be opened.
+        UnreachableError: in mode `client`, no router is reached within `REACH_MS`.
+        StreamError: the session cannot be opened, as for a missing certificate or password file.
     """
     where = tuple(connect) or settings.connect or settings.listen
     shared = all(endpoint.is_loopback and endpoint.protocol == "tcp" for endpoint in where)
@@ -99,7 +102,7 @@ def subscriber_session(settings: StreamSettings, connect: Sequence[Endpoint] = (
 
 
 def check_files(settings: StreamSettings) -> None:
-    """Raise unless all files that a profile names can be read.
+    """Raise unless all files of a profile's TLS and login can be read; leave operators' keys out.
 
     Raises:
         StreamError: a file does not exist or cannot be read.

@@ -53,10 +53,11 @@ class Snapshot:
     Attributes:
         rig: the rig's id.
         session: name of the publisher's session; empty before any message came.
-        alive: whether the rig's liveliness token is there and its last message is recent enough.
-        age_s: time since its last message came; None if none ever came.
+        alive: whether the rig's liveliness token is there and its last message came less than
+            `DEAD_AFTER` heartbeat periods ago.
+        age_s: time in s since its last message came; None if none ever came.
         restarts: number of times that a new session replaced an earlier one.
-        names: names of the channels of the newest sample.
+        names: names of the channels of the newest sample; empty if there is none.
         units: units of these channels.
         time_s: time of the newest sample within its test, s; NaN if there is none.
         test: number of the test that the newest sample belongs to; 0 outside of tests.
@@ -185,6 +186,8 @@ class RigView:
     def take(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
         """Process a message that the rig has just sent.
 
+        Samples are stored only if the message `channels` that names their columns came before.
+
         Args:
             kind: kind of the message.
             content: its content, from `unpack`.
@@ -205,6 +208,8 @@ class RigView:
 
     def take_past(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
         """Process a past message that was asked for; ignore it if it is known or superseded.
+
+        Past samples fill gaps, and are stored only if their `channels` came before.
 
         Args:
             kind: kind of the message.
@@ -261,7 +266,7 @@ class RigView:
         )
 
     def is_alive(self, now_ns: int) -> bool:
-        """Return whether the rig's token is there and its last message is recent enough.
+        """Return whether the token is there and a message came in the last four heartbeat periods.
 
         Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
         """
@@ -272,7 +277,8 @@ class RigView:
     def window(self, last_s: float, names: tuple[str, ...] = ()) -> Window:
         """Return the stored samples of the last seconds of rig time; all channels if none is named.
 
-        The window may cover several tests. A channel is NaN in batches that do not have it.
+        The window may cover several tests, and has up to a batch more than asked for. Time between
+        tests and gaps does not count. A channel is NaN in batches that do not have it.
         """
         batches = self._last_batches(last_s)
         if not names:

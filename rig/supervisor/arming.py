@@ -26,9 +26,11 @@ WITHIN_LIMITS_M: Final = 0.02
 def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: str) -> None:
     """Set slow outputs, and wait until their feedback shows the wanted values.
 
+    Outputs that no driver has are ignored, and outputs without a feedback are not awaited.
+
     Args:
         rig: the rig.
-        wanted: output -> value.
+        wanted: slow output -> value, SI.
         state: the state that the error names if the feedback does not come within `SETTLE_S`.
         action: the remedy that the error names then.
 
@@ -42,11 +44,12 @@ def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: st
 def arm(rig: ConnectedRig) -> None:
     """Load the pump, shut the bypasses, and have the operator enable the valve.
 
-    The state machine refuses this while the emergency stop is open.
+    If the valve is enabled already, no reset is awaited. Afterwards the loop holds the ram.
 
     Raises:
-        TripError: the emergency stop is open, pump or valves do not follow, nobody pressed reset
-            in time, or the rig tripped or was stopped.
+        TripError: no sample comes, the emergency stop is open or the loop reports a standing cause,
+            pump or valves do not follow, nobody pressed reset within `RESET_S`, a process does not
+            answer, or the rig tripped or was stopped.
     """
     rig.wait(
         lambda: np.isfinite(rig.latest("position_m")), ANSWER_S,
@@ -77,11 +80,13 @@ def arm(rig: ConnectedRig) -> None:
 
 
 def home(rig: ConnectedRig) -> None:
-    """Find the encoder's zero, unless the rig is homed; leave the ram held within its limits.
+    """Find the encoder's zero at a stroke end; then hold the ram within its position limits.
+
+    A rig whose state is not `State.NOT_HOMED` is left as it is.
 
     Raises:
-        TripError: no stroke end was found reliably, homing is not allowed before a run, or the rig
-            tripped or was stopped.
+        TripError: no stroke end was found reliably, homing is not allowed before a run, the ram
+            stays at the end, a process does not answer, or the rig tripped or was stopped.
     """
     if rig.state is not State.NOT_HOMED:
         return

@@ -73,17 +73,20 @@ class Motions(Protocol):
         """Open the ball valve of a bypass, and its needle to `opening`, 0 to 1."""
 
     def feedback(self, kind: str) -> float:
-        """Return the opening, 0 to 1, that the needle of a bypass reports."""
+        """Return the last opening, 0 to 1, that a bypass's needle reported; NaN if it has none."""
 
     def rest(self, duration_s: float) -> Samples:
-        """Hold the ram for a time in s, and return the samples of that time."""
+        """Hold the ram in mid stroke for a time in s, and return the samples of that time."""
 
     def stroke(self, direction: float) -> Samples:
-        """Move the ram slowly out (1) or in (-1), and return the samples of the motion."""
+        """Move the ram slowly through mid stroke, out (1) or in (-1); return the samples of it."""
 
 
 def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
     """Return fault -> bypass valve for the valves to calibrate.
+
+    A bypass can be calibrated if it has a flow meter (`WAYS`) that a driver reads, and a driver
+    moves its valves.
 
     Args:
         rig: the rig.
@@ -130,12 +133,13 @@ def calibrate(
         motions: moves the rig's ram and bypass valves.
         valves: fault -> bypass valve, for those to calibrate; see `calibratable`.
         openings: needle openings to measure at, from 0 to 1, increasing.
-        return_pressure_Pa: pressure of the return line, into which external bypasses lead.
+        return_pressure_Pa: pressure of the return line in Pa, into which external bypasses lead.
         date: day of the calibration.
         on_measured: is called with fault and measurement after each measurement.
 
     Raises:
-        CalibrationError: the measurements make no calibration; the error says why.
+        CalibrationError: a meter gives no readings, a flow does not settle in `TRIES` strokes, or
+            the measurements make no calibration; the error says why.
         BypassError: the measured coefficients do not increase with the opening.
         TripError: the rig tripped or was stopped.
     """
@@ -154,10 +158,10 @@ def calibrate(
 
 
 def measure_zeros(motions: Motions, kinds: Iterable[str]) -> dict[str, Estimate]:
-    """Shut every bypass, and return fault -> zero of its bypass's meter, in m^3/s.
+    """Shut every bypass, rest for `ZERO_S`, and return fault -> zero of its bypass's meter, m^3/s.
 
     Raises:
-        CalibrationError: a meter gives no readings.
+        CalibrationError: a meter gives readings in less than half of the samples.
         TripError: the rig tripped or was stopped.
     """
     motions.shut_bypasses()
@@ -173,18 +177,19 @@ def measure_needle(
     return_pressure_Pa: float,  # noqa: N803
     on_measured: Callable[[Measurement], None] = lambda measurement: None,
 ) -> tuple[Measurement, ...]:
-    """Measure a bypass at each needle opening, first upwards, then downwards; shut it at the end.
+    """Measure a bypass at each needle opening, upwards, then downwards; then shut every bypass.
 
     Args:
         motions: moves the rig's ram and bypass valves.
         kind: the fault that the bypass makes, one of `WAYS`.
         openings: needle openings, 0 to 1, increasing.
         zero: zero of the bypass's meter, m^3/s.
-        return_pressure_Pa: pressure of the return line, into which external bypasses lead.
+        return_pressure_Pa: pressure of the return line in Pa, into which external bypasses lead.
         on_measured: is called after each measurement.
 
     Raises:
-        CalibrationError: the meter gives no readings, or the flow does not settle.
+        CalibrationError: the meter gives readings in less than half of the samples of a stroke, or
+            the flow at an opening settles in none of `TRIES` strokes.
         TripError: the rig tripped or was stopped.
     """
     measured = []

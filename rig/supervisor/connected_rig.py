@@ -81,7 +81,7 @@ class Stop(Protocol):
 
     @property
     def reason(self) -> str:
-        """The reason why it shall end."""
+        """Who or what asked for the end, as in "stopped by ..."; empty before anybody did."""
 
 
 class ConnectedRig:
@@ -96,7 +96,7 @@ class ConnectedRig:
         directory: folder of the run, in which a trip report is written.
         stop: the flag by which somebody asks for the end.
         say: shows a line to the operator.
-        onlooker: is called with the board once connected, and with each state.
+        onlooker: is called with the board and its channels once connected, and with each state.
         journal: is called with a sentence when another master drives a part of the rig.
 
     Attributes:
@@ -152,6 +152,7 @@ class ConnectedRig:
 
         Raises:
             DriverError: a device is in use, does not answer, or is not the configured one.
+            TripError: a process ended or took over `OPEN_S`, or somebody asked for the end.
         """
         self._devices.enter_context(exclusive(self.configured.drivers))
         self.handle(Event.CONNECT)
@@ -241,7 +242,7 @@ class ConnectedRig:
                 self.say(f"{lack}; to get it: {grant.remedy}")
 
     def handle(self, event: Event) -> None:
-        """Go to the state that follows on an event.
+        """Note an event, go to the state that follows on it, and tell the onlooker of that state.
 
         Raises:
             TripError: the state machine refuses the event, or the rig has tripped meanwhile.
@@ -270,21 +271,22 @@ class ConnectedRig:
         )
 
     def latest(self, channel: str) -> float:
-        """Return the newest value of a channel of the rows, at most `RECENT_S` old; else NaN."""
+        """Return a channel's last value in the rows of `RECENT_S` that is no NaN; else NaN."""
         values = RingReader(self.board).latest(round(RECENT_S * self.configured.loop.rate))
         known = values[:, self._channels.index(channel)]
         known = known[np.isfinite(known)]
         return float(known[-1]) if known.size else float("nan")
 
     def slow(self, channel: str) -> float:
-        """Return the newest value of a slow channel, of any age; NaN if there is none."""
+        """Return a slow channel's last reading, of any age; NaN if there is none or it failed."""
         return float(self.board.slow[SLOW_INPUTS.index(channel)])
 
     def ask(self, part: Child, order: object, timeout_s: float) -> Any:
-        """Send an order to a part and return its answer; show meanwhile that the supervisor works.
+        """Send an order to a part and await its answer; show meanwhile that the supervisor works.
 
         Raises:
-            ChildError: the part has ended, or did not answer in time.
+            ChildError: the part has ended, or did not answer in time. An answer that is an
+                exception is raised too.
         """
         part.send(order)
         until = time.monotonic() + timeout_s
@@ -297,7 +299,7 @@ class ConnectedRig:
                     raise
 
     def note(self, who: str, what: str) -> None:
-        """Record who did what, for a trip report."""
+        """Record who did what at the present time, for a trip report."""
         self._event_log.note(who, what)
 
     def _compiles(self, name: str) -> None:
@@ -324,7 +326,7 @@ class ConnectedRig:
         """Show the safety thread that the supervisor works.
 
         Raises:
-            TripError: the rig has tripped, or somebody asked for the end.
+            TripError: the rig has tripped, or somebody asked for the end (`StopRequestedError`).
         """
         self.alive()
         if self._safety.tripped:
@@ -333,7 +335,7 @@ class ConnectedRig:
             raise StopRequestedError(f"stopped by {self._stop.reason}")
 
     def segment(self, drive: Drive, **changes: Any) -> orders.Segment:
-        """Return a segment that belongs to no test, with `changes` to the rig's usual settings."""
+        """Return a new segment for `switch_to`, with `changes` to the fields usual for this rig."""
         segment = orders.Segment(
             0,
             drive,
@@ -347,19 +349,26 @@ class ConnectedRig:
         return replace(segment, **changes)
 
     def switch_to(self, segment: orders.Segment) -> None:
-        """Give a segment the next number, and make the loop switch to it."""
+        """Send the loop's process a segment with the next number, to run from its next tick on.
+
+        Raises:
+            ChildError: the process has ended, or did not confirm the order within `ANSWER_S`.
+        """
         words = self.board.words
         number = int(words[Word.SWITCH]) + 1
         self.parts.loop.ask(replace(segment, number=number), ANSWER_S)
         words[Word.SWITCH] = number
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Set slow outputs; outputs that no driver has are ignored."""
+        """Order slow outputs, SI, to be set, without waiting; ignore those that no driver has."""
         mine = {name: value for name, value in outputs.items() if name in self._outputs}
         self.parts.field.send(WriteOutputs(mine))
 
     def off(self, wanted: Mapping[str, float]) -> list[str]:
-        """Return the slow outputs whose feedback is missing or differs from the wanted value."""
+        """Return the slow outputs whose feedback is NaN or differs from the wanted value.
+
+        Needles have a tolerance; outputs without a driver or a feedback channel are left out.
+        """
         off = []
         for name, value in wanted.items():
             feedback = _FEEDBACK.get(name, name)
@@ -370,7 +379,7 @@ class ConnectedRig:
         return off
 
     def tripped(self) -> TripError:
-        """Wait until everything is safe, report the trip, and return it as an error."""
+        """Wait up to 20 s until the rig is safe; return the trip, reported once, as an error."""
         safe = self._safety.wait_until_safe()
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
@@ -379,7 +388,7 @@ class ConnectedRig:
         return self._event_log.tripped(self.board, self._channels)
 
     def stopped(self, error: LoopStoppedError) -> TripError:
-        """Return the error to raise when the loop has ended a motion by itself; report a trip."""
+        """Return the error to raise when the loop ended a motion by itself; report it if a trip."""
         if error.action is Action.TRIP or self.has_tripped:
             return self.tripped()
         self.note("loop", str(error))
@@ -398,7 +407,10 @@ class ConnectedRig:
         self.say(f"loop: {sentence}; {remedy}")
 
     def ramp_down(self) -> None:
-        """Bring the motion to rest and have the valve disabled; trip if that is not confirmed."""
+        """Bring the motion to rest and have the valve disabled; trip if that takes over `STOP_S`.
+
+        Where the valve is disabled or the ramp runs already, nothing moves; ARMING is left.
+        """
         if self.state is State.ARMING:
             self.handle(Event.DISARM)
         if self.state not in VALVE_ENABLED or self.state is State.RAMPING_DOWN:
@@ -424,7 +436,7 @@ class ConnectedRig:
         """Bring everything to its safe state, and end the processes.
 
         Raises:
-            TripError: the rig tripped and that was not reported yet, or a part is not safe.
+            TripError: a trip was not reported yet, or a part is not safe without any trip.
         """
         ended: TripError | None = None
         unsafe: dict[str, str] = {}

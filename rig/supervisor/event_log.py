@@ -67,7 +67,7 @@ class EventLog:
         self._notes.append(Note(time.monotonic_ns(), who, what))
 
     def take(self, news: News) -> None:
-        """Record what a part reports, and show it to the operator."""
+        """Record a part's report and show it to the operator; journal one on another master."""
         text = news.text
         if isinstance(news, Driven):
             self._driven[news.who, news.part] = news
@@ -82,6 +82,9 @@ class EventLog:
         Args:
             board: the memory that all processes share.
             channels: names of a row's columns.
+
+        The first call waits for `LAST_NEWS_S`. If the report cannot be written, its lines are shown
+        to the operator.
         """
         if self._report is None:
             # Slow drivers are read again now, and an error of one may be why the loop tripped.
@@ -104,7 +107,10 @@ class EventLog:
         )
 
     def complete_report(self) -> None:
-        """Write the trip report anew if another master did something that is not in it."""
+        """Write the trip report anew if another master did something that is not in it.
+
+        Without a trip report nothing is done.
+        """
         report, driven = self._report, tuple(self._driven.values())
         if report is not None and report.driven != driven:
             self._report = replace(report, driven=driven, notes=tuple(self._notes))

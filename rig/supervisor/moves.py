@@ -21,10 +21,11 @@ Slow I/O and the needle's drive cannot follow shorter ones.
 
 
 def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
-    """Return output -> value before a test: balls shut, needles as their first faults need them.
+    """Return output -> value before a test: balls shut (0), needles as the first faults need them.
 
-    A leak then begins with the turn of its ball, and not with the slow motion of its needle. A
-    needle without a fault is shut; the throttle in the return line is open.
+    Needle values are openings, 0 to 1; for a ramp it is that of its beginning. A leak then begins
+    with the turn of its ball, and not with the slow motion of its needle. A needle without a fault
+    is at 0; so is the throttle in the return line, which is open there.
     """
     outputs: dict[str, float] = {}
     for kind in rig.injectable:
@@ -38,7 +39,9 @@ def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
 
 
 def moves(rig: Rig, faults: Iterable[Fault]) -> tuple[Move, ...]:
-    """Return the moves that make the faults of a test: (tick, output -> value), by tick.
+    """Return the moves that make the faults of a test: (tick, output -> value), sorted by tick.
+
+    Ticks count from the start of the test. Needles must be at their places of `preparing_moves`.
 
     Args:
         rig: a rig whose valves can make the faults, as `check` has verified.

@@ -53,7 +53,7 @@ class Session:
     """A context manager that makes a rig on hardware a bench for the tests of a campaign.
 
     On entry it connects, verifies, arms and homes the rig. On exit it brings everything to its safe
-    state, also after an error.
+    state, also after an error, on entry too.
 
     Args:
         rig: a rig that is not connected yet.
@@ -63,7 +63,8 @@ class Session:
 
     Raises:
         DriverError: on entry, a device does not answer or is not the configured one.
-        TripError: on entry, the rig could not be armed or homed.
+        TripError: on entry, the rig could not be armed or homed, or was stopped; on exit, a trip
+            was not reported yet, or a part is not safe without any trip.
     """
 
     live = True
@@ -85,7 +86,10 @@ class Session:
         self.rig.leave()
 
     def reading(self, channel: str) -> float:
-        """Return the newest value of a channel, fast or slow; NaN if there is none."""
+        """Return the newest value of a channel in SI; NaN if there is none.
+
+        A channel of the rows, or a flow, may be at most 0.25 s old; a slow channel of any age.
+        """
         if channel in SLOW_INPUTS and channel not in METERS:
             return self.rig.slow(channel)
         return self.rig.latest(channel)
@@ -94,12 +98,13 @@ class Session:
         """Check the rig while its ram is held between two tests.
 
         Raises:
-            TripError: the rig has tripped, or somebody asked for the end.
+            TripError: the rig has tripped.
+            StopRequestedError: somebody asked for the end.
         """
         self.rig.check()
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> "HardwareTest":
-        """Return the loop of a test, which has not moved the ram to its start yet.
+        """Return a test's loop, which has not moved the ram yet; the test becomes the present one.
 
         Args:
             test: the test.
@@ -132,14 +137,17 @@ class Session:
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> Iterator["TestRecord"]:
-        """Record the present test to a new file within the block, by the recorder's process.
+        """Record the test of the last `loop` to a new file within the block, by the recorder.
 
-        At the end of the block the file is completed.
+        At the end of the block, also after an error, the file is completed.
 
         Args:
             path: the file.
             channels: names of the rows' columns.
             metadata: metadata of the recording; the loop's grants and rate are added.
+
+        Raises:
+            TripError: the recorder is gone, at the begin or at the end of the block.
         """
         grants = [asdict(grant) for grant in self.rig.opened.grants]
         loop = {"grants": grants, "exchange_rate_hz": self.rig.opened.rate_hz}
@@ -167,18 +175,21 @@ class Session:
             self.rig.wait(lambda: False, ANSWER_S, str(error), "see the session's log")
 
     def prepare(self, test: CampaignTest, segment: int) -> None:
-        """Set the bypass valves for the start of a test, and schedule the moves of its faults.
+        """Set the bypass valves for a test's start, wait for them, and schedule the faults' moves.
 
         Args:
             test: the test.
             segment: number of its segment.
+
+        Raises:
+            TripError: the valves do not follow within 20 s, or the rig tripped or was stopped.
         """
         wanted = preparing_moves(self.rig.configured, test.faults)
         bring(self.rig, wanted, "the bypass valves are not where the test begins", "look at them")
         self.rig.parts.field.send(FollowMoves(segment, moves(self.rig.configured, test.faults)))
 
     def begin(self, event: Event) -> None:
-        """Go to the state of the next step of a test.
+        """Go to the state to which `event` leads, for the next step of a test.
 
         Raises:
             TripError: the state machine refuses the event, or the rig has tripped.
@@ -187,7 +198,7 @@ class Session:
         self.rig.handle(event)
 
     def going_on(self) -> None:
-        """Show the safety thread that the supervisor works.
+        """Show the safety thread that the supervisor works; a wish to end is not looked at.
 
         Raises:
             TripError: a part has tripped, even if rows still come.
@@ -201,9 +212,10 @@ class Session:
         self.rig.note("detector", what)
 
     def end_test(self, *, completed: bool) -> None:
-        """End every fault of a test; bring the motion to rest unless the test is `completed`.
+        """Order the end of every fault; unless the test is `completed`, bring the motion to rest.
 
-        After a completed test the loop holds the ram already. After a trip nothing is done.
+        The valves of the faults are not awaited. After a completed test the loop holds the ram
+        already, and the state becomes ARMED. After a trip nothing is done.
         """
         if self.rig.has_tripped:
             return
@@ -217,7 +229,7 @@ class Session:
             self.rig.ramp_down()
 
     def stopped(self, error: LoopStoppedError) -> TripError:
-        """Return the error to raise when the loop has ended a test by itself."""
+        """Return the error to raise when the loop has ended a test by itself; report a trip."""
         return self.rig.stopped(error)
 
 
@@ -249,14 +261,15 @@ class HardwareTest:
 
     @property
     def ticks_left(self) -> int:
-        """Ticks of the test that are still to come."""
+        """Number of ticks of the test whose rows `advance` has not returned yet."""
         return self._wire.ticks_left
 
     def position(self) -> None:
-        """Bring the ram to the start position of the test.
+        """Bring the ram to the start position of the test, and wait until it is there.
 
         Raises:
-            TripError: the rig tripped, or the ram cannot be brought there.
+            TripError: the rig tripped or its state forbids the motion, or the loop has ended the
+                motion by itself.
         """
         try:
             self._session.begin(Event.POSITION)
@@ -265,10 +278,10 @@ class HardwareTest:
             raise self._session.stopped(error) from None
 
     def inject(self) -> None:
-        """Set the bypass valves for the start of the test, and schedule its faults.
+        """Set the bypass valves for the test's start, wait for them, and schedule its faults.
 
         Raises:
-            TripError: the rig tripped, or the valves do not follow.
+            TripError: the rig tripped or was stopped, or the valves do not follow.
         """
         try:
             self._session.prepare(self._test, self.number)
@@ -338,13 +351,13 @@ class TestRecord:
         self._last_s = 0.0
 
     def write(self, rows: Array) -> None:
-        """Count rows and their timing; the recorder reads the rows from the ring by itself."""
+        """Count rows and take up their timing; the recorder reads the rows from the ring itself."""
         self._timing.take(rows)
         self._rows += len(rows)
         self._last_s = float(rows[-1, 0]) if len(rows) else self._last_s
 
     def event(self, time_s: float, kind: str, text: str) -> None:
-        """Add an event at a time of the test, s, to the recording."""
+        """Add an event at a time of the test, s, to the recording, unless the recorder is gone."""
         # If the recorder is gone, `finish` raises an error for that.
         with suppress(ChildError):
             self._process.send(NoteInRecording(time_s, kind, text))

@@ -79,7 +79,7 @@ VALVE_ENABLED: Final = frozenset(
 
 @dataclass(frozen=True)
 class Conditions:
-    """The conditions that guards check, as the rig last reported them.
+    """The conditions that guards check, as the rig last reported them; by default nothing is met.
 
     Attributes:
         estop_closed: whether the emergency stop's chain is closed.
@@ -215,7 +215,8 @@ def next_state(state: State, event: Event, conditions: Conditions) -> State:
     """Return the state to which an event leads from a state, under the present conditions.
 
     Raises:
-        IllegalTransition: the table has no such row, or no such row's guards all hold.
+        IllegalTransition: the table has no row for state and event, or each such row has a guard
+            that does not hold; the reasons are then those of the first row.
     """
     reasons: list[str] = []
     for row in TRANSITIONS:

@@ -54,15 +54,21 @@ class Strokes:
         self._length_m = min(SPEED * STROKE_S, room)
 
     def shut_bypasses(self) -> None:
-        """Shut every ball valve and needle."""
+        """Shut every ball valve and needle, and wait until they are."""
         self._move(preparing_moves(self._rig.configured, ()))
 
     def open_bypass(self, kind: str, opening: float) -> None:
-        """Open the ball valve of a bypass, and its needle to `opening`, 0 to 1."""
+        """Open the ball valve of a bypass and its needle to `opening`, 0 to 1; await the feedback.
+
+        The bypass is named by the fault `kind` that it makes; the others stay as they are.
+        """
         self._move({f"{kind}_ball": 1.0, f"{kind}_needle": opening})
 
     def feedback(self, kind: str) -> float:
-        """Return the opening, 0 to 1, that the needle of a bypass reports; NaN if none."""
+        """Return the newest opening, 0 to 1, that the needle of the bypass for a fault reported.
+
+        It is NaN if no driver reads the needle, it was not read yet, or the last read failed.
+        """
         return self._rig.slow(f"{kind}_needle")
 
     def rest(self, duration_s: float) -> Samples:
@@ -70,7 +76,11 @@ class Strokes:
         return self._follow(np.full(round(duration_s / TICK), self._middle_m))
 
     def stroke(self, direction: float) -> Samples:
-        """Move the ram at constant speed, out (1) or in (-1), and return the samples meanwhile."""
+        """Move the ram at constant speed, out (1) or in (-1), and return the samples meanwhile.
+
+        First the ram goes to the stroke's beginning. The stroke lasts `STROKE_S` and has its middle
+        at mid stroke; it is slower than `SPEED` if the position limits leave too little room.
+        """
         way = np.linspace(-0.5, 0.5, round(STROKE_S / TICK))
         return self._follow(self._middle_m + direction * self._length_m * way)
 

@@ -89,7 +89,10 @@ class TripReport:
 
     @property
     def value(self) -> float:
-        """The last known value of the concerned channel up to the loop's trip; NaN if unknown."""
+        """The last value, not NaN, of the `concerned` channel up to the loop's trip, SI.
+
+        It is NaN if the cause concerns no channel, or the rows hold no value of it.
+        """
         if self.concerned not in self.channels or not len(self.rows):
             return float("nan")
         values = self.rows[:, self.channels.index(self.concerned)]
@@ -102,7 +105,10 @@ class TripReport:
 
     @property
     def limit(self) -> float:
-        """The limit that the channel exceeded, in its unit; NaN if the cause is no limit."""
+        """The trip limit that the `concerned` channel exceeded, SI; NaN if the cause is no limit.
+
+        If the channel has several trip limits, it is the tightest one.
+        """
         bounds = {Cause.LIMIT_LOW: max, Cause.LIMIT_HIGH: min}
         cause = self.first[1]
         if cause not in bounds:
@@ -116,7 +122,7 @@ class TripReport:
 
     @property
     def sentence(self) -> str:
-        """The first-out cause in words, with the channel's value and limit."""
+        """The first-out cause in words, with the channel's value and limit as far as known."""
         text = explain(self.first[1], self.concerned).sentence
         unit = unit_of(self.concerned)
         if not unit or not np.isfinite(self.value):
@@ -130,7 +136,10 @@ class TripReport:
         return f"tripped: {self.sentence}; {explain(self.first[1], self.concerned).remedy}"
 
     def stages(self) -> dict[str, dict[str, float]]:
-        """Return median, 99th percentile and maximum of each timing in the rows, in s."""
+        """Return name in `STAGES` -> median (p50), 99th percentile (p99) and maximum (max), in s.
+
+        Timings that the rows do not hold, or hold only as NaN, are left out.
+        """
         found: dict[str, dict[str, float]] = {}
         for name in STAGES:
             if name not in self.channels:
@@ -169,7 +178,11 @@ class TripReport:
         return lines
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON values; times are in s after the first trip, or None."""
+        """Return the report as JSON values, without its rows.
+
+        Times are in s after the first trip; None for a time that is not known, and for a value that
+        is not finite. Only `time`, that of the first trip, is a date and time (UTC, ISO 8601).
+        """
         who, cause, at_ns = self.first
 
         def after_s(when: int) -> float | None:
@@ -214,11 +227,12 @@ class TripReport:
 def write_trip_report(report: TripReport, directory: Path, path: Path | None = None) -> Path:
     """Write a report as `trip-<n>.json`, `.txt` and `.csv` (the last rows); return the JSON's path.
 
-    Each file is written in one step, the largest last, as a disk may be almost full.
+    Each file is written in one step, the largest last, as a disk may be almost full. There is no
+    `.csv` for a report without rows.
 
     Args:
         report: the report.
-        directory: the folder; the files get the first number that is free.
+        directory: the folder; the files get the first free number, unless `path` is given.
         path: path of an earlier version of the report, which is replaced; None if there is none.
 
     Raises:

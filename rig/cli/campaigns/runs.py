@@ -107,7 +107,10 @@ def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
 @_below
 @click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
 def show(run: str, below: Path, as_json: bool) -> int:
-    """Show a run: its tests, what happened, where its files are."""
+    """Show a run: its folder, state and size, the result of each test, and what happened between.
+
+    RUN is the name of a folder below --runs, or a path.
+    """
     found = _run(run, below)
     if as_json:
         click.echo(json.dumps(_document(found) | {"results": found.results}, ensure_ascii=False))

@@ -31,7 +31,7 @@ def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
         paced: whether the run goes at the wall clock.
 
     Raises:
-        ConfigError: the profile, or a file that it names, cannot be used.
+        ConfigError: the profile, or a certificate, password or key file of it, cannot be used.
     """
     profile = profile or (DEFAULT if paced else OFF)
     if profile == OFF:

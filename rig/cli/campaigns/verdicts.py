@@ -32,7 +32,10 @@ def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
 
 
 def injected(fault: InjectedFault) -> str:
-    """Return an injected fault in words: kind, mean flow or else coefficient, and when it began."""
+    """Return an injected fault in words: kind, size, and when it began, in s.
+
+    The size is the mean flow in L/min; if that is not known, the coefficient.
+    """
     size = f"{fault.coefficient:.3g} {coefficient_unit(fault)}"
     if fault.mean_flow_m3_per_s is not None:
         size = f"{to_litres_per_minute(fault.mean_flow_m3_per_s):.3f} L/min"

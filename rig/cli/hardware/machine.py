@@ -42,10 +42,10 @@ class Finding(NamedTuple):
 
 
 def machine(recordings: Path, root: Path = Path("/")) -> Iterator[Finding]:
-    """Yield a finding for each property of this machine that matters to any rig.
+    """Yield a finding for each property of this machine that matters to any rig, good ones too.
 
     Args:
-        recordings: folder in which runs would be recorded.
+        recordings: existing folder in which runs would be recorded; 16 MB are written there.
         root: folder that holds proc, sys and dev.
     """
     yield _kernel(root)

@@ -18,7 +18,10 @@ _US: Final = 1e6
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
-    """Return a snapshot as plain values for JSON, in SI; NaN and infinity become None."""
+    """Return a snapshot as plain values for JSON, in SI; NaN and infinity become None.
+
+    Gaps and past verdicts are left out, and so are the messages' version, session and sequence.
+    """
     return {
         "rig": snapshot.rig,
         "alive": snapshot.alive,
@@ -41,7 +44,7 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def line(snapshot: Snapshot) -> str:
-    """Return a snapshot on one line, for a log."""
+    """Return a snapshot on one line, for a log: life, test, and the values that are known."""
     progress = snapshot.progress
     parts = [f"{snapshot.rig}: {_life(snapshot)}"]
     if progress:

@@ -23,7 +23,10 @@ def rig_time(campaigns: Sequence[Campaign]) -> str:
 
 
 def print_motions(campaign: Campaign, rig: Rig, indent: str = "") -> None:
-    """Print the plan of every motion of a campaign, each line after `indent`; move nothing."""
+    """Print the plan of every motion of a campaign, without expected verdicts; move nothing.
+
+    Each line begins with `indent`.
+    """
     for test in plan_campaign(campaign, rig):
         for line in test.lines():
             if not line.startswith("  expect"):
@@ -46,7 +49,7 @@ def experiment(
 
     Raises:
         click.exceptions.Exit: the experiment was stopped, a driver failed or the rig tripped. The
-            message is on stderr already; the error has the exit code.
+            message is on stderr already; the error has the exit code. Other errors pass unchanged.
     """
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))

@@ -62,7 +62,8 @@ class Asked:
 def found_by(asked: Asked) -> int:
     """Find the gap that is asked for, write the files, show the finding; return the exit code.
 
-    All problems of the input go to stderr together; then nothing is written and the code is 2.
+    All problems of the input go to stderr together; then nothing is written and the code is 2. With
+    `dry_run` the motions are only printed.
     """
     problems = Problems()
     own: PlantModel | None = None

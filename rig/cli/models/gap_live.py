@@ -56,8 +56,9 @@ def close_on_rig(
 
     Raises:
         DirectoryError: the folder cannot be used.
-        click.exceptions.Exit: the experiment failed; the message is on stderr already, and the
-            error has the exit code.
+        click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed,
+            the rig tripped, or the search for effects died. The message is on stderr already, and
+            the error has the exit code.
     """
     require_possible_pace(rig, pace)
     make_empty(out)

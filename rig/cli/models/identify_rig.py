@@ -63,8 +63,8 @@ def run_on_rig(
 
     Raises:
         DirectoryError: the folder cannot be used.
-        click.exceptions.Exit: the experiment failed; the message is on stderr already, and the
-            error has the exit code.
+        click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed
+            or the rig tripped. The message is on stderr already, and the error has the exit code.
     """
     require_possible_pace(rig, pace)
     begun = datetime.now(UTC)

@@ -27,7 +27,11 @@ from rig.runner.run_folder import findings, leak_figures
 
 @dataclass(frozen=True)
 class Replayed:
-    """The results of filter and detector for one recording; `recording` is the path as given."""
+    """The results of filter and detector for one recording; `recording` is the path as given.
+
+    `decision` is the detector's last one; `detected_at_s` the time in s at which it first named the
+    fault, None if it named none.
+    """
 
     recording: str
     filter: str
@@ -187,7 +191,7 @@ def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
 
 
 def advice(decision: Decision) -> str:
-    """Return advice on an inconclusive decision: what to record so that a leak would show."""
+    """Return advice on an inconclusive decision, in words: what to record so that a leak shows."""
     if decision.suspected is not None:
         share = percent(decision.probabilities[decision.suspected])
         return (

@@ -25,10 +25,13 @@ _DELIMITERS: Final = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces
 def read_csv(path: str) -> Table:
     """Return the table in a .csv or .csv.gz file: a header line, then numbers.
 
-    An empty cell is NaN. Cells that are not numbers become NaN too and are reported as problems.
+    An empty cell is NaN. Cells that are not numbers, and all cells of a row with too many or too
+    few, become NaN too and are reported as problems. A column without a name is left out, and of
+    columns with the same name only the first is read; both are problems.
 
     Raises:
-        RecordingError: the file cannot be read as a table at all.
+        RecordingError: the file cannot be read as a table at all: it is empty, not compressed as
+            its name says, not UTF-8, without a header, or not separated by commas.
     """
     text = _text(path)
     names, problems = _header(path, text)

@@ -15,9 +15,10 @@ _GZIP_LEVEL: Final = 1
 
 
 def write_csv(recording: Recording, path: Path, *, compressed: bool) -> None:
-    """Write a recording as CSV: a header line, then one row per sample, gzipped if `compressed`.
+    """Write a recording's channels as CSV: a header line, then one row per sample.
 
-    Floats are written in their shortest exact form, NaN as an empty cell.
+    Floats are written in their shortest exact form, NaN as an empty cell. The file is gzipped if
+    `compressed`. Metadata and events are not written.
     """
     with path.open("wb") as file:
         if not compressed:

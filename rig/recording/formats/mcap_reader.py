@@ -151,6 +151,7 @@ def mapped(path: str) -> Iterator[IO[bytes]]:
 
     Raises:
         RecordingError: the file is empty or not MCAP.
+        OSError: the file cannot be read.
     """
     with Path(path).open("rb") as file:
         magic = file.read(len(MCAP0_MAGIC))

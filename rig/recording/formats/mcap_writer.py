@@ -107,7 +107,8 @@ class McapWriter:
         """Append samples: rows of shape (n, n_channels), in the order of the channels, SI.
 
         Raises:
-            ValueError: the shape is another, or a time is not finite or before the epoch.
+            ValueError: the shape is another, or a time is not finite, or negative by more than
+                `start_ns`; then no row is added.
         """
         rows = np.asarray(rows, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != len(self._layout.channels):
@@ -133,7 +134,7 @@ class McapWriter:
         """Add an event that happened at time_s (s); the next flush writes it.
 
         Raises:
-            ValueError: the time is not finite or before the epoch.
+            ValueError: the time is not finite, or negative by more than `start_ns`.
         """
         log_time = int(self._log_times(np.array([time_s]))[0])
         content = {"time_s": float(time_s), "kind": kind, "text": text}
@@ -200,7 +201,9 @@ def write_mcap(
     """Write a whole recording (channels of shape (n,), SI) to a new MCAP file.
 
     Raises:
-        RecordingError: the file exists, or a channel name or metadata cannot be written.
+        RecordingError: the file exists or its folder does not, or a channel name or metadata cannot
+            be written.
+        ValueError: a time is not finite, or negative by more than `metadata["start_ns"]`.
     """
     with McapWriter(path, list(channels), metadata) as writer:
         for event in events:

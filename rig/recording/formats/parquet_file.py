@@ -48,7 +48,8 @@ def write_parquet(recording: Recording, path: Path) -> None:
 def read_parquet(path: str) -> Table:
     """Return the table in a Parquet file; a null is read as NaN.
 
-    A repeated column, or one that does not hold numbers, is reported among the table's problems.
+    A repeated column, or one that does not hold numbers and becomes NaN, is reported among the
+    table's problems.
 
     Raises:
         RecordingError: the file cannot be read as Parquet at all.

@@ -56,7 +56,7 @@ class Child:
         name: name of the process in messages.
         module: module whose `main()` the process runs; that gets board and pipe by `child_ends`.
         board: memory that the process shares.
-        log: file to which its stderr is appended, and also errors of `on_news`.
+        log: file to which its stdout and stderr are appended, and also errors of `on_news`.
         on_news: is called with each `News` of the process, in a thread for this purpose.
     """
 
@@ -114,7 +114,7 @@ class Child:
         """Send an order to the process.
 
         Raises:
-            ChildError: the process has ended.
+            ChildError: the process has ended or closed its pipe.
         """
         try:
             self._pipe.send(order)
@@ -122,10 +122,11 @@ class Child:
             raise self._gone() from None
 
     def answer(self, timeout_s: float) -> Any:
-        """Return the next answer of the process; if it is an exception, raise it.
+        """Wait for the next answer of the process and return it; if it is an exception, raise it.
 
         Raises:
-            ChildError: no answer came in time, or the process has ended.
+            ChildError: no answer came within `timeout_s`, the answer cannot be read, or the process
+                has ended or closed its pipe.
         """
         try:
             answer = self._answers.get(timeout=timeout_s)
@@ -140,7 +141,7 @@ class Child:
         return answer
 
     def ask(self, order: object, timeout_s: float) -> Any:
-        """Send an order and return the answer; see `send` and `answer`."""
+        """Send an order, wait for the answer and return it; see `send` and `answer`."""
         self.send(order)
         return self.answer(timeout_s)
 
@@ -209,7 +210,7 @@ def obeyed_next(pipe: Connection, wait_s: float, obey: Callable[[object], None])
     """Wait up to `wait_s` seconds for an order on a child's pipe, and call `obey` with it.
 
     Returns:
-        False if the supervisor has closed its end of the pipe, else True.
+        False if the supervisor has closed its end of the pipe, else True, also if no order came.
     """
     try:
         if pipe.poll(wait_s):

@@ -74,7 +74,7 @@ class Tally:
         self.counted(part, what, times, first_ns, now)
 
     def counted(self, part: str, what: str, times: int, first_ns: int, last_ns: int) -> None:
-        """Set the count of a part to what somebody else has counted so far.
+        """Set the count of a part to what somebody else has counted so far; report it when due.
 
         Args:
             part: the part of the rig.
@@ -104,7 +104,8 @@ def departures(values: Mapping[str, float]) -> dict[str, str]:
     """Return part -> state for each part of the rig whose slow inputs differ from the safe state.
 
     Args:
-        values: slow input -> value that a driver read, SI; NaN does not count as a difference.
+        values: slow input -> value that a driver read, SI; NaN does not count as a difference, nor
+            does the throttle up to a tenth of its stroke.
     """
     found = {}
     for name, value in values.items():

@@ -42,7 +42,7 @@ class OpenField:
 
 @dataclass(frozen=True)
 class WriteOutputs:
-    """The order to set outputs now; there is no answer, but the board shows the feedback."""
+    """The order to set slow outputs, name -> SI value; no answer, but the board shows feedback."""
 
     outputs: Outputs
 
@@ -51,7 +51,8 @@ class WriteOutputs:
 class FollowMoves:
     """The order to set outputs at ticks of a segment, which replaces the earlier schedule.
 
-    `moves` are pairs of tick and outputs, in the order of the ticks.
+    `moves` are pairs of tick and outputs, in the order of the ticks. They are made while the loop
+    runs that segment; a trip or `MakeSafe` drops the rest. There is no answer.
     """
 
     segment: int
@@ -60,7 +61,7 @@ class FollowMoves:
 
 @dataclass(frozen=True)
 class MakeSafe:
-    """The order to bring every driver to its safe state; the answer is a `Safety`."""
+    """The order to bring every driver to its safe state and keep it there; answered by `Safety`."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,10 @@ class FieldProcess:
                 served.driver.close()
 
     def cycle(self) -> None:
-        """Make the moves that are due, check for trips, and read every driver that is due."""
+        """Make the moves that are due, check for trips and silence, read every driver that is due.
+
+        After a trip it makes no moves; it brings driven or unsafe drivers back to their safe state.
+        """
         now = time.monotonic()
         if not self._safe:
             self._make_moves()

@@ -42,13 +42,13 @@ class Health:
         self._since = time.monotonic()
 
     def take(self, rows: Array, channels: Sequence[str]) -> None:
-        """Add the next rows, float64 (n, channels)."""
+        """Add the next rows, float64 (n, channels), SI; the first `channels` hold for all calls."""
         if not self._timed:
             self._timed = {name: channels.index(name) for name in TIMED if name in channels}
         self._rows.append(rows)
 
     def content(self) -> dict[str, Any]:
-        """Return the content of a message: the present state, and timings since the last call."""
+        """Return a message's content: the present state, and the timings since the last call."""
         words, now = self._words, time.monotonic()
         rows = np.concatenate(self._rows) if self._rows else None
         self._rows, since, self._since = [], self._since, now

@@ -62,7 +62,7 @@ NICENESS: Final = 5
 
 @dataclass(frozen=True)
 class Open:
-    """The order to open the stream; the answer is None, or an error if it cannot be opened.
+    """The order to open the stream; the answer is None, or a `ValueError` if it cannot be opened.
 
     Attributes:
         settings: the profile.
@@ -89,7 +89,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Send:
-    """The order to send a message of a kind with this content."""
+    """The order to send a message of a kind with this content, NaN and infinity as None."""
 
     kind: str
     content: Mapping[str, Any]

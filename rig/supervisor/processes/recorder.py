@@ -38,7 +38,9 @@ busy; without the right to it (root's, or CAP_SYS_NICE) the recorder runs like a
 
 @dataclass(frozen=True)
 class BeginRecording:
-    """The order to record the rows of one segment to a new file; the answer is its number.
+    """The order to record the rows of a segment to a new file; the answer is the segment's number.
+
+    It completes an earlier file that is still open.
 
     Attributes:
         segment: number of the segment, as in the rows' column `segment`.
@@ -57,7 +59,7 @@ class BeginRecording:
 
 @dataclass(frozen=True)
 class NoteInRecording:
-    """The order to add an event at a time of the segment, s."""
+    """The order to add an event at a time of the segment, s; ignored without a file; no answer."""
 
     time_s: float
     kind: str
@@ -87,7 +89,10 @@ class Recorder:
         self._flushed_at = 0.0
 
     def run(self) -> None:
-        """Record until the supervisor closes the pipe or is gone; then complete the file."""
+        """Record until the supervisor closes the pipe or is gone; then complete the file.
+
+        A file that is open then takes the rows of another half second and the cause of a trip.
+        """
         try:
             while obeyed_next(self._pipe, POLL_S, self._obey):
                 self._take_rows()

@@ -90,13 +90,13 @@ class SafetyThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread; nobody watches the parts any more."""
+        """End the thread and wait for that; nobody watches the parts any more."""
         self._stopping.set()
         self._thread.join()
         self._tally.report_rest()
 
     def alive(self) -> None:
-        """Record a sign of life of the supervisor's main thread, which calls this."""
+        """Record a sign of life of the supervisor's main thread, which must call this every 5 s."""
         self._alive_at = time.monotonic()
 
     @property

@@ -48,7 +48,8 @@ OnCommand = Callable[[Command], str]
 class Stream:
     """A rig's live stream, which is published from `attach` to `close`.
 
-    Every method but `close` returns at once.
+    Every method but `close` returns at once. Messages that are too many to wait, or that the
+    publisher cannot take, are dropped.
 
     Args:
         settings: the profile.
@@ -114,7 +115,10 @@ class Stream:
         self._order(columns)
 
     def send(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Send a message of a kind, whose content holds plain values."""
+        """Send a message of a kind, whose content holds texts, numbers, lists and maps only.
+
+        The last one of a kind in `LASTING` is sent again by a publisher that is started again.
+        """
         order = Send(kind, content)
         if kind in LASTING:
             with self._lock:
@@ -307,7 +311,10 @@ class RowFeed:
         os.close(self._board.fd)
 
     def add(self, rows: Array, segment: int) -> None:
-        """Add rows, float64 (n, channels), of a segment; if not live, some may be left out."""
+        """Add rows, float64 (n, channels), of a segment; if not live, some may be left out.
+
+        Rows with another number of columns than the feed's channels are dropped.
+        """
         first, self._row = self._row, self._row + len(rows)
         now = time.monotonic()
         if not self._live:
