@@ -110,7 +110,8 @@ def check(
 
     Args:
         reference: path of a file, or name of a configuration.
-        rig_override: path or name of a rig to check a campaign against, instead of its own.
+        rig_override: path or name of a rig to check a campaign against, instead of its own; other
+            kinds do not use it.
         base: folder from which relative paths are resolved; the working directory if None.
 
     Raises:

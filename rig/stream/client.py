@@ -182,7 +182,7 @@ class StreamClient:
             return self._view(rig).window(last_s, names)
 
     def history(self, last_s: float, rig: str | None = None, timeout_s: float = ANSWER_S) -> Window:
-        """Ask a rig for its past messages, await them, and return the window of the last seconds.
+        """Ask a rig for its past messages, await them, and return the samples of the last seconds.
 
         Samples that came longer ago than the client's `window_s` are not stored.
 

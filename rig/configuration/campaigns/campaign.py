@@ -81,9 +81,10 @@ def load_campaign(
 def read_campaign(
     path: Path, sources: Sources, rig_path: Path | None = None
 ) -> tuple[Campaign, Rig] | None:
-    """Return the campaign in a file, and its rig; None if either is unusable.
+    """Return the campaign in a file, and its rig; None if there is any problem.
 
-    The problems are added to those of `sources`. `rig_path` replaces the rig that the file names.
+    The problems are added to those of `sources`, where earlier ones count too. `rig_path` replaces
+    the rig that the file names.
     """
     root = sources.read_yaml(path)
     if root is None:
@@ -198,7 +199,10 @@ def resolved(
     detector: DetectorFile,
     tests: tuple[CampaignTest, ...],
 ) -> dict[str, Any]:
-    """Return a campaign, its rig and its model as plain SI values, for recordings and results."""
+    """Return a campaign, its rig and its model as plain SI values, for recordings and results.
+
+    Conditions, and the content of the baseline, are left out.
+    """
     return {
         "name": file.name,
         "description": file.description.strip(),
@@ -213,7 +217,8 @@ def plain(value: Any) -> Any:
     """Return a value as dicts, lists, strings, numbers and None, which JSON can hold.
 
     A dataclass becomes a dict of its fields, with the name of its class under "type", so that a
-    sine differs from a chirp. Infinity, which means "never" or "no limit", becomes None.
+    sine differs from a chirp; fields that its repr hides are left out. Infinity, which means
+    "never" or "no limit", becomes None; NaN stays, and any other object becomes its text.
     """
     if is_dataclass(value) and not isinstance(value, type):
         public = {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.repr}

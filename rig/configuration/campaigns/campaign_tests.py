@@ -63,6 +63,8 @@ def read_tests(
 ) -> tuple[CampaignTest, ...]:
     """Return every usable test of a campaign; add the problems of the others to the sources'.
 
+    There is one for each matrix combination and repeat; repeats are named "name #1" and so on.
+
     Args:
         tests: the list under the key `tests`.
         defaults: keys that every test gets unless it gives them itself; None if there are none.

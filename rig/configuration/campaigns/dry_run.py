@@ -30,9 +30,9 @@ class PlannedFault:
 
     Attributes:
         kind: the fault's name, such as `internal_leakage`.
-        at_s: time at which it begins.
-        until_s: time at which it ends; None if it lasts to the end of the test.
-        ramp_s: time over which it grows to its full size.
+        at_s: time in s of the test at which it begins.
+        until_s: time in s at which it ends; None if it lasts to the end of the test.
+        ramp_s: time in s over which it grows to its full size; 0 for at once.
         coefficient: full size in `unit`, which is SI.
         unit: unit of the coefficient.
         needle_opening: opening of the needle valve, 0 to 1; None where no needle makes the fault.
@@ -108,7 +108,10 @@ class PlannedTest:
 
 
 def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
-    """Return the plan of every test of a campaign, as it will run on the rig."""
+    """Return the plan of every test of a campaign, as it will run on the rig.
+
+    Open-loop tests are simulated with the rig's plant; the others are only computed.
+    """
     return tuple(_plan(test, rig, campaign.filter_name) for test in campaign.tests)
 
 

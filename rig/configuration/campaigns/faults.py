@@ -60,6 +60,8 @@ def read_faults(
 ) -> tuple[Fault, ...]:
     """Return the faults of a test that the rig can inject; record the others as problems.
 
+    Of two faults of the same kind that overlap in time, only the first in the list is returned.
+
     Args:
         item: the list under the key `faults`; None or "none" if there are no faults.
         duration_s: duration of the test, within which faults must lie; None if it is not known.

@@ -96,9 +96,9 @@ class Schedule:
     halt: bool = True
 
     def times(self, entry: Entry, after: datetime, upto: datetime) -> list[datetime]:
-        """Return an entry's times after `after` and up to `upto`, in UTC, oldest first.
+        """Return an entry's times later than `after` and up to `upto`, in UTC, oldest first.
 
-        Only the newest `MOST_TIMES` are returned if there are more.
+        Both have a time zone. Only the newest `MOST_TIMES` are returned if there are more.
         """
         found: list[datetime] = []
         for time in self._times_from(entry, after):

@@ -204,7 +204,11 @@ class FromFileFile(SetpointFile):
     quantity: Quantity = "position"
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Read the file and return the setpoint."""
+        """Read the file and return the setpoint.
+
+        Raises:
+            SetpointFileError: the file is no setpoint; it lists every problem.
+        """
         return FromFile(context.folder / self.path, self.quantity)
 
 

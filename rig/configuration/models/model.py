@@ -62,7 +62,7 @@ PARAMETERS: Final = tuple(
 
 
 def physical(field: str) -> Physical:
-    """Return unit, limits and usual value of the plant's parameter `field`."""
+    """Return unit, limits and usual value of a plant's parameter; 0 does not count as usual."""
     quantity = _QUANTITIES[field]
     usual = getattr(NOMINAL, field) or None
     return Physical(quantity.unit, quantity.lower, quantity.upper, usual)
@@ -104,7 +104,8 @@ def effect_values(
 ) -> list[tuple[EffectParameter, Any, Located]]:
     """Return each parameter of an effect with its value and its place in the file.
 
-    A value is None if it is wrong or missing. The list is empty if no parameter is given.
+    A value is None if it is wrong or missing. If no parameter is given, the list is empty and a
+    problem is recorded.
 
     Args:
         effect: an effect of the catalogue.
@@ -150,8 +151,9 @@ BELONGS_TO_EFFECT: Final = {
 def read_model(path: Path, sources: Sources, ancestors: tuple[Path, ...] = ()) -> Model | None:
     """Return the model in a file, with what it takes over from its parents.
 
-    Return None if the file is unusable. Problems are added to those of `sources`. `ancestors` are
-    the files that name this one as parent, directly or not.
+    Return None if the file is unusable. Problems are added to those of `sources`; where only a
+    value is wrong, a model with the parent's value is returned. `ancestors` are the files that name
+    this one as parent, directly or not.
     """
     root = sources.read_yaml(path)
     if root is None:
@@ -196,7 +198,8 @@ def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Mod
 def override(base: Model, item: Located, sources: Sources) -> Model:
     """Return `base` changed by the keys parameters, friction_law, effects, unknown_term of `item`.
 
-    Where a value is wrong, the base's value stays and a problem is recorded.
+    Where a value is wrong, the base's value stays and a problem is recorded. An effect that the
+    file sets to nothing or "none" is switched off, and its parameters become those of `NOMINAL`.
     """
     changes = _Overrides(base, sources)
     parameters, effects, law = (item.get(key) for key in ("parameters", "effects", "friction_law"))

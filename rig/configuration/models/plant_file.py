@@ -395,6 +395,9 @@ def write_plant_file(
         effects: names of the added effects.
         provenance: where the values come from.
         path: path of the file, which is replaced.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     names = [*model.effects, *(name for name in effects if name not in model.effects)]
     on = {name: keys for name, keys in catalogue(model.plant).items() if name in names}

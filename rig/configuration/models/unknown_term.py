@@ -73,7 +73,11 @@ def _places(form: str, of: str) -> dict[str, Physical]:
 
 
 def read_terms(section: Located, sources: Sources) -> dict[str, float]:
-    """Return field -> value of `Parameters` for the terms of a model file; record the problems."""
+    """Return field -> value of `Parameters` for the terms of a model file; record the problems.
+
+    A term with a mistake is left out; fields of unused terms are neutral. {} if the section is
+    neither "none" nor a list of at most `MOST_TERMS` terms.
+    """
     if section.value == "none":
         return fields_of(())
     if not isinstance(section.value, list) or len(section.value) > MOST_TERMS:

@@ -44,7 +44,7 @@ class Located:
         return None if entry is None or entry.value is None else entry
 
     def find(self, path: tuple[str | int, ...]) -> "Located":
-        """Return the value that is reached along keys and indices, as far as the path exists."""
+        """Return the value at a path of keys and indices; if it ends early, the last one on it."""
         here = self
         for step in path:
             try:
@@ -89,7 +89,9 @@ class Sources:
     def read_yaml(self, path: Path, referrer: Located | None = None) -> Located | None:
         """Return the mapping in a YAML file; if the file holds none, add a problem, return None.
 
-        If the file cannot be read, the problem is placed at `referrer`, the value that names it.
+        If the file cannot be read, the problem is placed at `referrer`, the value that names it. A
+        file above `MAX_BYTES` or with wrong syntax counts as holding none. Of a repeated key the
+        first value counts, and a problem is added.
         """
         content = self.read_bytes(path, referrer)
         if content is None:

@@ -21,7 +21,11 @@ class Field:
     """An annotation of a schema's field, whose `parse` reads it or raises `QuantityError`."""
 
     def parse(self, raw: object) -> Any:
-        """Return the field's value, parsed from a value of YAML."""
+        """Return the field's value, parsed from a value of YAML.
+
+        Raises:
+            QuantityError: the value is wrong.
+        """
         raise NotImplementedError
 
     def __get_pydantic_core_schema__(
@@ -48,7 +52,7 @@ class Physical(Field):
     typical: float | None = None
 
     def parse(self, raw: object) -> float:
-        """Return the SI value of a text or bare number.
+        """Return the SI value of a text with a unit, or of a bare number if the unit is "" or rad.
 
         Raises:
             QuantityError: it is not this quantity, or it is outside the limits.
@@ -110,7 +114,7 @@ class Adjustable(Field):
 
         Raises:
             QuantityError: it is not this quantity, outside its limits, or a percentage without a
-                sign.
+                sign. For a quantity without a unit, a percentage without a sign is the value.
         """
         if isinstance(raw, str) and raw.strip().endswith("%"):
             if raw.strip()[0] in "+-":
@@ -133,11 +137,13 @@ class Interval(Field):
     single: bool = False
 
     def parse(self, raw: object) -> tuple[float, float]:
-        """Return the SI values of both ends.
+        """Return the SI values of both ends, which may be equal.
+
+        With `single`, anything but a list is read as the one quantity that counts for both.
 
         Raises:
-            QuantityError: it is no pair, an end is not this quantity or outside its limits, or the
-                ends are in the wrong order.
+            QuantityError: it is no pair (nor, with `single`, a quantity), an end is not this
+                quantity or outside its limits, or the lower end is above the upper one.
         """
         if self.single and not isinstance(raw, list):
             value = self.physical.parse(raw)

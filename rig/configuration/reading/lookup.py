@@ -79,7 +79,8 @@ def resolve(
 
     A relative path is resolved from `base`. A name is looked for in the folder of its kind within
     `base`, beside `base` if a file refers to it (so that an edited copy made by `rig init` wins),
-    in `base` itself, and then among the shipped configurations.
+    in `base` itself unless that is a folder of one kind, and then among the shipped configurations.
+    The referring file itself is never the result.
 
     Args:
         kind: kind of configuration that is wanted.

@@ -26,7 +26,7 @@ def expand(test: Located, problems: Problems) -> list[Located]:
     A value `${axis}` is replaced by the axis's value, which may be a list or a mapping, with its
     place in the file. Within a longer text, `${axis}` is replaced by the value's text, and in
     `name` by its label. [] if there are more than `MAX_TESTS` combinations. A test without a matrix
-    is returned once. Problems are recorded.
+    is returned once. Problems are recorded; an axis without usable values is left out.
     """
     matrix = test.get("matrix")
     axes = _read_axes(matrix, problems) if matrix is not None else {}

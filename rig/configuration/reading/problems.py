@@ -89,7 +89,10 @@ def display_path(path: Path) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known name that is closest to a misspelt one; None if none is close."""
+    """Return the known name that is closest to a misspelt one; None if none is close.
+
+    Upper and lower case count as the same.
+    """
     names = list(known)
     lowered = {name.lower(): name for name in names}
     matches = difflib.get_close_matches(word.lower(), lowered, n=1, cutoff=0.6)

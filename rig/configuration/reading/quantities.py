@@ -102,7 +102,7 @@ def _registry() -> "pint.UnitRegistry[Any]":
 
 @cache
 def unit_factor(unit: str, si_unit: str) -> Decimal:
-    """Return the factor from `unit` to `si_unit`.
+    """Return the factor from `unit` to `si_unit`; 1 Hz counts as 2 pi rad/s.
 
     Raises:
         QuantityError: the unit is unknown.
@@ -138,7 +138,7 @@ def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
 
 
 def read(raw: object, si_unit: str) -> Reading:
-    """Return the quantity that a text gives, or a bare number if `si_unit` is "" or "rad".
+    """Return the quantity that a text or number gives; only for "" and "rad" it needs no unit.
 
     Raises:
         QuantityError: it is no number or too large, or its unit is missing or wrong.
@@ -167,7 +167,10 @@ def read(raw: object, si_unit: str) -> Reading:
 
 
 def show(value: float, si_unit: str) -> str:
-    """Return an SI value as text with four digits, in a unit that suits its size: `13.8 MPa`."""
+    """Return an SI value as text with four digits, in a unit that suits its size: `13.8 MPa`.
+
+    A flow is always in L/min. A value that suits no usual unit is in the SI unit.
+    """
     units = ("L/min",) if si_unit == "m^3/s" else dimension(si_unit).units
     scaled = [(float(Decimal(repr(value)) / unit_factor(unit, si_unit)), unit) for unit in units]
     readable = (pair for pair in scaled if 0.1 <= abs(pair[0]) < 1000.0)

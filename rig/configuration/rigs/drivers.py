@@ -15,7 +15,10 @@ class PlacedDriver(NamedTuple):
 
 
 def read_drivers(item: Located | None, sources: Sources) -> tuple[PlacedDriver, ...] | None:
-    """Return the drivers of a rig file; if any is unusable, record the problems and return None."""
+    """Return the drivers of a rig file; if any is unusable, record the problems and return None.
+
+    `item` is the section `drivers`; without it there are no drivers.
+    """
     if item is None:
         return ()
     if not isinstance(item.value, dict):

@@ -34,7 +34,7 @@ _GLITCH: Final = 3e-3
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a rig: position, magnitude of the command, and highest chamber pressure."""
+    """The limits of a rig: ram position, magnitude of the command, and highest chamber pressure."""
 
     position_min_m: float
     position_max_m: float
@@ -55,7 +55,7 @@ def read_limits(item: Located | None, plant: Model | None, problems: Problems) -
     """Return a rig's limits; if the section is missing or unusable, return None.
 
     If the plant is known, positions must lie within its stroke and the pressure above its supply
-    pressure. Problems are recorded.
+    pressure; limits that do not are returned all the same. Problems are recorded.
     """
     file = read_mapping(LimitsFile, item, problems) if item is not None else None
     if item is None or file is None:
@@ -88,7 +88,8 @@ def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
     """Return the ladder that follows from a rig's limits.
 
     A chamber pressure above its limit trips the rig. A ram beyond its position limits is held; if
-    it gets halfway from a limit to the end of the stroke all the same, the rig trips.
+    it gets halfway from a limit to the end of the stroke all the same, the rig trips. Each must
+    last for 3 ms.
     """
     low, high = limits.position_min_m, limits.position_max_m
     far_low, far_high = 0.5 * (low + par.stroke_min), 0.5 * (high + par.stroke_max)

@@ -118,7 +118,11 @@ class PlantFile(Schema):
 
 
 def read_rig(path: Path, sources: Sources) -> Rig | None:
-    """Return the rig in a file; if it cannot be made, record the problems and return None."""
+    """Return the rig in a file, with its parents' keys; None if it cannot be made.
+
+    Problems are added to those of `sources`. A rig may be returned in spite of problems, for
+    example without the valves or drivers that are wrong; it may only be used if there are none.
+    """
     root = _with_parents(path, sources, ())
     if root is None:
         return None

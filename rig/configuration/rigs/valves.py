@@ -114,7 +114,10 @@ def read_bypass_valves(item: Located | None, sources: Sources) -> dict[str, Bypa
 
 
 def read_return_valve(item: Located | None, problems: Problems) -> ReturnValve | None:
-    """Return the valve of the return line; None if the file describes none, or an unusable one."""
+    """Return the valve of the return line; None if the file describes none, or an unusable one.
+
+    Problems are recorded.
+    """
     if item is None:
         return None
     file = read_mapping(ReturnValveFile, item, problems)

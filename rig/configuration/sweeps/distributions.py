@@ -106,8 +106,9 @@ class Random(Field):
         """Return the distribution that a value gives; a plain quantity is a `fixed` one.
 
         Raises:
-            QuantityError: it is neither a quantity nor a distribution, or values are beyond the
-                limits.
+            QuantityError: it is neither a quantity nor a distribution, values are beyond the limits
+                or mix shares with quantities, ends are in the wrong order, or a standard deviation
+                is not above 0.
         """
         if not isinstance(raw, dict):
             return Drawn("fixed", (self.inner.parse(raw),))
@@ -189,11 +190,12 @@ def resolved(drawn: Drawn, base: float = 0.0, limits: Physical | None = None) ->
     Args:
         drawn: the distribution as the file gives it.
         base: the value from which `Relative` values deviate.
-        limits: range that the values must lie in; a normal distribution is cut off at its ends.
+        limits: range that the values must lie in. Of a normal distribution the mean must, and the
+            distribution is cut off at the ends; None for no limits.
 
     Raises:
-        QuantityError: a value is beyond the limits, a deviation is from zero, or the ends are in
-            the wrong order.
+        QuantityError: a value is beyond the limits, a deviation is from zero, the ends are in the
+            wrong order, or a log-uniform distribution begins at 0 or below.
     """
     relative = [isinstance(value, Relative) for value in drawn.values]
     if any(relative) and base == 0.0:

@@ -109,7 +109,7 @@ def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
 
 
 def read_sweep(path: Path, sources: Sources) -> Sweep | None:
-    """Return the sweep in a file; if there is any problem, record it and return None."""
+    """Return the sweep in a file; if there is any problem, record it in `sources`, return None."""
     root = sources.read_yaml(path)
     if root is None:
         return None

@@ -108,7 +108,10 @@ _NOTHING: Final = Distribution("fixed", (0.0,))
 def read_motions(
     item: Located, limits: Limits | None, plant: Parameters | None, problems: Problems
 ) -> tuple[SweptMotion, ...]:
-    """Return the usable motions of a sweep; record the problems of the others.
+    """Return the motions of a sweep that can be made; record all problems.
+
+    A motion that may go beyond the limits is returned, with a problem. Of motions with the same
+    name the last is returned.
 
     Args:
         item: the list under the key `motions`.
@@ -264,7 +267,10 @@ def _physical(key: str) -> Physical | None:
 
 
 def reach(motion: SweptMotion) -> tuple[float, float]:
-    """Return bounds of the setpoints that a motion may reach: lowest and highest, m or V."""
+    """Return bounds of the setpoints that a motion may reach: lowest and highest, m or V.
+
+    They hold for every value that its distributions allow.
+    """
     values = motion.values
     if "amplitude" in values:
         low, high = values["mean"][0].support
