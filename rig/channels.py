@@ -148,7 +148,10 @@ channel has to come last of its kind. The screen shows channels in the order of 
 
 
 def names_of(*kinds: Kind) -> tuple[str, ...]:
-    """Return the names of the channels of the given kinds, one kind after the other."""
+    """Return the names of the channels of the given kinds, one kind after the other.
+
+    Within a kind they are in the order of `CHANNELS`.
+    """
     return tuple(channel.name for kind in kinds for channel in CHANNELS if channel.kind is kind)
 
 

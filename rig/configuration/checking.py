@@ -94,7 +94,7 @@ class CheckReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about motion that will not go as commanded, each after its test's name."""
+        """Warnings of the tests' plans (`PlannedTest.warnings`), each after its test's name."""
         return tuple(f"{test.name}: {warning}" for test in self.tests for warning in test.warnings)
 
     def __str__(self) -> str:

@@ -19,7 +19,10 @@ class Connection(H11Protocol):
     _until: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Start the time limit; if there are too many connections, cut the longest waiting."""
+        """Start the time limit; if there are too many connections, cut one.
+
+        `MOST_CONNECTIONS` says which.
+        """
         super().connection_made(transport)
         self._begin()
         if len(self.connections) >= MOST_CONNECTIONS:

@@ -48,7 +48,10 @@ class Endpoint:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether the endpoint is on loopback, so that only this machine reaches it."""
+        """Whether the host is localhost, ::1 or 127.x.x.x, so that only this machine reaches it.
+
+        Other host names are not looked up.
+        """
         parts = self.host.split(".")
         is_address = len(parts) == 4 and all(part.isdecimal() for part in parts)
         return self.host in LOOPBACK_NAMES or (is_address and parts[0] == "127")

@@ -144,7 +144,7 @@ class ConnectedRig:
 
     @property
     def has_tripped(self) -> bool:
-        """Whether any part of the session has tripped."""
+        """Whether any part of the session has tripped; it can be read once connected."""
         return self._safety.tripped
 
     def connect(self) -> None:

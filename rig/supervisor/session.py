@@ -290,7 +290,9 @@ class HardwareTest:
             raise self._session.stopped(error) from None
 
     def advance(self, ticks: int) -> Array:
-        """Return the rows of the next ticks; see `rig.runner.campaign.bench.Loop`.
+        """Wait for the next `ticks` ticks, or those that are left, and return their rows.
+
+        The rows have shape (n, len(channels)). The first call begins the run of the test.
 
         Raises:
             TripError: the rig tripped, or the loop has ended the motion by itself.

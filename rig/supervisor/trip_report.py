@@ -78,7 +78,7 @@ class TripReport:
 
     @property
     def first(self) -> tuple[str, Cause, int]:
-        """The first-out cause: who tripped first, the cause, and the time in ns."""
+        """The first-out cause: who tripped first, the cause, the time (CLOCK_MONOTONIC, ns)."""
         who = min(self.trips, key=lambda name: self.trips[name][1])
         return who, *self.trips[who]
 

@@ -62,8 +62,8 @@ def command(
     Writes report.html, results.json, junit.xml, a journal, and a recording of each test. Ctrl-C
     ends the campaign and reports the tests so far; `rig control` asks it for a pause and more. A
     campaign that was stopped or killed goes on with --resume. Exit code: 0 all as expected, 1 a
-    test failed or was skipped, 2 bad input or a device that is not there, 3 tripped, not ready,
-    stopped, or its disk full.
+    test failed or was skipped or no report could be made, 2 bad input or a device that is not
+    there, 3 tripped, not ready, stopped, or its disk full.
     """
     given: dict[str, str | None] = {
         "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd()),

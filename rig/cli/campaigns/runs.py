@@ -80,7 +80,7 @@ def command() -> None:
 @click.option("--state", type=click.Choice(["ended", "running", "unfinished"]))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
-    """List runs, oldest first."""
+    """List the runs that meet every given option, oldest first."""
     found = [run for run in runs_below(below) if _is_wanted(run, **wanted)]
     if as_json:
         for run in found:
@@ -107,7 +107,7 @@ def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
 @_below
 @click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
 def show(run: str, below: Path, as_json: bool) -> int:
-    """Show a run: its folder, state and size, the result of each test, and what happened between.
+    """Show a run: its folder, state, size, tests with their verdicts, and events outside the tests.
 
     RUN is the name of a folder below --runs, or a path.
     """

@@ -69,9 +69,10 @@ def valves(
 ) -> int:
     """Measure needle opening against leakage coefficient with the flow meters.
 
-    The rig is armed and homed; the ram then makes a slow stroke of some 9 s for each point. Writes
-    a dated file for `needle: {calibration: FILE}` in the rig file, and beside it the measurements
-    as CSV. Exit code: 0 done, 2 bad input or no calibration, 3 stopped or tripped.
+    The rig is armed and homed; the ram then makes a slow stroke of some 9 s for each point, on the
+    way up and again on the way down, and up to three where the flow does not settle. Writes a dated
+    file for `needle: {calibration: FILE}` in the rig file, and beside it the measurements as CSV.
+    Exit code: 0 done, 2 bad input or no calibration, 3 stopped or tripped.
     """
     rig, assumed = load_rig(reference), load_model(model)
     wanted = calibratable(rig, asked)

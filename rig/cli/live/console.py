@@ -51,7 +51,8 @@ def command(
 
     The page shows the live stream, and its commands are signed as those of `rig monitor --send`.
     The token to log in with is printed, and kept in a file that only you may read. docs/console.md
-    describes the rest. Ctrl-C ends the page; campaigns go on.
+    describes the rest. Campaigns can be started only where the profile's endpoints are all on this
+    machine and --connect is not given. Ctrl-C ends the page; campaigns go on.
     """
     from rig.console import AddressError, Served, address_of, console_token, offers_of, serve
     from rig.stream import KeyFileError, StreamClient, StreamError

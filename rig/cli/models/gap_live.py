@@ -75,7 +75,10 @@ def close_on_rig(
 
 
 def experiment_file(campaign: Mapping[str, Any], rig: str, model: str) -> str:
-    """Return the text of a campaign file that runs the experiment `campaign` on a rig."""
+    """Return the text of a campaign file that runs the experiment `campaign` on a rig.
+
+    `rig` and `model` are names or paths; a path to a file is made absolute.
+    """
     content = {
         "name": campaign["name"],
         "description": campaign["description"],

@@ -74,7 +74,8 @@ class PlannedTest:
         valve_speed_m_per_s: speed of an unloaded ram at the rig's largest command.
         expect: the verdict that the test should have.
         on_fault: the reaction to a confirmed fault.
-        warnings: what will not go as commanded, each with its remedy.
+        warnings: what will not go as commanded, and what the detector cannot find or size, each
+            with its remedy.
     """
 
     name: str

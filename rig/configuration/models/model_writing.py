@@ -26,7 +26,8 @@ def dump_model(model: Model, path: Path) -> None:
     """Write a model file that loads back to the identical model; replace the file at once.
 
     An effect whose parameters are not neutral is written as switched on, even if the model does not
-    list it. After an error the old file, if any, is unchanged.
+    list it; provenance is written as `plain_provenance`. After an error the old file, if any, is
+    unchanged.
 
     Raises:
         ConfigError: a parameter is outside the range that a model file may hold.
@@ -133,7 +134,10 @@ def _provenance(model: Model) -> Iterator[str]:
 
 
 def plain_provenance(value: Any) -> Any:
-    """Return provenance as dicts, lists and scalars that YAML can hold."""
+    """Return provenance as dicts, lists and scalars that YAML can hold.
+
+    Arrays, tuples and sets become lists; any other object becomes its text.
+    """
     if isinstance(value, Mapping):
         return {str(key): plain_provenance(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -66,7 +66,7 @@ class Physical(Field):
 
         Raises:
             QuantityError: the value is outside. The error names the limit in the unit that the
-                file uses, and a value that would fit.
+                file uses, and the value that was probably meant, if there is one within the limits.
         """
         if self.lower <= reading.value <= self.upper:
             return

@@ -131,7 +131,8 @@ def load(
     Args:
         kind: kind of configuration.
         reference: its path or name.
-        base: folder from which a relative path is resolved; the working directory if None.
+        base: folder from which a relative path is resolved, and where a name is looked for before
+            the shipped ones; the working directory if None.
         read: reads a file and returns its object; if the file cannot be used, it records the
             problems and returns None.
 
@@ -147,7 +148,10 @@ def load(
 
 
 def available(kind: Kind, base: Path | None = None) -> list[str]:
-    """Return the names of a kind's configurations: shipped ones, and those in or beside `base`."""
+    """Return the names of a kind's configurations, sorted, without suffix.
+
+    These are the shipped ones, and those in the kind's folder in `base` or beside it.
+    """
     folders = [shipped_config_dir() / FOLDERS[kind]]
     folders += [base / FOLDERS[kind], base.parent / FOLDERS[kind]] if base else []
     files = (path for folder in folders for path in folder.glob("*"))

@@ -29,7 +29,7 @@ T = TypeVar("T")
 def read_mapping(
     schema: type[S], item: Located, problems: Problems, hints: dict[str, str] | None = None
 ) -> S | None:
-    """Return a mapping validated by its schema; a key with a wrong value counts as absent.
+    """Return a mapping validated by its schema; a key with a wrong or no value counts as absent.
 
     Unknown keys, wrong values and missing keys are recorded as problems. Return None if a required
     key is wrong or missing, or if the value is no mapping. `hints` gives the remedy for keys that

@@ -44,7 +44,8 @@ def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...], problems: P
     """Check that a hardware rig's drivers fit its file; record a problem for each mistake.
 
     There must be one fast driver, which writes the command. The drivers must supply the needed
-    signals and the sensors that the file has, and no two of them may share a signal or a device.
+    signals and the sensors that the file has. No two of them may read the same signal, write the
+    same signal, or use the same device.
     """
     section = root.find(("drivers",))
     _check_fast(section, drivers, problems)

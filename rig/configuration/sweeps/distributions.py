@@ -70,7 +70,7 @@ class Distribution:
 
     @property
     def support(self) -> tuple[float, float]:
-        """The smallest and the largest value that may be drawn, SI."""
+        """The smallest and the largest value that may be drawn, SI; infinite for no limit."""
         if self.kind == "normal":
             return self.low, self.high
         return min(self.values), max(self.values)

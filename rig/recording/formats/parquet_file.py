@@ -23,7 +23,7 @@ _EVENTS: Final = b"rig.events"
 
 
 def write_parquet(recording: Recording, path: Path) -> None:
-    """Write a recording to a Parquet file, with float64 values stored bit for bit."""
+    """Write a recording, metadata and events included, to Parquet; floats are kept bit for bit."""
     schema = pa.schema(
         [
             pa.field(name, pa.float64(), metadata={"unit": unit_of(name)})

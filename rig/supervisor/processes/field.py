@@ -288,7 +288,10 @@ _CONFIRMED: Final = {_BYPASS_RANK: Word.BYPASS_SHUT_AT, _PUMP_RANK: Word.PUMP_UN
 
 
 def rank_of(outputs: Iterable[str]) -> int:
-    """Return the place, from 0, that a driver with these outputs has in the order of a trip."""
+    """Return the place, from 0, that a driver with these outputs has in the order of a trip.
+
+    The order is: valve drive, bypass valves, pump, drivers without any of these.
+    """
     moved = set(outputs)
     if "drive_target" in moved:
         return _DRIVE_RANK

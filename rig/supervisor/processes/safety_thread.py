@@ -101,11 +101,11 @@ class SafetyThread:
 
     @property
     def tripped(self) -> bool:
-        """Whether any part has tripped."""
+        """Whether loop, field process or supervisor has tripped."""
         return any(self._words[word] for word, _ in TRIPS.values())
 
     def trip(self, cause: Cause) -> None:
-        """Trip in the name of the supervisor, unless it has tripped already."""
+        """Trip in the name of the supervisor, unless the supervisor has tripped already."""
         if not self._words[Word.SUPERVISOR_TRIP]:
             self._words[Word.SUPERVISOR_TRIP_AT] = time.monotonic_ns()
             self._words[Word.SUPERVISOR_TRIP] = cause
