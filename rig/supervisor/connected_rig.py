@@ -271,7 +271,7 @@ class ConnectedRig:
         )
 
     def latest(self, channel: str) -> float:
-        """Return a channel's last value in the rows of `RECENT_S` that is no NaN; else NaN."""
+        """Return a channel's last value other than NaN in the rows, up to 0.25 s old; else NaN."""
         values = RingReader(self.board).latest(round(RECENT_S * self.configured.loop.rate))
         known = values[:, self._channels.index(channel)]
         known = known[np.isfinite(known)]
@@ -349,10 +349,10 @@ class ConnectedRig:
         return replace(segment, **changes)
 
     def switch_to(self, segment: orders.Segment) -> None:
-        """Send the loop's process a segment with the next number, to run from its next tick on.
+        """Number a segment, send it to the loop, await the receipt, and have the loop switch to it.
 
         Raises:
-            ChildError: the process has ended, or did not confirm the order within `ANSWER_S`.
+            ChildError: the loop's process has ended, or did not answer within `ANSWER_S`.
         """
         words = self.board.words
         number = int(words[Word.SWITCH]) + 1
@@ -379,7 +379,7 @@ class ConnectedRig:
         return off
 
     def tripped(self) -> TripError:
-        """Wait up to 20 s until the rig is safe; return the trip, reported once, as an error."""
+        """Wait up to 20 s until the rig is safe, report the trip once, return it as an error."""
         safe = self._safety.wait_until_safe()
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
@@ -409,7 +409,7 @@ class ConnectedRig:
     def ramp_down(self) -> None:
         """Bring the motion to rest and have the valve disabled; trip if that takes over `STOP_S`.
 
-        Where the valve is disabled or the ramp runs already, nothing moves; ARMING is left.
+        In states with a disabled valve, or RAMPING_DOWN, nothing is done; ARMING is disarmed.
         """
         if self.state is State.ARMING:
             self.handle(Event.DISARM)
