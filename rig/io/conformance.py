@@ -111,7 +111,10 @@ def check_open_and_close(factory: Factory) -> None:
 
 
 def check_not_open(factory: Factory) -> None:
-    """Check that a driver that is not open, or is closed again, refuses to read and to write."""
+    """Check that a driver that is not open, or is closed again, refuses to read and to write.
+
+    Only a driver with `moves` is asked to write, and the device must stay in its safe state.
+    """
     with factory() as specimen:
         driver = specimen.driver
         for when in ("before it is open", "after it is closed"):
@@ -213,7 +216,11 @@ def check_absent_device(factory: Factory) -> None:
 
 
 def check_exchange(factory: Factory) -> None:
-    """Check that both plans of a fast driver exchange when compiled; the look plan only reads."""
+    """Check that both plans of a fast driver exchange when compiled; the look plan only reads.
+
+    The driver must have no `fileno` before it is open, and `driven` must tell a driven valve from
+    one in its safe state. A slow driver passes.
+    """
     with factory() as specimen:
         driver = specimen.driver
         if not isinstance(driver, FastDriver):
@@ -236,7 +243,10 @@ def check_exchange(factory: Factory) -> None:
 
 
 def check_lost_exchange(factory: Factory) -> None:
-    """Check that a fast driver's exchange ends in time, with NaN inputs, if the device is gone."""
+    """Check that a fast driver's exchange ends in time, with NaN inputs, if the device is gone.
+
+    Then `driven` must raise a `DriverError`. A slow driver passes.
+    """
     with factory() as specimen:
         driver = specimen.driver
         if not isinstance(driver, FastDriver):

@@ -17,7 +17,7 @@ def connection_of(options: Any) -> str | None:
     """Return a name of the device that only one driver may use; None if options name no device.
 
     The name is `host:port`, a serial port, or a node with its CAN bus. A node is named by its id,
-    or by the DBC file that describes its frames.
+    or by the DBC file that describes its frames; CAN options without either name no device.
     """
     if getattr(options, "channel", ""):
         return _node_of(options)
@@ -42,13 +42,14 @@ def _node_of(options: Any) -> str | None:
 
 @contextmanager
 def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
-    """Lock the devices of drivers against other programs on this machine that use this lock.
+    """Lock the devices of drivers, in a `with` block, against other programs that use this lock.
 
     Several programs may share a CAN bus, so that its nodes are locked and not the bus: setting up a
     node anew would stop it for the program that drives it.
 
     Raises:
-        DriverError: another program has locked one of the devices; the message names its process.
+        DriverError: another program on this machine has locked one of the devices, or two of the
+            drivers name the same device; the message names the process. Or a lock cannot be opened.
     """
     with ExitStack() as locks:
         for spec in drivers:

@@ -64,6 +64,8 @@ class Driver(Protocol):
     def open(self) -> None:
         """Connect, verify that the device is the one expected, and set it up.
 
+        Nothing moves. If the driver is open already, nothing is done.
+
         Raises:
             DriverError: no device answers, another device does, or the device cannot do what is
                 configured.
@@ -72,15 +74,21 @@ class Driver(Protocol):
     def read(self) -> Mapping[str, float]:
         """Return the values that came in since the last call, by signal, SI; NaN if invalid.
 
+        A signal of which no value came is left out.
+
         Raises:
-            DriverError: the device is lost, or a move did not end in time.
+            DriverError: the driver is not open, the device is lost or reports a fault, or a move
+                did not end in time.
         """
 
     def write(self, outputs: Mapping[str, float]) -> None:
         """Set outputs, given by signal in SI, without waiting for the end of a move.
 
+        Outputs that are not given keep their values.
+
         Raises:
-            DriverError: the device is lost, or refuses.
+            DriverError: an output is unknown or its value not possible, and then nothing is sent;
+                or the driver is not open, or the device is lost, or refuses.
         """
 
     def safe_state(self) -> None:

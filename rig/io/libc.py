@@ -126,6 +126,8 @@ def receive(fd, data, start):
 def wait_readable(fd, deadline_ns):
     """Wait until `fd` can be read or has failed, and return True; return False at the deadline.
 
+    It returns False as well if waiting is not possible. A signal does not end the wait.
+
     Args:
         fd: descriptor to wait for.
         deadline_ns: time on CLOCK_MONOTONIC in ns.

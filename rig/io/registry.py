@@ -47,8 +47,8 @@ class DriverSpec:
         """Return the specification of a driver; an instance is made for it, and is not opened.
 
         Raises:
-            DriverError: no driver of this type is installed, it is broken, or its options do not
-                fit together.
+            DriverError: no driver of this type is installed, several are, it is broken, or it
+                refuses its options.
         """
         entry, driver = _entry_point(driver_type), driver_class(driver_type)(name, options)
         if driver.kind == "fast":
@@ -60,7 +60,7 @@ class DriverSpec:
         """Return the driver, not yet open.
 
         Raises:
-            DriverError: no driver of this type is installed any more, or it refuses its options.
+            DriverError: `driver_class` fails, or the driver refuses its options.
         """
         driver: Driver = driver_class(self.type)(self.name, self.options)
         return driver

@@ -54,7 +54,11 @@ class Travel:
         return self.target is not None and abs(position - self.target) <= self._tolerance
 
     def fault(self, position: float) -> str:
-        """Return what is wrong with the valve, which is now at `position`; empty if nothing is."""
+        """Return what is wrong with the valve, which is now at `position`; empty if nothing is.
+
+        Wrong is a valve that has not reached its target in the time allowed, or that has left it
+        after an earlier call found it there. Before the first move nothing is wrong.
+        """
         if self.target is None:
             return ""
         if self.reached(position):
@@ -113,8 +117,10 @@ class BypassValves:
     def open(self) -> None:
         """Connect, verify the device's identity and arm its watchdog; no valve moves.
 
+        If the driver is open already, nothing is done.
+
         Raises:
-            DriverError: no device answers there, or another one does.
+            DriverError: no device answers there, another one does, or it refuses.
         """
         if self._link is None:
             self._connect()
@@ -122,8 +128,11 @@ class BypassValves:
     def read(self) -> Mapping[str, float]:
         """Return every valve's position by signal; a ball between its ends is at 0.5.
 
+        A ball whose two position switches are both on is NaN.
+
         Raises:
-            DriverError: the device is lost, a valve did not arrive in time, or one left its target.
+            DriverError: the driver is not open, the device is lost, a valve that was moved did not
+                arrive in time, or one left its target.
         """
         positions = self._connected().positions(self._options.bypasses)
         faults = {
@@ -138,8 +147,8 @@ class BypassValves:
         """Send valves to positions; a valve whose last target is the same gets no command.
 
         Raises:
-            DriverError: there is no such valve or position, and nothing is sent; or the device is
-                lost, or refuses.
+            DriverError: there is no such valve or position, and nothing is sent; or the driver is
+                not open, or the device is lost, or refuses.
         """
         for signal, target in outputs.items():
             self._check(signal, target)
@@ -156,8 +165,7 @@ class BypassValves:
         connection is of no use before the device answers.
 
         Raises:
-            DriverError: it was not confirmed within the time of a move; the message names the
-                valves.
+            DriverError: it was not confirmed within the time that the slowest move may take.
         """
         deadline_ns = self._clock() + round(max(self._ball_time, self._needle_time) * 1e9)
         if self._link is not None:

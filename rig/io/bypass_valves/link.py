@@ -63,7 +63,7 @@ class BypassLink:
 
     @property
     def lost(self) -> bool:
-        """Whether the connection is closed, by this program or by the device."""
+        """Whether the connection is closed, by this program or by the device; requests fail then."""
         return not self._client.connected
 
     def set_watchdog(self, time_s: float) -> None:
@@ -85,7 +85,7 @@ class BypassLink:
         self._ask(f"{bypass}_ball", self._client.write_coil, address, opened)
 
     def shut_balls(self, bypasses: Sequence[str]) -> None:
-        """Command all balls up to that of the last given bypass to shut, by a single request.
+        """Command the balls from the first of `BYPASSES` to the last given to shut, in one request.
 
         Raises:
             DriverError: the device does not reply, or refuses.

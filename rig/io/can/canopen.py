@@ -125,7 +125,7 @@ def write_reply(entry: Entry) -> bytes:
 
 
 def abort_reply(index: int, subindex: int, code: int) -> bytes:
-    """Return the 8 bytes by which a node refuses a request, with an abort code."""
+    """Return the 8 bytes by which a node refuses a request for an entry, with an abort code."""
     return _frame(_ABORT, index, subindex, struct.pack("<I", code))
 
 

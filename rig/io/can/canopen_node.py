@@ -33,7 +33,7 @@ _SDO_TIMEOUT: Final = 0.5
 
 
 def identifiers(node: int) -> tuple[int, ...]:
-    """Return the CAN identifiers of all frames that a node sends."""
+    """Return the CAN identifiers of the frames that the host receives from a node."""
     return tuple(base + node for base in (EMERGENCY, TPDO1, SDO_REPLY, HEARTBEAT))
 
 
@@ -73,7 +73,10 @@ class CanopenNode:
         self._reply: bytes | None = None
 
     def listen(self, wait: float = 0.0) -> None:
-        """Handle the frames that have come in; if there is none, wait for up to `wait` seconds."""
+        """Handle the frames that have come in; if there is none, wait for up to `wait` seconds.
+
+        A frame whose length does not fit its kind is dropped.
+        """
         for frame in self._link.receive(wait):
             self._take(frame)
 
@@ -108,30 +111,44 @@ class CanopenNode:
         return True
 
     def command(self, command: NmtCommand) -> None:
-        """Send the node a command that changes its communication state."""
+        """Send the node a command that changes its communication state; it does not answer.
+
+        Raises:
+            DriverError: the bus does not accept the frame.
+        """
         self._link.send(NMT, bytes((command, self._node)))
 
     def beat(self) -> None:
-        """Send the host's own heartbeat, which the node watches if it was set up to do so."""
+        """Send the host's own heartbeat, which the node watches if it was set up to do so.
+
+        Raises:
+            DriverError: the bus does not accept the frame.
+        """
         self._link.send(HEARTBEAT + HOST_NODE, bytes((NmtState.OPERATIONAL,)))
 
     def send_pdo(self, data: bytes) -> None:
-        """Send the node an RPDO1 with these data."""
+        """Send the node an RPDO1 with these data, at most 8 bytes.
+
+        Raises:
+            DriverError: the bus does not accept the frame.
+        """
         self._link.send(RPDO1 + self._node, data)
 
     def read(self, entry: Entry) -> int:
-        """Return the value of an entry of the node's object dictionary.
+        """Return the value of an entry of the node's object dictionary, waiting for the answer.
 
         Raises:
-            DriverError: the node refuses, or does not answer.
+            DriverError: the bus does not accept the request, or the node refuses, answers with
+                another length, or does not answer in 0.5 s.
         """
         return self._transfer(entry, read_request(entry), "read")
 
     def write(self, entry: Entry, value: int) -> None:
-        """Set an entry of the node's object dictionary.
+        """Set an entry of the node's object dictionary, and wait until the node confirms it.
 
         Raises:
-            DriverError: the node refuses, or does not answer.
+            DriverError: the bus does not accept the request, or the node refuses, or does not
+                answer in 0.5 s.
         """
         self._transfer(entry, write_request(entry, value), f"set to {value}")
 

@@ -22,7 +22,7 @@ class DriveWalk:
         refuse: makes the errors that are raised.
 
     Attributes:
-        word: the control word that the driver must send; None before any target was asked for.
+        word: the control word that the driver must send; None before the first `ask` or `disable`.
     """
 
     def __init__(self, timeout: float, refuse: Refuse) -> None:
@@ -36,7 +36,7 @@ class DriveWalk:
 
     @property
     def active(self) -> bool:
-        """Whether the valve is in ACTIVE, as asked, so that setpoints may be sent."""
+        """Whether the valve has confirmed the target ACTIVE, so that setpoints may be sent."""
         return self._target is DriveState.ACTIVE and self._expected is None
 
     def ask(self, state: DriveState, target: DriveState, now: float) -> None:
@@ -74,7 +74,10 @@ class DriveWalk:
             self.word = self._words.pop(0)
 
     def give_up(self, state: DriveState) -> None:
-        """End the walk, and keep the valve in `state` until another target is asked for."""
+        """End the walk, and keep the valve in `state` until another target is asked for.
+
+        Before the first `ask` or `disable`, nothing is commanded.
+        """
         self._target = self._expected = None
         if self.word is not None:
             self.word = keeping_word(state)

@@ -159,7 +159,7 @@ def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
 
 
 def after_fault(state: DriveState) -> DriveState:
-    """Return the state to which a fault brings the valve; `state` if there is a fault already."""
+    """Return the state to which a fault brings the valve; `state` if it is not ready already."""
     for transition in TRANSITIONS:
         if transition.source is state and transition.word == FAULT:
             return transition.target
@@ -172,7 +172,7 @@ def keeping_word(state: DriveState) -> int:
 
 
 def next_state(state: DriveState, target: DriveState) -> DriveState:
-    """Return the state one transition nearer to a target of `WALK`.
+    """Return the state one transition nearer to a target of `WALK`; the target itself if there.
 
     From a fault state, the next one is that after the reset. FAULT_REACTION is returned as it is,
     since it has to end by itself.
@@ -186,7 +186,10 @@ def next_state(state: DriveState, target: DriveState) -> DriveState:
 
 
 def words_towards(state: DriveState, target: DriveState) -> tuple[int, ...]:
-    """Return the control words that lead to `next_state`, to be sent one after the other."""
+    """Return the control words that lead to `next_state`, to be sent one after the other.
+
+    From a fault state there are two, so that the bit that resets the fault rises; otherwise one.
+    """
     if state.ready or state is DriveState.FAULT_REACTION:
         return (keeping_word(next_state(state, target)),)
     return keeping_word(state), keeping_word(state) | R

@@ -68,8 +68,8 @@ class Ds408Valve:
         """Wait for the node, verify that it is a servovalve, and set it up; nothing moves.
 
         Raises:
-            DriverError: its heartbeat or status does not come, it is no valve of CiA 408, or it is
-                ACTIVE already.
+            DriverError: its heartbeat or status does not come within `open_timeout`, it is no valve
+                of CiA 408, refuses, or is ACTIVE already.
         """
         options, node = self._options, self._node
         if not node.wait_for(lambda: node.state is not None, options.open_timeout):
@@ -104,7 +104,8 @@ class Ds408Valve:
         """Handle the frames that have come in; return the error codes of the valve's emergencies.
 
         Raises:
-            DriverError: heartbeat or status message stay away, or the valve has restarted.
+            DriverError: heartbeat or status message stay away for `silence`, or the valve has
+                restarted.
         """
         self._node.listen()
         self._require_heard(self._clock())
@@ -126,13 +127,14 @@ class Ds408Valve:
 
         Raises:
             DriverError: the bus does not accept a frame.
+            ValueError: the setpoint is not between -1 and 1.
         """
         self._node.beat()
         if word is not None:
             self._node.send_pdo(struct.pack(COMMAND_LAYOUT, word, to_increments(setpoint)))
 
     def watch_host(self, silence: float) -> None:
-        """Make the valve go to a fault when this host is silent for `silence` s; 0: never.
+        """Make the valve go to a fault when this host's heartbeat stays away `silence` s; 0: never.
 
         Raises:
             DriverError: the valve refuses, or does not answer.
@@ -148,7 +150,7 @@ class Ds408Valve:
         prevent the command.
 
         Raises:
-            DriverError: the valve does not answer.
+            DriverError: the valve refuses or does not answer, or its state is unknown.
         """
         self.command(D, 0.0)
         if self._options.setpoint == "bus":

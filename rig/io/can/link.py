@@ -98,10 +98,11 @@ class CanLink:
             raise DriverError(self._driver, state, "check cable and termination") from error
 
     def receive(self, wait: float = 0.0) -> list[can.Message]:
-        """Return the wanted frames that have come in; if there is none, wait up to `wait` seconds.
+        """Return the wanted frames among those that have come in, 500 at most.
 
-        Errors of reading the bus are ignored, since the check of a device's heartbeat notices when
-        nothing comes from it any more.
+        If no frame at all has come in, it waits up to `wait` seconds for the first one. Errors
+        of reading the bus are ignored, since the check of a device's heartbeat notices when nothing
+        comes from it any more.
         """
         frames: list[can.Message] = []
         for _ in range(_MOST_FRAMES):

@@ -142,8 +142,11 @@ class CanPump:
     def open(self) -> None:
         """Open the bus and wait for the unit's status message; nothing is commanded.
 
+        If the driver is open already, nothing is done.
+
         Raises:
-            DriverError: the bus cannot be opened, or no status message comes.
+            DriverError: the bus cannot be opened, or no status message comes within `silence`, or
+                1 s if that is longer.
         """
         if self._link is not None:
             return
@@ -169,8 +172,11 @@ class CanPump:
     def read(self) -> Mapping[str, float]:
         """Send the command, and return the values that came since the last call, by signal, SI.
 
+        Nothing is sent before the first `write`. The result is empty if no new status came.
+
         Raises:
-            DriverError: the unit is lost or frozen, reports a fault, or does not do what was asked.
+            DriverError: the driver is not open, or the unit is lost or frozen, reports a fault, or
+                does not do what was asked in `load_timeout`.
         """
         link = self._connected()
         self._listen(link)
@@ -218,7 +224,8 @@ class CanPump:
         """Command the unit to load or unload the pump; later calls of `read` check that it does.
 
         Raises:
-            DriverError: there is no such output or value, or the bus is lost.
+            DriverError: there is no such output or value, the driver is not open, or the bus is
+                lost.
         """
         link = self._connected()
         for name, value in outputs.items():
@@ -246,7 +253,7 @@ class CanPump:
         """Unload the pump over a new connection, and wait until the unit confirms it.
 
         Raises:
-            DriverError: the unit has not confirmed in time.
+            DriverError: the unit has not confirmed in `load_timeout`, or the bus cannot be opened.
         """
         self._ask(False)
         was_open = self._link is not None

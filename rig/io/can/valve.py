@@ -68,9 +68,11 @@ class CanValve:
     def open(self) -> None:
         """Wait for the node, verify that it is a servovalve, and set it up; nothing moves.
 
+        If the driver is open already, nothing is done.
+
         Raises:
-            DriverError: its heartbeat or status does not come, it is no valve of CiA 408, or it is
-                ACTIVE already.
+            DriverError: the bus cannot be opened, the node's heartbeat or status does not come, it
+                is no valve of CiA 408, refuses its set-up, or is ACTIVE already.
         """
         if self._valve is not None:
             return
@@ -88,9 +90,10 @@ class CanValve:
             The inputs; empty if no status message came since the last call.
 
         Raises:
-            DriverError: the valve is lost, has met a fault, left its state, or does not take a
-                step in time. An emergency and a fault are raised once each. The error of a lost
-                valve is raised at every call while it is lost.
+            DriverError: the driver is not open, or the valve is lost, has met a fault, left its
+                target by itself, or does not take a step in time. An
+                emergency and a fault are raised once each. The error of a lost valve is raised at
+                every call while it is lost.
         """
         valve = self._connected()
         try:
@@ -128,10 +131,13 @@ class CanValve:
             raise self._fault(f"is in {state.name}: {why}", action)
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Set a target state, a setpoint, or both; nothing is sent if one of them is refused.
+        """Set a target state, a setpoint, or both; nothing is sent if a name or value is refused.
+
+        The first target also makes the valve watch this host, for the option `watchdog`.
 
         Raises:
-            DriverError: there is no such output or value, or the valve or its bus is lost.
+            DriverError: there is no such output or value, the driver is not open, the valve reacts
+                to a fault that it met just now, or the valve or its bus is lost.
         """
         valve = self._connected()
         for name, value in outputs.items():
@@ -166,10 +172,11 @@ class CanValve:
     def safe_state(self) -> None:
         """Bring the valve to DISABLED, or a fault state as low, so that nothing drives the spool.
 
-        The setpoint becomes 0.
+        The setpoint becomes 0, and the valve no longer watches this host.
 
         Raises:
-            DriverError: the valve has not confirmed it in time; the message names its state.
+            DriverError: the valve has not confirmed it in `step_timeout`, or the bus cannot be
+                opened; the message names the valve's state, or the error.
         """
         self._walk.disable()
         self._setpoint = 0.0

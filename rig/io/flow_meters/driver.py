@@ -103,8 +103,10 @@ class FlowMeters:
     def open(self) -> None:
         """Open the serial line, and wait until a valid text line of a meter has come.
 
+        If the driver is open already, nothing is done.
+
         Raises:
-            DriverError: the port cannot be opened, or no valid line comes in time.
+            DriverError: the port cannot be opened or is lost, or no valid line comes in `stale`.
         """
         if self._is_open:
             return
@@ -130,7 +132,8 @@ class FlowMeters:
     def read(self) -> Mapping[str, float]:
         """Return the newest flows in m^3/s that came since the last call, by signal.
 
-        A meter of which none came is left out; it is NaN once it has been silent for `stale`.
+        A meter of which none came is left out until it has been silent for `stale`, and is NaN from
+        then on. A meter with a failed sensor is NaN. A lost line is opened again if possible.
 
         Raises:
             DriverError: the driver is not open.

@@ -57,7 +57,10 @@ class MeterLineParser:
         self._begun = b""
 
     def feed(self, data: bytes) -> list[MeterLine]:
-        """Return the valid lines that end in these bytes; the rest is kept for the next call."""
+        """Return the valid lines that end in these bytes, in order; the rest is kept for later.
+
+        Lines that are not valid are only counted.
+        """
         *ended, begun = (self._begun + data).split(b"\n")
         # No valid line is longer than this, so that earlier bytes can belong to none.
         self._begun = begun[-_LONGEST:]
@@ -80,7 +83,7 @@ class MeterLineParser:
 
 
 def meter_line(meter: int, flow: float, failed: bool = False) -> bytes:
-    """Return the line by which a meter sends a flow in m^3/s."""
+    """Return the line by which meter 1, 2 or 3 sends a flow in m^3/s, or a failed sensor."""
     status = _SENSOR_FAULT if failed else 0
     body = f"FM,{meter},{flow / LITRE_PER_MINUTE:.3f},{status:02X}".encode("ascii")
     return b"$%s*%02X\r\n" % (body, _checksum(body))

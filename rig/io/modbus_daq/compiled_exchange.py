@@ -66,7 +66,8 @@ _STILL_LATE: Final = 0x4000
 def encode_outputs(plan, outputs):
     """Write outputs, float64 in the order of `FAST_OUTPUTS`, into the plan's frames.
 
-    A value beyond the range of an integer register is clipped to it. NaN is written as 0.
+    An integer register gets the nearest number within its range, a switch 1 for a number of 0.5
+    or more. NaN is written as the SI value 0.
     """
     frames = plan.frames
     for row in range(plan.encode.shape[0]):
@@ -96,7 +97,10 @@ def encode_outputs(plan, outputs):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def decode_inputs(plan, inputs):
-    """Fill `inputs`, float64 in the order of `FAST_INPUTS`, from the reply in the buffer."""
+    """Write the SI values of the reply in the buffer into `inputs`, in the order of `FAST_INPUTS`.
+
+    Inputs for which the device has no register stay as they are.
+    """
     reply = plan.received
     for row in range(plan.decode.shape[0]):
         at, kind, bit = plan.decode[row, 1], plan.decode[row, 2], plan.decode[row, 3]

@@ -47,8 +47,9 @@ class ModbusDaqOptions:
         port: TCP port of the device.
         unit: Modbus unit id of the device.
         exchange: how samples are exchanged; if it is not given, the first way in the map.
-        watchdog: time of the device's own watchdog; required if the device has one.
-        rate: exchanges in a second; if it is not given, the rate of the map.
+        watchdog: time of the device's own watchdog, at least that of three exchanges; required if
+            the map has a watchdog, and left out if it has none.
+        rate: exchanges in a second; at most the rate of the map, which holds if it is not given.
         timeout: longest wait for a connection, or for a reply outside the loop.
     """
 
@@ -97,8 +98,11 @@ class ModbusDaq:
     def open(self) -> None:
         """Connect, verify that the device is that of the map, and set it up; no output changes.
 
+        If the driver is open already, nothing is done.
+
         Raises:
-            DriverError: no device answers, another one does, or the device is too slow.
+            DriverError: no device answers, another one does, it is too slow, does not hold the
+                set-up that was written, or takes no second connection.
         """
         if self._socket is not None:
             return
@@ -120,18 +124,20 @@ class ModbusDaq:
         return self._opened().fileno()
 
     def plan(self) -> ExchangePlan:
-        """Return the plan of the exchange over this socket."""
+        """Return the plan of the exchange over the socket of `fileno`, the same at every call."""
         return self._plan
 
     def look_plan(self) -> ExchangePlan:
-        """Return the plan of an exchange over this socket that reads, and writes no output."""
+        """Return the plan of an exchange over the same socket that reads, and writes no output."""
         return self._look
 
     def read(self) -> Mapping[str, float]:
         """Exchange once with unchanged outputs, and return the inputs by signal, SI.
 
+        Before the first `write`, and after `safe_state`, the outputs that are sent are 0.
+
         Raises:
-            DriverError: the device is lost, or refuses.
+            DriverError: the driver is not open, or the device does not reply in time, or refuses.
         """
         self._exchange()
         return {signal: float(self._found[FAST_INPUTS.index(signal)]) for signal in self.inputs}
@@ -139,11 +145,11 @@ class ModbusDaq:
     def write(self, outputs: Mapping[str, float]) -> None:
         """Exchange once with the given outputs changed and all others unchanged.
 
-        The driver counts `host_counter` up by itself.
+        The driver counts `host_counter` up by itself. Nothing is sent if one output is wrong.
 
         Raises:
-            DriverError: the device has no such output, the value is not finite, or the device is
-                lost or refuses.
+            DriverError: the device has no such output, a value is not finite, the driver is not
+                open, or the device does not reply in time, or refuses.
         """
         for signal, value in outputs.items():
             if signal not in self.outputs:
@@ -161,22 +167,23 @@ class ModbusDaq:
         """Bring the valve to null over a new connection, and return when the device reports that.
 
         A device that has a null request latches it. Any other device is sent 0 V and "valve off" as
-        an ordinary command, so that no exchanges may go on with it, which would overwrite that.
+        an ordinary command; no exchange may follow then, because it would overwrite that command.
 
         Raises:
-            DriverError: the device did not confirm in time; the valve may still be driven.
+            DriverError: the device cannot be reached, refuses, or did not confirm in time; the
+                valve may still be driven.
         """
         self._given[:] = 0.0
         with self._link() as link:
             null(link, self._map, self._options.timeout)
 
     def driven(self) -> str:
-        """Return a text that names what of the valve is not at null; empty if all is at null.
+        """Return a text with the first quantity of the valve that is not 0; empty if all are 0.
 
-        The state is read over a new connection.
+        Only quantities that the device reports count. They are read over a new connection.
 
         Raises:
-            DriverError: the device does not answer.
+            DriverError: the device does not answer, or refuses.
         """
         with self._link() as link:
             return next(driven(link, self._map), "")
@@ -184,8 +191,10 @@ class ModbusDaq:
     def diagnostics(self) -> Mapping[str, float]:
         """Return the identity, map version and `facts` of the map by name, over a new connection.
 
+        The numbers are as in the registers, not scaled.
+
         Raises:
-            DriverError: no device answers, or another one does.
+            DriverError: no device answers, another one does, it is too slow, or it refuses.
         """
         with self._link() as link:
             verify(link, self._map, self.rate_hz)

@@ -97,7 +97,8 @@ class DaqLink:
         """Return the number that a register holds, not scaled.
 
         Raises:
-            DriverError: the device does not reply, or refuses.
+            RefusedError: the device refuses.
+            DriverError: the device gives no valid reply.
         """
         words = WORDS[kind]
         reply = self._answered(
@@ -116,7 +117,8 @@ class DaqLink:
         """Write the number of `value` into its register, rounded unless the register is F32.
 
         Raises:
-            DriverError: the device does not reply, or refuses.
+            RefusedError: the device refuses.
+            DriverError: the device gives no valid reply.
         """
         number = value.value if value.type == "F32" else round(value.value)
         registers = self._client.convert_to_registers(
@@ -128,10 +130,11 @@ class DaqLink:
         )
 
     def holds(self, value: RegisterValue) -> bool:
-        """Return whether the register of `value` holds the number of `value`.
+        """Return whether the register of `value` holds exactly the number of `value`.
 
         Raises:
-            DriverError: the device does not reply, or refuses.
+            RefusedError: the device refuses.
+            DriverError: the device gives no valid reply.
         """
         return self.read(value.address, value.type) == value.value
 

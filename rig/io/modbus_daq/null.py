@@ -17,7 +17,10 @@ _POLL_S: Final = 0.002
 
 
 def null(link: DaqLink, register_map: RegisterMap, timeout_s: float) -> None:
-    """Bring the valve to 0 V and switch it off, and wait until the device reports both.
+    """Bring the valve to 0 V and switch it off, and wait until the device confirms it.
+
+    It confirms by its null request, if the map has one, and by every quantity that it reports of
+    the valve: its output, and whether the valve is enabled. Each must be exactly 0.
 
     Args:
         link: connection to the device.
@@ -25,7 +28,7 @@ def null(link: DaqLink, register_map: RegisterMap, timeout_s: float) -> None:
         timeout_s: longest time in s that the device may take.
 
     Raises:
-        DriverError: the device refused, or did not confirm in time.
+        DriverError: the device gave no valid reply, refused, or did not confirm in time.
     """
     refusals = []
     for value in _requests(register_map):
@@ -70,7 +73,7 @@ def driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:
     On a device without a null request, outputs that can be read back count as well.
 
     Raises:
-        DriverError: the device does not reply, or refuses.
+        DriverError: the device gives no valid reply, or refuses.
     """
     request = register_map.null_request
     for register in register_map.registers:

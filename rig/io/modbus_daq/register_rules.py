@@ -72,7 +72,10 @@ class RegisterMapError(ValueError):
 
 
 def problems(given: "RegisterMap") -> list[MapProblem]:
-    """Return everything that is wrong with a map; empty if nothing is."""
+    """Return the rules that a map breaks; empty if it breaks none.
+
+    The rules for blocks of registers are checked only if the map breaks no other rule.
+    """
     found = [*_register_problems(given.registers), *_other_problems(given)]
     # If single registers are wrong, the rules for blocks of them would only repeat that.
     return found or [*_block_problems(given)]

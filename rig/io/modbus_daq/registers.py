@@ -129,13 +129,16 @@ def spans(registers: Sequence[Register]) -> tuple[Span, ...]:
 
 
 def block(registers: Sequence[Register]) -> Span:
-    """Return the run from the first to the last register, gaps included; ordered by address."""
+    """Return the run of addresses from the first to the last register, with the gaps between.
+
+    There is at least one register, and they are given ordered by address.
+    """
     runs = spans(registers)
     return Span(runs[0].address, runs[-1].address + runs[-1].size - runs[0].address)
 
 
 def feedback_bytes(read: Sequence[Span], written: Sequence[Span]) -> tuple[int, int]:
-    """Return the lengths in bytes of a feedback request (function 76) and of its reply."""
+    """Return the bytes of a feedback frame (function 76) for runs of registers, and of its reply."""
     header = 8
     words_out = sum(span.size for span in written)
     words_in = sum(span.size for span in read)

@@ -15,7 +15,8 @@ def verify(link: DaqLink, register_map: RegisterMap, rate_hz: float) -> None:
     """Check that the device is that of the map, and that it can exchange at `rate_hz`.
 
     Raises:
-        DriverError: its identity or map version is another one, or it is slower than `rate_hz`.
+        DriverError: its identity or map version is another one, it states a greatest rate below
+            `rate_hz`, or it gives no valid reply.
     """
     _verify_register(link, register_map, "identity", register_map.identity)
     if register_map.version is not None:
@@ -31,13 +32,16 @@ def verify(link: DaqLink, register_map: RegisterMap, rate_hz: float) -> None:
 def set_up(link: DaqLink, register_map: RegisterMap, watchdog_s: float | None) -> None:
     """Write the map's set-up and the watchdog's, unless the device holds all of it; read it back.
 
+    Of a register that is written more than once, the last value counts as the one it must hold.
+
     Args:
         link: connection to the device.
         register_map: the device's registers.
         watchdog_s: time of the device's watchdog in s; None if the device has none.
 
     Raises:
-        DriverError: the device refuses, or does not hold the values after they were written.
+        DriverError: the device refuses, gives no valid reply, or does not hold the values after
+            they were written.
     """
     values = [*register_map.setup]
     watchdog = register_map.watchdog
