@@ -29,7 +29,7 @@ DECISIONS_KEPT: Final = 8
 
 
 class Word(IntEnum):
-    """Index of each word on the board; the text of a word begins with the process that writes it.
+    """Index of each word on the board; its description begins with the process that writes it.
 
     Times are CLOCK_MONOTONIC in ns, and 0 before the event has happened.
     """
@@ -55,12 +55,15 @@ class Word(IntEnum):
     LOOP_TRIP = 9
     """Loop: cause (`rig.loop.interlocks.ladder.Cause`) for which it tripped; 0 if it did not."""
     LOOP_TRIP_AT = 10
+    """Loop: time at which it tripped last; LOOP_TRIP says whether that trip is still latched."""
     FIELD_TRIP = 11
     """Field process: cause for which it tripped, as LOOP_TRIP."""
     FIELD_TRIP_AT = 12
+    """Field process: time at which it tripped last; see FIELD_TRIP."""
     SUPERVISOR_TRIP = 13
     """Supervisor: cause for which it tripped, as LOOP_TRIP."""
     SUPERVISOR_TRIP_AT = 14
+    """Supervisor: time at which it tripped last; see SUPERVISOR_TRIP."""
     VALVE_NULL_AT = 15
     """Loop: time at which the device confirmed, after a trip, that the valve is null and off."""
     BYPASS_SHUT_AT = 16
@@ -118,7 +121,7 @@ class Board:
 
     @classmethod
     def create(cls, columns: int) -> "Board":
-        """Return a new board for rows of `columns` numbers."""
+        """Return a new board for rows of `columns` numbers: slow values are NaN, all else is 0."""
         fd = os.memfd_create("rig-board", 0)
         os.ftruncate(fd, 8 * (_RING_AT + RING_ROWS * columns))
         board = cls.attach(fd)

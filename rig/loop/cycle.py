@@ -99,7 +99,8 @@ def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
 def limited_command(open_loop, setpoint, position, gain, limit):
     """Return the command in V within +-`limit`, of the position loop or of an open loop.
 
-    In open loop the setpoint (V) is the command. A setpoint of NaN gives 0 V, the valve's null.
+    In open loop the setpoint (V) is the command; else it is in m, as the measured `position` is,
+    and `gain` in V/m. A setpoint of NaN gives 0 V, the valve's null.
     """
     if not open_loop:
         return proportional_command(setpoint, position, gain, limit)
@@ -118,10 +119,11 @@ def sample_row(starts, begin, held, reading, filt, decided, acted, row):
             loop; command in V that is held from this sample on.
         held: command in V that was held up to this sample.
         reading: (9,) in the order of `READINGS`; the filter skips values that are NaN.
-        filt: the filter, `CompiledFilter`; updated.
+        filt: the filter, `CompiledFilter`; updated, or started by the sample.
         decided: (len(DECIDED),) the newest decision.
         acted: (len(ACTED),) the loop's reaction to it.
-        row: filled, in the order of `row_channels`.
+        row: filled from its start in the order of `sample_channels`; the filter's `OUTPUTS` are NaN
+            for the sample that starts it.
     """
     for i in range(READING_COUNT):
         row[READINGS_AT + i] = reading[i]
@@ -190,9 +192,10 @@ class TrueRig(NamedTuple):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows):
-    """Run ticks on the simulated backend until `rows` is full or something ends them.
+    """Run ticks on the simulated backend until `rows` is full or an action ends them.
 
-    If a sample trips, the valve is at null from that sample on.
+    An action ends them from `guard.ends_from` on, or the trip that a test asks for after a
+    confirmed fault. If a sample trips, the valve is at null from that sample on.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
@@ -207,7 +210,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
 
     Returns:
         The number of rows filled. If the interlock stopped the ticks, the last row is that of the
-        sample for which it did so.
+        sample for which it did so. The tick at which a confirmed fault trips has no row.
     """
     plant, par, held, noise = rig.plant, rig.parameters, rig.held, ticks.noise
     on_fault, gain, limit, faults = how.on_fault, how.gain, how.limit, ticks.faults
@@ -273,8 +276,9 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
 def judge(reading, command, guard):
     """Return the interlock's `Action` on a sample, and note it in the guard if it is the worst.
 
-    No device is between a simulated rig and its loop. So every sample is fresh, and the channels by
-    which a device reports its own state are NaN.
+    The action is NONE, and nothing is noted, if the guard is not `watched`. No device is between a
+    simulated rig and its loop. So every sample is fresh, and the channels by which a device reports
+    its own state are NaN.
 
     Args:
         reading: (9,) in the order of `READINGS`.

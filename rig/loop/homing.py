@@ -70,7 +70,8 @@ class Homing:
         phase: the present phase.
         offset_m: offset in m that must be added to the encoder's position; None until homing is
             done.
-        apart_m: distance in m between the stops that the first and the second approach found.
+        apart_m: distance in m between the stops that the two approaches found; 0 until both are
+            found.
     """
 
     def __init__(self, settings: HomingSettings, par: Parameters, count_m: float) -> None:
@@ -103,7 +104,8 @@ class Homing:
         """Take one sample and return the command in V from now on; 0 when homing is done.
 
         Raises:
-            HomingError: no repeatable stroke end was found; the rig is not homed.
+            HomingError: the ram moved the wrong way or too far, took too long for a phase, stood
+                still without pushing, or the two stops were too far apart; the rig is not homed.
         """
         if self.phase is Phase.DONE:
             return 0.0

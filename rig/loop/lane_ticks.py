@@ -142,7 +142,7 @@ def plant_ticks(first, setpoint, open_loop, loop, rigs, like, sensors, log, rows
         rows: (ticks, LANES), filled with the row of the log in which each tick of a lane begins.
 
     Returns:
-        Whether the log was long enough.
+        Whether the log was long enough; if not, the plants stay as they were.
     """
     align_stack()
     plant = rigs.plant

@@ -79,6 +79,10 @@ def forget(memory):
 def react(asked, decided, time_s, memory):
     """Return the `Reaction` at a tick, and store it in `memory.acted` with a compensation of 0 V.
 
+    A hold or a trip that has begun goes on. Otherwise the reaction is the one asked for, if the
+    decision is not older than `STALE_S` and confirms a fault, or to tolerate, a leak that is there
+    now; else it is IGNORE.
+
     Args:
         asked: `Reaction` that the test asks for.
         decided: (len(DECIDED),) the newest decision, NaN before the first.
@@ -119,7 +123,8 @@ def tolerating(command, asked, decided, x, par, limit, period, memory):
         par: the `Parameters` that the filter assumes.
         limit: greatest command of either sign, V.
         period: period of the loop, s.
-        memory: `ReactionMemory` after `react` of this tick; updated.
+        memory: `ReactionMemory` after `react` of this tick; updated, with the compensation in V in
+            `acted`.
     """
     if asked != _TOLERATE:
         return command

@@ -46,6 +46,8 @@ class Grant:
 class RealTime:
     """All requests for the calling thread and its process; a context manager that undoes them.
 
+    The requests are made when the object is made. A refused one raises no error.
+
     Args:
         cpu: processor to which the thread is pinned; None leaves it to the kernel.
         priority: SCHED_FIFO priority for this thread only; 0 asks for none.

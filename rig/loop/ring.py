@@ -14,8 +14,11 @@ _MARGIN = 256
 class RingReader:
     """One reader of the ring, which does not disturb the loop or other readers.
 
+    It begins with the next row that is written.
+
     Attributes:
-        lost: number of rows that were overwritten before they were read; a caller may set it to 0.
+        lost: number of rows that were overwritten, or about to be, before they were read; a caller
+            may set it to 0.
     """
 
     def __init__(self, board: Board) -> None:
@@ -44,7 +47,8 @@ class RingReader:
     def take(self, most: int = RING_ROWS) -> Array:
         """Return the rows that were not yet read, at most `most`, float64 (n, columns).
 
-        Rows that were overwritten before that are added to `lost`.
+        It does not wait: n is 0 if there is none. Rows that were overwritten before that, or may be
+        at any moment, are left out and counted in `lost`.
         """
         end = int(self._words[Word.ROWS])
         oldest = end - RING_ROWS + _MARGIN

@@ -63,6 +63,9 @@ class SimulatedLoop:
         on_fault: the reaction to a confirmed fault.
         interlock: judges every sample, as on hardware; if it is None, no sample is judged.
 
+    Attributes:
+        channels: names of the rows' columns (`row_channels`).
+
     Raises:
         ValueError: setpoint and fault table differ in length.
     """
@@ -148,6 +151,8 @@ class SimulatedLoop:
 
     def advance(self, ticks: int) -> Array:
         """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`).
+
+        There are fewer rows at the end of the test, or if the loop is stopped on the way.
 
         Raises:
             LoopStoppedError: the interlock stopped the loop, or a fault was confirmed and the test
@@ -235,7 +240,10 @@ class SimulatedLoop:
         self._decided = row
 
     def safe_state(self) -> None:
-        """Bring the valve to null, and remove all faults from the rest of the test."""
+        """Bring the valve to null, and remove all faults from the rest of the test.
+
+        The motion's table of faults is changed in place.
+        """
         self._held[0] = 0.0
         self._motion.faults[self._tick :] = 0.0
 

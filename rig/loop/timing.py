@@ -41,7 +41,7 @@ class StageTimes:
         self._greatest = 0.0
 
     def take(self, times: Array) -> None:
-        """Count times in s, float64 (n,); NaN is left out."""
+        """Count times in s, float64 (n,); NaN and infinity are left out."""
         known = times[np.isfinite(times)]
         if known.size:
             self._greatest = max(self._greatest, float(known.max()))
@@ -81,6 +81,11 @@ class Timing:
     Args:
         channels: names of the rows' columns (`rig.loop.wire.layout.wire_channels`).
         period_s: period of the loop, s.
+
+    Attributes:
+        stages: the times of each stage so far, by its name in `STAGES`.
+        ticks: number of rows so far.
+        missed: number of these rows that are of missed ticks.
     """
 
     def __init__(self, channels: Sequence[str], period_s: float) -> None:

@@ -63,7 +63,7 @@ class BypassLink:
 
     @property
     def lost(self) -> bool:
-        """Whether the connection is closed, by this program or by the device; requests fail then."""
+        """Whether the connection is closed, by this program or the device; requests fail then."""
         return not self._client.connected
 
     def set_watchdog(self, time_s: float) -> None:

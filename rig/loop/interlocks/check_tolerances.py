@@ -42,6 +42,7 @@ class Tolerances(NamedTuple):
     """The tolerances with which the checks compare, SI; compiled code takes this tuple."""
 
     period_s: float
+    """Period of the loop."""
     stale_ticks: int
     """Greatest age of a sample, in ticks."""
     required: NDArray[np.int64]
@@ -49,33 +50,47 @@ class Tolerances(NamedTuple):
     range_low: NDArray[np.float64]
     """In the order of `FAST_INPUTS`: low end of the range, at which a value is bad; -inf: none."""
     range_high: NDArray[np.float64]
+    """In the order of `FAST_INPUTS`: high end of the range, at which a value is bad; inf: none."""
     frozen_samples: NDArray[np.int64]
     """In the order of `FAST_INPUTS`: number of equal samples in a row that are bad; 0: none is."""
     count_m: float
+    """Resolution of the encoder, one count."""
     jump_speed_m_per_s: float
     """Speed beyond which the encoder has jumped, since the valve cannot move the ram so fast."""
     null_m: float
     """Error that the spool's opening may have."""
     flow_fraction: float
+    """Error that the valve's flow may have, as a fraction of the flow."""
     leak_coefficient: float
+    """Greatest crossport leak, m^3/(s Pa^0.5)."""
     return_restriction: float
+    """Greatest blockage of the return line, Pa/(m^3/s)^2."""
     flow_account_m: float
     """Travel that the valve's flow, with its tolerances, may leave unexplained."""
     work_J: float  # noqa: N815
     """Energy that the ram may give back: four times its greatest kinetic energy."""
     pressure_bias_Pa: float  # noqa: N815
+    """Bias that the pressure transducers may have."""
     above_supply_Pa: float  # noqa: N815
+    """Excess over the supply pressure beyond which a chamber pressure counts as above it."""
     above_supply_ticks: int
+    """Number of ticks above the supply pressure that are allowed without a break."""
     spool_m: float
+    """Distance of the spool from the nominal valve's that is always allowed."""
     spool_fraction: float
+    """Further distance allowed, as a fraction of the nominal spool's opening."""
     spool_lag_s: float
+    """Further distance allowed, by the nominal spool's speed."""
     spool_ticks: int
+    """Number of ticks beyond that distance that are allowed without a break."""
     command_V: float  # noqa: N815
     """Difference between valve output and command that errors of converters explain."""
     confirm_ticks: int
     """Number of ticks within which the device must confirm what it was sent."""
     unhomed_command_V: float  # noqa: N815
+    """Greatest command of either sign for a ram that is not homed."""
     unhomed_load_pressure_Pa: float  # noqa: N815
+    """Greatest load pressure of either sign for a ram that is not homed."""
     conductance: float
     """Conductance of the nominal valve, m^2/(s Pa^0.5) (eq. 2.1)."""
     par: Parameters
@@ -91,7 +106,7 @@ def false_alarm_chance(period_s: float) -> float:
 
 
 def sigmas(period_s: float) -> float:
-    """Return the standard deviations that normal noise exceeds with `false_alarm_chance`.
+    """Return how many standard deviations normal noise exceeds with `false_alarm_chance`.
 
     The chance is that of one side.
     """

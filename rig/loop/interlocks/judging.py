@@ -81,12 +81,12 @@ class InterlockMemory(NamedTuple):
     """(5,): number of ticks in a row in which the device took no new sample, took no write, did not
     put out the command, did not enable the valve, or the ram pushed too hard."""
     commands: NDArray[np.float64]
-    """The last commands in V, the newest first."""
+    """(4,): the last commands in V, the newest first."""
     evidence: NDArray[np.float64]
     """Memory of the plausibility checks (`rig.loop.interlocks.plausibility.Evidence`)."""
 
     def clear(self) -> None:
-        """Reset the memory and with it a latched trip, before the valve is enabled anew."""
+        """Reset the memory in place, with a latched trip, before the valve is enabled anew."""
         for array, start in zip(self, _start(self.outside.size), strict=True):
             array[:] = start
 
@@ -130,7 +130,8 @@ def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
 def allowed_command(command, homed, tol, memory):
     """Return the command in V, which is limited while the rig is not homed.
 
-    A ram that is not homed goes slowly and pushes gently. The command fades to 0 while the load
+    A ram that is not homed goes slowly and pushes gently. A command that would raise the load
+    pressure fades to 0 while the load
     pressure that it makes rises from a quarter to three quarters of its limit, and changes its sign
     beyond that. So a ram at its stroke end stays there with that force, even if the valve's null is
     off.
@@ -196,8 +197,8 @@ def judged_sample(tick, interlock):
 
     It must be called at every tick that is not missed, also when no sample came. A trip is returned
     until the memory is cleared. Other actions end with their cause, so that the caller must latch
-    an action that it carries out. The channel is an index in `FAST_INPUTS`, -1 if the cause
-    concerns none.
+    an action that it carries out. Unless the tick is `driving`, a cause is only indicated. The
+    channel is an index in `FAST_INPUTS`, -1 if the cause concerns none.
 
     Args:
         tick: `Tick`.

@@ -227,7 +227,7 @@ EXPLANATIONS: Final = {
 
 
 def explain(cause: Cause, channel: str = "") -> Explanation:
-    """Return the explanation of a cause, with the name of the channel that it concerns."""
+    """Return the explanation of a cause, with the name of its channel, or "a channel" if empty."""
     explanation = EXPLANATIONS[cause]
     return explanation._replace(
         sentence=explanation.sentence.format(channel=channel or "a channel")
@@ -243,11 +243,15 @@ class LimitTable(NamedTuple):
     channel: NDArray[np.int64]
     """Index in `FAST_INPUTS`."""
     low: NDArray[np.float64]
+    """Least value allowed, SI; -inf for no limit."""
     high: NDArray[np.float64]
+    """Greatest value allowed, SI; inf for no limit."""
     hysteresis: NDArray[np.float64]
+    """How far back within the range the value must come for the action to end, SI."""
     action: NDArray[np.int64]
+    """`Action` that is taken outside the limit."""
     ticks: NDArray[np.int64]
-    """Number of ticks in a row outside the limit after which the action is taken, at least 1."""
+    """Number of ticks in a row outside the limit at which the action is taken, at least 1."""
 
 
 def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:

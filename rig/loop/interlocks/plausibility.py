@@ -54,11 +54,13 @@ class Evidence(NamedTuple):
     spool_m: float = 0.0
     """Spool position of the nominal valve under the commands that were sent."""
     spool_velocity: float = 0.0
+    """Speed of that spool, m/s."""
     position_m: float = 0.0
     """Position at the last fresh sample."""
     pressure_1_Pa: float = 0.0  # noqa: N815
     """Pressure of chamber 1, smoothed."""
     pressure_2_Pa: float = 0.0  # noqa: N815
+    """Pressure of chamber 2, smoothed."""
     gap_ticks: float = 0.0
     """Ticks since the last fresh sample."""
     high_m: float = 0.0
@@ -70,9 +72,13 @@ class Evidence(NamedTuple):
     still_ticks: float = 0.0
     """Ticks since the encoder last changed."""
     work_J: float = 0.0  # noqa: N815
+    """Account of the energy that the ram gave back beyond what it had received."""
     above_1_ticks: float = 0.0
+    """Ticks for which the pressure of chamber 1 has been above the supply without a break."""
     above_2_ticks: float = 0.0
+    """The same of chamber 2."""
     spool_ticks: float = 0.0
+    """Ticks for which the spool has been away from the nominal valve's without a break."""
     command_V: float = 0.0  # noqa: N815
     """Command at the valve since the last tick."""
     exchange_ticks: float = 0.0
@@ -101,8 +107,13 @@ def no_evidence() -> NDArray[np.float64]:
 def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, tol, evidence):
     """Check one tick and return (cause, channel), or (0, -1) if everything is plausible.
 
+    Only fresh samples are checked. Without position or one of both pressures (NaN), only the spool
+    is checked; without spool, supply pressure or load, the checks that need it are left out or use
+    the nominal value.
+
     Args:
-        values: float64 (len(FAST_INPUTS),), the latest value of each channel, NaN if none came.
+        values: float64 (len(FAST_INPUTS),), the latest value of each channel, SI; NaN if none came
+            or it is not to be trusted.
         fresh: whether this tick brought a sample.
         elapsed_ticks: ticks since the last call, during which the last command was at the valve.
         exchange_ticks: duration of this tick's exchange in ticks; if the host stalls, the sample

@@ -88,18 +88,29 @@ class Pace(NamedTuple):
     """How the loop is paced, and its limits of time in ns; a silence limit of 0 is not checked."""
 
     period_ns: int
+    """Time from one tick to the next."""
     period_s: float
+    """The same in s."""
     every: int
     """Number of ticks from one exchange to the next."""
     timeout_ns: int
+    """Longest wait for the device's reply."""
     overrun: int
+    """`Overrun`: what follows a missed tick."""
     trip_after: int
+    """Number of missed ticks in a row that trip, with `Overrun.TRIP`."""
     ramp_ticks: int
+    """Number of ticks in which RAMP_DOWN brings the command to 0 V."""
     stale_ns: int
+    """Age of the device's newest sample beyond which the loop trips."""
     slow_stale_ns: int
+    """Age beyond which a slow value is recorded as NaN."""
     supervisor_ns: int
+    """Silence of the supervisor beyond which the loop trips."""
     field_ns: int
+    """Silence of the field process beyond which the loop trips."""
     recorder_ns: int
+    """Silence of the recorder beyond which the loop trips."""
 
 
 RAMP_S: Final = 0.5
@@ -137,10 +148,13 @@ class Course(NamedTuple):
     """What the loop does in one segment."""
 
     number: int
+    """Number of the segment."""
     setpoint: Array
     """(ticks,) m, or V in open loop; `Drive.TRACK` follows it."""
     drive: int
+    """`Drive`: what the loop does with the valve."""
     open_loop: bool
+    """Whether the setpoint is the valve command."""
     gain: float
     """Gain of the position loop, V/m."""
     limit: float
@@ -150,8 +164,11 @@ class Course(NamedTuple):
     offset: float
     """Offset in m that is added to the encoder's position."""
     valve_enable: float
+    """1 if the valve's relay may close, else 0."""
     reset_lamp: float
+    """1 if the operator is asked to press the reset button, else 0."""
     rearm: float
+    """1 if a watchdog that tripped is acknowledged, else 0."""
 
 
 def course(
@@ -207,7 +224,9 @@ class Found(IntEnum):
     TIMES = 0
     """Number of looks that found the valve driven; it is written after the other numbers."""
     FIRST_NS = 1
+    """Time of the first of these looks; 0 before it."""
     LAST_NS = 2
+    """Time of the last of them so far."""
     ENABLED = 3
     """Number of looks that found the valve enabled."""
     OUTPUT_UV = 4
@@ -253,6 +272,7 @@ class WireMemory(NamedTuple):
     decided: Array
     """(len(DECIDED),): the newest decision on this segment; NaN before the first."""
     reaction: ReactionMemory
+    """Memory of the reaction to a confirmed fault."""
 
 
 def wire_memory() -> WireMemory:

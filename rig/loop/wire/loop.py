@@ -31,7 +31,11 @@ class LoopProcess(Protocol):
         """Send an order, an object of a class of `rig.loop.wire.orders`."""
 
     def answer(self, timeout_s: float) -> Any:
-        """Return the next answer of the loop process, for which it waits up to `timeout_s`."""
+        """Return the next answer of the loop process, for which it waits up to `timeout_s`.
+
+        Raises:
+            ChildError: no answer came in time, or the process has ended or failed.
+        """
 
 
 ANSWER_S: Final = 5.0
@@ -93,8 +97,11 @@ class WireLoop:
     def position(self) -> None:
         """Bring the ram to its start position by the position loop, along a raised cosine.
 
+        It returns when the ram should be there; without start position, nothing is done.
+
         Raises:
             LoopStoppedError: the loop stopped the motion, is silent, or knows no position.
+            ChildError: the loop did not take the order.
         """
         if self._start_position is None:
             return
@@ -107,7 +114,13 @@ class WireLoop:
             time.sleep(_NAP_S)
 
     def ready(self) -> int:
-        """Order the test's segment, unless that was done; return its number, for the recorder."""
+        """Order the test's segment, unless that was done; return its number, for the recorder.
+
+        It waits up to `ANSWER_S` until the loop is ready to switch, which `advance` makes it do.
+
+        Raises:
+            ChildError: the loop did not take the order.
+        """
         if not self._number:
             self._number = self._order(self._test)
         return self._number
@@ -115,11 +128,12 @@ class WireLoop:
     def advance(self, ticks: int) -> Array:
         """Wait for the next `ticks` ticks, or those left; return their rows (n, len(channels)).
 
-        The first call begins the test.
+        The first call begins the test. Fewer rows are returned if the loop ends the test.
 
         Raises:
-            LoopStoppedError: the loop ended the test; earlier calls have returned the rows up to
-                then.
+            LoopStoppedError: the loop ended the test, or is silent, or rows were lost; earlier
+                calls have returned the rows up to then.
+            ChildError: the loop did not take the order of the test.
         """
         if not self._done and self._words[Word.SWITCH] != self.ready():
             self._ring.skip_to_end()
@@ -146,7 +160,14 @@ class WireLoop:
         self._post.post(self._number, row)
 
     def safe_state(self) -> None:
-        """Order the loop to hold the ram where it is; after a trip the valve stays at null."""
+        """Order the loop to hold the ram where it is, and wait until it does.
+
+        Nothing is done after a trip, when the valve stays at null, nor if the loop is silent.
+
+        Raises:
+            LoopStoppedError: the loop stops the motion, or falls silent.
+            ChildError: the loop did not take the order.
+        """
         if self._words[Word.LOOP_TRIP] == 0 and not self._is_silent():
             self._switch_to(
                 replace(self._test, drive=Drive.HOLD, open_loop=False, setpoint=np.empty(0))

@@ -32,7 +32,7 @@ class Segment:
 
     Attributes:
         number: number of the segment, greater than those of all earlier ones.
-        drive: what the loop does with the valve.
+        drive: what the loop does with the valve; only `Drive.TRACK` uses the setpoint.
         memory: the filter's memory, before its first sample.
         assumed: the parameters that the filter assumes.
         setpoint: (ticks,) m, or V in open loop; after its end the loop holds the ram.
