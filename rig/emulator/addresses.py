@@ -106,7 +106,8 @@ def endpoints_of(
 ) -> Endpoints:
     """Return the addresses at which the drivers of a rig look for their devices.
 
-    No device is served for a driver of a third party.
+    No device is served for a driver of a third party. For a rig without drivers, an I/O device and
+    bypass valves are served, as in the rig `emulated`.
 
     Args:
         rig: the rig.
@@ -114,7 +115,7 @@ def endpoints_of(
         control: TCP port of the control port; None for none.
 
     Raises:
-        PortNameError: a port is given for a driver whose device has no TCP port.
+        PortNameError: a port is given for a name that is not that of a driver with a TCP port.
     """
     places = [(spec.name, spec.type, _place(spec)) for spec in rig.drivers] or list(_SIMULATED)
     by_port = {name: place for name, _, place in places if isinstance(place, Address)}

@@ -90,5 +90,11 @@ def sample_plant(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def shown_position(state: Array, seen: Array, par: Parameters) -> float:
-    """Return the position in m that the encoder measures when the true state is `state` (9,)."""
+    """Return the position in m that the encoder's scale shows, before it is rounded to counts.
+
+    Args:
+        state: float64 (9,), the true state, `rig.plant.dynamics.PlantState`.
+        seen: the transducers' memory (`rig.plant.transducer_effects`).
+        par: the plant's `Parameters`, with the gain of the scale.
+    """
     return par.position_gain * seen_position(seen, state[4], par)

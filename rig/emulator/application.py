@@ -199,7 +199,10 @@ class Emulator:
         }
 
     def summary(self) -> dict[str, int]:
-        """Return the numbers of exchanges, and of the recorded events by name, since the start."""
+        """Return the numbers of exchanges since the start, and of the recorded events by name.
+
+        Only the latest 10 000 events count.
+        """
         events = Counter(event["event"] for event in self.record.events)
         return {"exchange": self.node.exchanges, **events}
 

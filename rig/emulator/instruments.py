@@ -49,7 +49,7 @@ class Instruments:
         self._failed: dict[int, FailedSensor] = {}
 
     def read(self) -> Reading:
-        """Return one sample of the transducers that filters may use, SI."""
+        """Return one sample of the transducers of `Reading`, SI; frozen and failed ones read so."""
         reading = self.plant.reading()
         if not self._frozen and not self._failed:
             return reading
@@ -80,7 +80,7 @@ class Instruments:
         return low if failed.reads == "low" else high
 
     def freeze(self, channel: Channel, frozen: bool) -> None:
-        """Freeze a channel at its present reading, or end that."""
+        """Freeze a channel at its present reading, which may be a wrong one, or end that."""
         index = CHANNELS.index(channel)
         if frozen:
             self._frozen[index] = (*self.read(), *self.read_carried().values())[index]
@@ -93,7 +93,7 @@ class Instruments:
         self._failed[index] = FailedSensor(reads, rate_per_s, self.plant.clock())
 
     def mend(self, channel: Channel) -> None:
-        """Make the transducer of a channel read the true value again."""
+        """Make a failed transducer read the true value again; a frozen one stays frozen."""
         self._failed.pop(CHANNELS.index(channel), None)
 
 

@@ -19,7 +19,7 @@ _NOISE_BYTES: Final = 12
 
 
 class MeterPanel:
-    """Three emulated flow meters on one serial line.
+    """Three emulated flow meters on one serial line, which is unplugged at first.
 
     Args:
         path: symbolic link to the near end of the serial line.
@@ -56,13 +56,13 @@ class MeterPanel:
         self._record.note("meters_unplugged")
 
     async def run(self) -> None:
-        """Send the flows for ever."""
+        """Send the flows every 0.1 s, until the task is cancelled."""
         while True:
             self.send()
             await asyncio.sleep(PERIOD_S)
 
     def send(self) -> None:
-        """Send the three flows once, unless the meters are silent."""
+        """Send the three flows once, unless the meters are silent; an unplugged line loses them."""
         if self.silent:
             return
         for meter, flow in enumerate(self._flows(), start=1):

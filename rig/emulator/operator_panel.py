@@ -28,7 +28,11 @@ class EmulatedOperator:
         self._pressed_ns: int | None = None
 
     def tend(self) -> None:
-        """Look at the lamp, and press or release the button if it is time."""
+        """Look at the lamp, and press or release the button if it is time.
+
+        An attentive operator presses once the lamp has been lit for 0.2 s with the emergency stop's
+        chain closed. A pressed button is released after 0.1 s.
+        """
         now = self._clock()
         if self._pressed_ns is not None:
             if now - self._pressed_ns >= _PRESS_NS:
@@ -42,6 +46,6 @@ class EmulatedOperator:
             self.press()
 
     def press(self) -> None:
-        """Press the reset button now."""
+        """Press the reset button now; a later `tend` releases it."""
         self._node.press_reset(True)
         self._pressed_ns = self._clock()

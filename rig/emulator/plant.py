@@ -110,7 +110,10 @@ class EmulatedPlant:
         self._sample(np.zeros(READING_COUNT))
 
     def catch_up(self, until_ns: int | None = None) -> None:
-        """Advance to the present, or to a moment in ns between the last advance and now."""
+        """Advance to the present, or to a moment in ns between the last advance and now.
+
+        An earlier moment does nothing.
+        """
         until_ns = self.clock() if until_ns is None else until_ns
         while self._sent and self._sent[0][0] <= until_ns:
             acts_ns, command = self._sent.popleft()
@@ -164,7 +167,8 @@ class EmulatedPlant:
     def drive_valve(self, command_V: float, at_ns: int | None = None) -> None:  # noqa: N803
         """Set the servovalve's command in V, from now on or from a moment since the last advance.
 
-        The command is limited to +-`COMMAND_RANGE`, where the valve's amplifier saturates.
+        The command is limited to +-`COMMAND_RANGE`, where the valve's amplifier saturates. It acts
+        after the plant's command delay.
         """
         self.catch_up(at_ns)
         command = min(max(command_V, -COMMAND_RANGE), COMMAND_RANGE)
@@ -182,7 +186,10 @@ class EmulatedPlant:
         self._state[1] = 0.0
 
     def load_pump(self, loaded: bool) -> None:
-        """Load the pump so that it delivers pressure, or unload it: the pressure collapses."""
+        """Load the pump so that it delivers pressure, or unload it so that the pressure collapses.
+
+        The pressure follows with `PUMP_TIME_CONSTANT`.
+        """
         self.catch_up()
         self._pump_loaded = loaded
 

@@ -69,13 +69,19 @@ class PseudoTerminal:
         return self._far
 
     def write(self, data: bytes) -> None:
-        """Send bytes; those that do not fit, because nobody reads, are lost as on a real line."""
+        """Send bytes; those that do not fit, because nobody reads, are lost as on a real line.
+
+        All are lost while the line is unplugged.
+        """
         if self._far is not None:
             with suppress(BlockingIOError):
                 os.write(self._far, data)
 
     def read(self) -> bytes:
-        """Return the bytes that have come in, empty if there are none or the line is unplugged."""
+        """Return bytes that have come in, up to 4096 of them, without waiting.
+
+        The result is empty if there are none, or the line is unplugged.
+        """
         if self._far is None:
             return b""
         try:

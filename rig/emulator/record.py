@@ -50,7 +50,10 @@ class Record:
             self._file.write(json.dumps(entry) + "\n")
 
     def command(self, at_ns: int, command_V: float, output_V: float, enabled: bool) -> None:  # noqa: N803
-        """Write a received command, the valve output after it, and the enable to the trace file."""
+        """Write a received command, the valve output after it, and the enable to the trace file.
+
+        Without a trace file, nothing is done.
+        """
         if self._trace is not None:
             self._trace.write(f"{at_ns},{command_V:.9g},{output_V:.9g},{enabled:d}\n")
 

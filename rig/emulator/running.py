@@ -33,6 +33,9 @@ class EmulatorThread:
     Attributes:
         ports: TCP port or path at which each part is served, by name.
         record: record of what the emulator received and did.
+
+    Raises:
+        ConfigError: the rig file is not valid, or there is no such rig.
     """
 
     def __init__(
@@ -57,6 +60,9 @@ class EmulatorThread:
 
         Raises:
             AddressError: an address is in use, or cannot be used.
+            DriverError: the CAN bus cannot be opened.
+            LinkError: a serial line cannot be made.
+            NotServedError: a fault of the script concerns a part that the rig does not have.
         """
         try:
             self._loop.run_until_complete(self._open())
@@ -104,15 +110,25 @@ class EmulatorThread:
 
         Raises:
             ConfigError: the fault is not valid; the error names every problem.
+            NotServedError: the fault concerns a part that the rig does not have.
+            RuntimeError: the emulator has failed.
         """
         return self._ask(lambda emulator: emulator.injection.inject(fault_from(fault)))
 
     def clear(self, number: int | None = None) -> int:
-        """End the fault of a number, or all faults; return how many were ended."""
+        """End the fault of a number, or all faults; return how many were ended.
+
+        Raises:
+            RuntimeError: the emulator has failed.
+        """
         return self._ask(lambda emulator: emulator.injection.clear(number))
 
     def status(self) -> dict[str, Any]:
-        """Return the state of every device, and the plant's true state, SI."""
+        """Return the state of every device, and the plant's true state, SI.
+
+        Raises:
+            RuntimeError: the emulator has failed.
+        """
         return self._ask(Emulator.status)
 
     def _ask(self, question: Any) -> Any:

@@ -100,7 +100,8 @@ def limited_command(open_loop, setpoint, position, gain, limit):
     """Return the command in V within +-`limit`, of the position loop or of an open loop.
 
     In open loop the setpoint (V) is the command; else it is in m, as the measured `position` is,
-    and `gain` in V/m. A setpoint of NaN gives 0 V, the valve's null.
+    and `gain` in V/m. A setpoint of NaN, or outside open loop a position of NaN, gives 0 V, the
+    valve's null.
     """
     if not open_loop:
         return proportional_command(setpoint, position, gain, limit)

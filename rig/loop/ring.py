@@ -37,7 +37,7 @@ class RingReader:
 
     @property
     def waiting(self) -> int:
-        """Number of rows that are written and not yet read."""
+        """Number of rows that are written and not yet read, with those that are lost already."""
         return int(self._words[Word.ROWS]) - self._next
 
     def skip_to_end(self) -> None:

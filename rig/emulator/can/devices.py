@@ -39,7 +39,7 @@ class CanDevices:
         self.tasks: list[asyncio.Task[None]] = []
 
     def open(self) -> dict[str, str]:
-        """Begin to serve; return the bus of each device by name.
+        """Begin to serve; return the bus of each device by its name, "drive" or "pump".
 
         Raises:
             DriverError: a bus cannot be opened.
@@ -83,7 +83,10 @@ class CanDevices:
         return self._buses[key]
 
     def acting_command(self, command_V: float) -> float:  # noqa: N803
-        """Return the command in V that moves the spool, given the analog one of the I/O node."""
+        """Return the command in V that moves the spool, given the analog one of the I/O node.
+
+        It is the analog one if the servovalve has no electronics on CAN.
+        """
         if self.valve is None:
             return command_V
         return COMMAND_RANGE * self.valve.acting_command(command_V / COMMAND_RANGE)

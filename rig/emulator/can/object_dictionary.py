@@ -48,7 +48,10 @@ class ObjectDictionary:
         self._values[entry] = value
 
     def answer(self, data: bytes) -> bytes | None:
-        """Return the reply to an SDO request; None if the data are no request of 8 bytes."""
+        """Return the reply to an SDO request, or its refusal; None if the data are not 8 bytes.
+
+        A request that writes an entry sets it, and then `changed` is called.
+        """
         if len(data) != _WHOLE_REQUEST:
             return None
         index, subindex = struct.unpack_from("<HB", data, 1)

@@ -83,7 +83,7 @@ class PumpNode:
         self._last = b""
 
     def receive(self, frame: can.Message) -> None:
-        """Handle a frame from the bus."""
+        """Handle a frame from the bus; only a command with a new alive counter does anything."""
         if frame.arbitration_id != self._command.frame_id or frame.dlc != self._command.length:
             return
         signals: Mapping[str, int] = self._command.decode(bytes(frame.data), decode_choices=False)

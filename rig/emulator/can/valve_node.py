@@ -131,8 +131,9 @@ class ValveNode:
     def acting_command(self, analog: float) -> float:
         """Return the command that moves the spool, given that of the analog input.
 
-        Both are shares of full stroke. A spool that nothing controls goes to null, which is the
-        fail-safe position of this valve.
+        Both are shares of full stroke. In ACTIVE the setpoint of the bus or the analog input acts,
+        as the device mode says; in HOLD and FAULT_HOLD the hold setpoint acts. A spool that nothing
+        controls goes to null, which is the fail-safe position of this valve.
         """
         if self.state.disabled:
             return 0.0
@@ -143,13 +144,13 @@ class ValveNode:
         return to_share(self._objects[SETPOINT])
 
     def fail(self, code: int) -> None:
-        """Meet a fault: send an emergency with its code, and go to a fault state."""
+        """Meet a fault: send an emergency with its code, and go to a fault state unless in one."""
         self._note("drive_fault", code=f"0x{code:04X}")
         self._send(EMERGENCY, struct.pack("<HB5x", code, 1))
         self._become(after_fault(self.state))
 
     def receive(self, frame: can.Message) -> None:
-        """Handle a frame from the bus."""
+        """Handle a frame from the bus; one that is not for this node does nothing."""
         data = bytes(frame.data)
         if frame.is_extended_id:
             return
@@ -213,7 +214,7 @@ class ValveNode:
             self._send(EMERGENCY, bytes(8))
 
     def cycle(self, now: float) -> None:
-        """Make a transition, watch the host, and send the messages that are due at `now` in s."""
+        """Make a transition if asked, watch the host, and send what is due at `now` in s."""
         self._now = now
         self._follow(self._word)
         self._watch_host()

@@ -45,7 +45,8 @@ class BypassIo:
         wire: faults of the line to the device; other code may change them at any time.
         shorted: bypasses whose ball has both switches on, as by a damaged cable.
         identity: number in the identity register.
-        requests: number of requests that the device has served.
+        requests: number of requests that the device has served, without those that a fault of the
+            wire lost or refused.
     """
 
     name: Final = "bypass"
@@ -109,7 +110,7 @@ class BypassIo:
         self._servers, self._lines = [], []
 
     def disconnect(self) -> None:
-        """Close all TCP connections."""
+        """Close all TCP connections; clients may connect again."""
         for server in self._servers:
             for connection in tuple(server.active_connections.values()):
                 connection.close()

@@ -67,7 +67,11 @@ class Device(Protocol):
 
 
 def serve(device: Device, request: bytes) -> bytes:
-    """Return a device's reply PDU to a request PDU; an exception reply if the device refuses."""
+    """Return a device's reply PDU to a request PDU of at least a byte.
+
+    It is an exception reply if the device does not serve the function or refuses the request. The
+    parts of a feedback request (function 76) that come before the refused one have been done.
+    """
     function = request[0]
     try:
         if function not in device.functions:

@@ -18,7 +18,7 @@ class IoDevice(ABC):
     Attributes:
         functions: codes of the Modbus functions that the device serves.
         connections: number of its clients.
-        frozen: whether its converters hang, so that it returns its last sample for ever.
+        frozen: whether its converters hang, so that it returns its last sample again and again.
         exchanges: number of times that its host has written outputs.
     """
 
@@ -46,6 +46,8 @@ class IoDevice(ABC):
     def read(self, address: int, count: int) -> bytes:
         """Return registers, high byte first; take a new sample if inputs are among them.
 
+        While the device is `frozen`, no new sample is taken.
+
         Raises:
             ModbusException: there are no such registers.
         """
@@ -71,7 +73,7 @@ class IoDevice(ABC):
         """Press the reset button, or release it."""
 
     def lose_counts(self, counts: int, flagged: bool) -> None:
-        """Make the encoder lose counts; with `flagged` its interface reports a fault."""
+        """Make the encoder lose counts for good; with `flagged` its interface reports a fault."""
         self._zero += counts
         self._encoder_fault = self._encoder_fault or flagged
         self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)

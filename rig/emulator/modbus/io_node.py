@@ -67,7 +67,7 @@ class IoNode(IoDevice):
         instruments: the transducers wired to it.
         valve: called with the voltage of the valve output and the time in ns from which it acts.
         record: takes note of what happens.
-        power_up_id: number in register 516; random if None.
+        power_up_id: number in register 516; random if it is None or 0.
     """
 
     functions = frozenset((3, 4, 6, 16, 23, 76))
@@ -108,6 +108,8 @@ class IoNode(IoDevice):
 
     def read(self, address: int, count: int) -> bytes:
         """Return registers, high byte first; take a new sample if they are of the read block.
+
+        While the device is `frozen`, no new sample is taken.
 
         Raises:
             ModbusException: there are no such registers.
@@ -221,7 +223,10 @@ class IoNode(IoDevice):
         self._settle("estop", now)
 
     def press_reset(self, pressed: bool) -> None:
-        """Press the reset button, or release it; a press resets the latch if the lamp is on."""
+        """Press the reset button, or release it.
+
+        A press resets the latch if the lamp is lit and the emergency stop's chain is closed.
+        """
         now = self._clock()
         self.tend(now)
         rising = pressed and not self._button

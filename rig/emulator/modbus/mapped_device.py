@@ -73,6 +73,8 @@ class MappedDevice(IoDevice):
     def read(self, address: int, count: int) -> bytes:
         """Return registers, high byte first; take a new sample if an input is among them.
 
+        While the device is `frozen`, no new sample is taken.
+
         Raises:
             ModbusException: there are no such registers.
         """
@@ -88,7 +90,7 @@ class MappedDevice(IoDevice):
         """Write registers, high byte first: all of them, or none if an exception is raised.
 
         Raises:
-            ModbusException: there are no such registers to write, or a value is no number.
+            ModbusException: there are no such registers to write, or an output is NaN.
         """
         written = {address + i: (data[2 * i] << 8) + data[2 * i + 1] for i in range(len(data) // 2)}
         if not written.keys() <= self._words.keys() - (self._inputs - self._outputs):

@@ -32,7 +32,7 @@ class RegisterCode:
         return float(unpack(_FORMATS[kind], b"".join(self._ordered(halves)))[0])
 
     def words(self, address: int, kind: RegisterType, number: float) -> dict[int, int]:
-        """Return the words of a number by address; unless F32, round it and limit its range."""
+        """Return the words of a number by address; unless F32, it is rounded and kept in range."""
         if kind != "F32":
             low, high = _RANGES[kind]
             number = min(max(round(number), low), high)

@@ -85,7 +85,7 @@ class ValveBank:
         self.watchdog_ms = watchdog_ms
 
     def order_ball(self, bypass: str, opened: bool) -> None:
-        """Start to open or shut a ball."""
+        """Start to open or shut the ball of a bypass; the return throttle has none."""
         self.tend()
         self._record.note("ball_ordered", self._time_ns, bypass=bypass, opened=opened)
         self._balls[bypass].target = _OPEN if opened else _SHUT
@@ -97,7 +97,7 @@ class ValveBank:
         self._needles[bypass].target = opening
 
     def stick(self, bypass: str, stuck: bool = True) -> None:
-        """Jam both valves of a bypass where they are, or free them."""
+        """Jam both valves of a bypass where they are, or free them to go on to their targets."""
         self.tend()
         for drives in (self._balls, self._needles):
             if bypass in drives:
@@ -115,7 +115,10 @@ class ValveBank:
         }
 
     def orders(self) -> dict[str, tuple[bool, float]]:
-        """Return the targets of each bypass: whether the ball is to be open, and the needle's."""
+        """Return the targets of each bypass: whether the ball is to be open, and the needle's.
+
+        The return throttle, which has no ball, has False for it.
+        """
         self.tend()
         return {
             bypass: (

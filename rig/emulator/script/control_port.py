@@ -95,7 +95,10 @@ class ControlPort:
             client.close()
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Carry out the request of one line and return the reply; no line raises an error."""
+        """Carry out the request of one line and return the reply, which may be a refusal.
+
+        No line raises an error: the reply reports it.
+        """
         try:
             return self._answer(line)
         except Exception as error:  # the reply reports it, and the client may go on

@@ -64,6 +64,8 @@ class Injection:
     def script(self, faults: Iterable[WireFault]) -> None:
         """Add a script's faults, whose times count from now or from the valve's first enabling.
 
+        None is added if an error is raised.
+
         Raises:
             ValueError: some faults concern parts that the rig lacks.
         """
@@ -104,7 +106,7 @@ class Injection:
                 injected.origin_ns = self._clock()
 
     def tend(self) -> None:
-        """Begin and end the faults that are due."""
+        """Begin and end the faults that are due; one that has ended is forgotten."""
         now = self._clock()
         for injected in tuple(self._faults):
             if not injected.acting and injected.begin_ns <= now:

@@ -48,7 +48,11 @@ class WrongTransaction(_OfWire):
 
 @dataclass(frozen=True)
 class Refusal(_OfWire):
-    """The device answers every request with an exception, and does nothing."""
+    """The device answers every request with an exception, and does nothing.
+
+    Attributes:
+        code: code of the Modbus exception.
+    """
 
     code: Annotated[int, _q("", 1, 11)] = 4
 
@@ -59,7 +63,7 @@ class Disconnect(_OfWire):
 
 @dataclass(frozen=True)
 class Frozen:
-    """A channel keeps its value; with `daq` the whole device returns its last sample for ever."""
+    """A channel keeps its reading; with `daq` the whole I/O device repeats its last sample."""
 
     target: Channel | Literal["daq"] = "daq"
 
@@ -118,7 +122,7 @@ class CanGarbage:
 
 @dataclass(frozen=True)
 class StuckCan:
-    """A node of the CAN bus answers, but obeys no commands: a pump unit stays loaded."""
+    """A node of the CAN bus answers, but obeys no commands: it stays in its state, or loaded."""
 
     target: CanDevice = "pump"
 

@@ -138,7 +138,7 @@ def block(registers: Sequence[Register]) -> Span:
 
 
 def feedback_bytes(read: Sequence[Span], written: Sequence[Span]) -> tuple[int, int]:
-    """Return the sizes in bytes of a feedback frame (function 76) and of its reply."""
+    """Return the bytes of a feedback request (function 76) for these runs, and of its reply."""
     header = 8
     words_out = sum(span.size for span in written)
     words_in = sum(span.size for span in read)

@@ -63,8 +63,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
 
     Args:
         course: the segment, `Course`.
-        filt: the filter, `CompiledFilter`; updated. The first whole sample starts it and the
-            segment.
+        filt: the filter, `CompiledFilter`; updated. The first sample with position and both
+            pressures starts it and the segment.
         interlock: `Interlock`; its memory is updated.
         pace: `Pace`.
         fd: descriptor of the device's connection; below 0 nothing is exchanged or checked.

@@ -121,7 +121,10 @@ converters may be off."""
 
 
 def pace(settings: LoopSettings, device_rate_hz: float) -> Pace:
-    """Return the loop's pace with a device that can exchange `device_rate_hz` times a second."""
+    """Return the loop's pace with a device that can exchange `device_rate_hz` times a second.
+
+    A device slower than the loop exchanges at every n-th tick only (`Pace.every`).
+    """
     period_s = 1.0 / settings.rate
 
     def ns(time_s: float) -> int:

@@ -35,12 +35,15 @@ def is_null(inputs):
 def look_at_null(fd, look, tol, pace, memory):
     """Read the device, and note in `memory.found` if another master drives a valve at null.
 
+    The valve is driven if it is enabled, its output is beyond `NULL_V`, or its spool has left null
+    for long. If the reading fails, nothing is noted.
+
     Args:
         fd: descriptor of the device's connection.
         look: plan that reads the device and writes no output.
         tol: `rig.loop.interlocks.check_tolerances.Tolerances`.
         pace: `Pace`, for the deadline.
-        memory: `WireMemory`; updated.
+        memory: `WireMemory`; its counts, `seen` and `found` are updated.
     """
     counts, seen, found = memory.counts, memory.seen, memory.found
     counts[Count.SEQUENCE] += 1
