@@ -110,6 +110,7 @@ class ExchangeStatus(IntEnum):
     """How an exchange with a device ended; its inputs are NaN unless it ended with OK."""
 
     OK = 0
+    """The device has replied as asked."""
     TIMEOUT = 1
     """No whole reply came before the deadline; a reply that comes later is dropped."""
     EXCEPTION = 2

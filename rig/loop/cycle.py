@@ -64,6 +64,7 @@ class Guard(NamedTuple):
     watched: bool
     """Whether the samples are judged at all."""
     interlock: Interlock
+    """The interlock that judges them."""
     ends_from: int
     """The least `Action` that ends the run of ticks."""
     stopped: NDArray[np.int64]
@@ -188,7 +189,9 @@ class TrueRig(NamedTuple):
     held: Array
     """(1,) command held since the last tick, V."""
     parameters: Parameters
+    """The true parameters of the rig, SI."""
     sensors: SensorParameters
+    """Data sheet of its transducers."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

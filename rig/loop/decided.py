@@ -52,9 +52,13 @@ class Decided(IntEnum):
     """Index in a row of `DECIDED` of the numbers on which the loop acts."""
 
     AT_S = DECIDED.index("decided_at_s")
+    """Time in the test, s, of the newest sample on which the decision rests."""
     VERDICT = DECIDED.index("verdict_code")
+    """Index in `VERDICT_CODES`."""
     CONFIRMED = DECIDED.index("fault_confirmed")
+    """1 for a confirmed fault, else 0."""
     PRESENT = DECIDED.index(PRESENT[0])
+    """First of the three coefficients of leaks that are there now, in the order of `PRESENT`."""
 
 
 def no_decision() -> Array:

@@ -46,18 +46,26 @@ class Control(IntFlag):
     """Bits that the host writes."""
 
     VALVE_ENABLE = 1
+    """The valve's relay may close."""
     REARM = 2
+    """Its rising edge acknowledges a watchdog that has tripped."""
     RESET_LAMP = 4
+    """The reset lamp is lit."""
 
 
 class Status(IntFlag):
     """Bits that the node reports."""
 
     ESTOP_CLOSED = 1
+    """The emergency stop's chain is closed."""
     RESET_BUTTON = 2
+    """The reset button is pressed."""
     VALVE_ENABLED = 4
+    """The valve's relay is closed."""
     WATCHDOG_TRIPPED = 8
+    """The watchdog has tripped, and was not acknowledged."""
     ENCODER_FAULT = 16
+    """The encoder has lost counts, or gives no position."""
 
 
 class IoNode(IoDevice):

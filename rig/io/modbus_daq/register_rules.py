@@ -47,9 +47,11 @@ class MapProblem(NamedTuple):
     path: tuple[str | int, ...]
     """Place of the value in the map, as names of fields and indices from the outside in."""
     value: object
+    """The value that breaks the rule."""
     limit: str
     """What is wrong with the value, as the end of a sentence that begins with the value."""
     remedy: str
+    """What to write instead."""
 
     def __str__(self) -> str:
         where = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path)

@@ -32,7 +32,7 @@ class Action(IntEnum):
 
 
 class Cause(IntEnum):
-    """The causes for which the interlock or another part of a session takes an action."""
+    """The causes for which a part of a session takes an action; `EXPLANATIONS` explains each."""
 
     NONE = 0
     LIMIT_LOW = 1
@@ -83,7 +83,9 @@ class Explanation(NamedTuple):
     """A text for the operator that explains a cause; `{channel}` stands for the channel's name."""
 
     sentence: str
+    """What is wrong, without a capital letter or a full stop."""
     remedy: str
+    """What the operator is to do, written likewise."""
 
 
 _E = Explanation

@@ -160,7 +160,7 @@ class WireLoop:
         self._post.post(self._number, row)
 
     def safe_state(self) -> None:
-        """Order the loop to hold the ram where it is, and wait until it does.
+        """Order the loop to hold the ram where it is; wait up to `ANSWER_S` until it does.
 
         Nothing is done after a trip, when the valve stays at null, nor if the loop is silent.
 
