@@ -73,7 +73,7 @@ def noise_limit(rate: float, least: int, most: int, freedom: float) -> float:
 
 
 def between(exact: float, bound: float, model_error: float) -> float:
-    """Return a limit interpolated by `model_error`: `exact` at 0, `bound` at 1 and above."""
+    """Return a limit that rises linearly with `model_error`: `exact` at 0, `bound` from 1 on."""
     allowed = min(model_error, 1.0)
     return (1.0 - allowed) * exact + allowed * bound
 

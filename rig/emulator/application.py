@@ -199,9 +199,10 @@ class Emulator:
         }
 
     def summary(self) -> dict[str, int]:
-        """Return the numbers of exchanges since the start, and of the recorded events by name.
+        """Return the number of exchanges since the start, and how often each event was recorded.
 
-        Only the latest 10 000 events count.
+        The key `exchange` has the first; every other key is the name of an event, which counts as
+        often as it stands among the latest 10 000.
         """
         events = Counter(event["event"] for event in self.record.events)
         return {"exchange": self.node.exchanges, **events}

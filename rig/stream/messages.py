@@ -237,7 +237,8 @@ class Channels:
 def finite(value: Any) -> Any:
     """Return a value for a message, with plain types, and None in place of NaN and infinity.
 
-    Maps and sequences are converted throughout, with text keys; any other number becomes a float.
+    Maps and sequences are converted throughout, with text keys. Text, bytes, integers and booleans
+    stay as they are; any other number, also one of numpy's, becomes a float.
     """
     if isinstance(value, Mapping):
         return {str(name): finite(item) for name, item in value.items()}

@@ -60,7 +60,8 @@ def _relief(r, pressure):
 def slip_force(r, position, speed, pressure_1):
     """Return the friction (N) at which the seals slip: Stribeck's curve with the hidden effects.
 
-    It is 10 N at least. Position is in m, speed in m/s, the pressure of chamber 1 in Pa.
+    It is 10 N at least, and never negative; the sign of the speed chooses the part that depends on
+    the direction. `r` holds the `RigValues`; position is in m, speed in m/s, pressure in Pa.
     """
     level = r.sliding + (r.break_away - r.sliding) * exp(-abs(speed) / r.stribeck)
     if speed > 0.0:

@@ -171,7 +171,10 @@ class Filtered:
         return np.where(np.isfinite(costs), costs, _HOPELESS)
 
     def columns(self, values: Values, variables: Sequence[Variable]) -> list[Column]:
-        """Return the column of each variable at the given values."""
+        """Return for each variable the direction in which it is probed, and the bounds of its steps.
+
+        The directions begin at the given values; `changes` gives their effect on the innovations.
+        """
         return [variable.column(values) for variable in variables]
 
     def changes(self, values: Values, columns: Sequence[Column]) -> list[Changes]:

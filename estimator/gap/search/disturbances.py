@@ -143,7 +143,11 @@ class Attribution:
         return TIME if name == TIME.name else self.plant.regions[name]
 
     def along(self, name: str) -> list[Array]:
-        """Return a region's quantity (m,) along each linearised course, SI."""
+        """Return the quantity that a region is named after, at each sample of each course, SI.
+
+        Such a quantity is velocity or time, say. The list has one array (m,) for each of `courses`;
+        time counts from the beginning of the recording.
+        """
         if name == TIME.name:
             return [
                 np.asarray((first + course.samples) * self._period, np.float64)

@@ -202,10 +202,11 @@ def left_to_a_curve(evidence: Evidence) -> Judgement | None:
 
 
 def goes_with_the_motion(evidence: Evidence) -> Judgement | None:
-    """Judge "unknown_effect" if errors grow where the rig is stirred; else return None.
+    """Judge "unknown_effect" if squared errors grow with the motion; else return None.
 
-    No curve shows a resonance or chance, whose mean is 0; `unsettled` gives the test and its
-    bounds. The rule does not apply to named effects that a held-out motion bears out.
+    A resonance, or something random, leaves errors of mean 0: no fitted curve shows them, but their
+    squares do (`Unsettled.counts`). The rule does not apply if effects are named and a held-out
+    motion bears them out.
     """
     stirred = [channel for channel in evidence.unsettled if channel.counts]
     if not stirred or (evidence.found.named and evidence.borne_out):

@@ -31,10 +31,13 @@ class LoopProcess(Protocol):
         """Send an order, an object of a class of `rig.loop.wire.orders`."""
 
     def answer(self, timeout_s: float) -> Any:
-        """Return the next answer of the loop process, for which it waits up to `timeout_s`.
+        """Wait up to `timeout_s` for the next answer of the loop process, and return it.
+
+        An answer that is an exception is raised.
 
         Raises:
-            ChildError: no answer came in time, or the process has ended or failed.
+            ChildError: no answer came in time, it cannot be read, or the process has ended.
+            TripError: the loop's thread has ended by itself.
         """
 
 
