@@ -171,7 +171,7 @@ class Filtered:
         return np.where(np.isfinite(costs), costs, _HOPELESS)
 
     def columns(self, values: Values, variables: Sequence[Variable]) -> list[Column]:
-        """Return for each variable the direction in which it is probed, and the bounds of its steps.
+        """Return for each variable the direction in which it is probed, with bounds of its steps.
 
         The directions begin at the given values; `changes` gives their effect on the innovations.
         """

@@ -132,8 +132,8 @@ def allowed_command(command, homed, tol, memory):
 
     A ram that is not homed goes slowly and pushes gently. A command that would raise the load
     pressure fades to 0 while the load pressure that it makes rises from a quarter to three quarters
-    of its limit, and changes its sign beyond that. So a ram at its stroke end stays there with that force, even if the valve's null is
-    off.
+    of its limit, and changes its sign beyond that. So a ram at its stroke end stays there with that
+    force, even if the valve's null is off.
     """
     if homed:
         return command

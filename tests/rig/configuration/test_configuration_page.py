@@ -26,6 +26,6 @@ def test_every_shipped_driver_has_its_table() -> None:
 
 def test_a_table_shows_limits_and_what_is_taken_if_nothing_is_given() -> None:
     page = PAGE.read_text()
-    assert "| `stale_limit` | 1 ms to 10 s | 0.1 s | age of the newest sample" in page
+    assert "| `stale_limit` | 1 ms to 10 s | 0.1 s | age of the fast device" in page
     assert "| `host` | text | required | " in page
     assert "| `overrun` | `skip`, `realign`, `trip` | skip | " in page
