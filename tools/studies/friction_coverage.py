@@ -40,12 +40,14 @@ class Case(NamedTuple):
 def setpoint_of(name: str, rng: np.random.Generator, ticks: int) -> Array:
     """Return the setpoint (ticks,) of a motion in `MOTIONS` or of `EXPERIMENT`, m.
 
-    For a motion in open loop it is the command, V. Any other name stands for `EXPERIMENT`, whose
-    setpoint is not drawn.
+    For a motion in open loop it is the command, V. The setpoint of `EXPERIMENT` is not drawn.
+
+    Raises:
+        KeyError: there is no motion of this name.
     """
-    if name in MOTIONS:
-        return MOTIONS[name](rng, ticks)
-    return MIDDLE + 0.2 * np.sin(np.pi * TICK * np.arange(ticks))
+    if name == EXPERIMENT:
+        return MIDDLE + 0.2 * np.sin(np.pi * TICK * np.arange(ticks))
+    return MOTIONS[name](rng, ticks)
 
 
 def case(name: str, seed: int) -> Case:
@@ -108,7 +110,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=40, help="rigs for each motion")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--motion", nargs="*", default=[EXPERIMENT, *MOTIONS])
+    motions = [EXPERIMENT, *MOTIONS]
+    parser.add_argument("--motion", nargs="*", choices=motions, default=motions, help="default all")
     given = parser.parse_args()
     table = Table("motion", "parameter", "identified", "covered", "mean error", "rms error",
                   "standard error")  # fmt: skip
