@@ -98,8 +98,8 @@ def photograph(page: Path, picture: Path) -> None:
     An earlier `picture` is deleted first.
 
     Raises:
-        ValueError: there is no browser, or it took no picture.
-        TimeoutExpired: the browser took longer than `TIMEOUT_S`.
+        ValueError: there is no browser, it took no picture, or it took longer than `TIMEOUT_S` and
+            was killed.
     """
     with tempfile.TemporaryDirectory() as profile:
         command = [
@@ -111,10 +111,16 @@ def photograph(page: Path, picture: Path) -> None:
         if os.geteuid() == 0:
             command.append("--no-sandbox")  # Chromium does not start as root without this.
         picture.unlink(missing_ok=True)
-        done = subprocess.run(
-            [*command, page.resolve().as_uri()],
-            capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
-        )  # fmt: skip
+        try:
+            done = subprocess.run(
+                [*command, page.resolve().as_uri()],
+                capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise ValueError(
+                f"Chromium ({command[0]}) took no picture within {TIMEOUT_S:g} s and was ended; "
+                "run this again when the machine is less busy, or install another Chromium"
+            ) from None
     if not picture.exists():
         raise ValueError(
             f"Chromium took no picture (exit {done.returncode}):\n{done.stderr[-2000:]}"
@@ -122,7 +128,10 @@ def photograph(page: Path, picture: Path) -> None:
 
 
 def main() -> None:
-    """Take the picture; end with a message if report, leak test, browser or picture is missing."""
+    """Take the picture; end with a message if report, leak test, browser or picture is missing.
+
+    A browser that hangs takes no picture either.
+    """
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "run", type=Path, metavar="RUN_DIR", help="folder of a run, with its report"

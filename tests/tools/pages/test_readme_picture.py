@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from tools.pages import readme_picture
 from tools.pages.readme_picture import browser, main, staged
 
 
@@ -54,4 +55,18 @@ def test_a_folder_without_a_report_is_named(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["readme_picture", str(tmp_path), str(tmp_path / "out.png")])
     with pytest.raises(SystemExit, match=r"report\.html: does not exist"):
+        main()
+
+
+def test_a_browser_that_hangs_is_ended_and_told_of(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    hanging = tmp_path / "chromium"
+    hanging.write_text("#!/bin/sh\nexec /bin/sleep 600\n")
+    hanging.chmod(0o755)
+    (tmp_path / "report.html").write_text(report(("passed", "internal_leakage")))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(readme_picture, "TIMEOUT_S", 0.1)
+    monkeypatch.setattr("sys.argv", ["readme_picture", str(tmp_path), str(tmp_path / "out.png")])
+    with pytest.raises(SystemExit, match=r"took no picture within 0\.1 s"):
         main()
