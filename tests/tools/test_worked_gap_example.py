@@ -49,6 +49,13 @@ def test_tables_hold_counts_with_exact_intervals() -> None:
     assert "valve underlap leakage, 8.00 um" in by_case({CASES[0]: trials})
 
 
+def test_a_size_of_which_there_is_no_leak_has_a_row_of_dashes() -> None:
+    table = by_size([Trial(None, 0.0, QUIET, QUIET), replace(LEAK, flow=0.04)])
+    assert "| 0.05 to 0.1 L/min | – | – | – | – |" in table
+    assert "| healthy | 0 of 1 (0 to 98 %) | 0 of 1 (0 to 98 %) |  |  |" in table
+    assert "| healthy | – | – |  |  |" in by_size([LEAK])
+
+
 def test_a_recording_of_the_hidden_rig_is_judged_by_the_detector() -> None:
     rig = hiding(CASES[0], 1)
     leaks = leaking(rig, "external_leakage_1", 0.2)

@@ -62,12 +62,13 @@ def wrong(trial: Trial, judgement: Heard) -> bool:
 def by_size(trials: Sequence[Trial]) -> str:
     """Return two tables of a case: alarms and names by size of leak, and figures of right ones.
 
-    Raises:
-        IndexError: there is no trial on a healthy rig, or none with a leak between two `EDGES`.
+    A row without trials has dashes.
     """
     head = ["recordings", *(f"{what}, {model}" for what in ("alarm, wrong", "named right")
                             for model in MODELS)]  # fmt: skip
-    rows = [_row("healthy", [trial for trial in trials if trial.leak is None])]
+    healthy = _row("healthy", [trial for trial in trials if trial.leak is None])
+    # No leak can be named right on a healthy rig.
+    rows = [[*healthy[: -len(MODELS)], *("" for _ in MODELS)]]
     leaks = [trial for trial in trials if trial.leak is not None]
     for low, high in pairwise(EDGES):
         which = [trial for trial in leaks if low <= trial.flow < high]
@@ -80,10 +81,7 @@ def by_size(trials: Sequence[Trial]) -> str:
 
 def _row(name: str, trials: Sequence[Trial]) -> list[str]:
     wrongs = [counted(wrong(*each) for each in judged(trials, model)) for model in MODELS]
-    rights = [
-        counted(right(*each) for each in judged(trials, model)) if trials[0].leak else ""
-        for model in MODELS
-    ]
+    rights = [counted(right(*each) for each in judged(trials, model)) for model in MODELS]
     return [name, *wrongs, *rights]
 
 
