@@ -69,15 +69,17 @@ def power(healthy: Sequence[Trial], leaks: Sequence[Trial]) -> str:
 def outcomes(leaks: Sequence[Trial]) -> str:
     """Return a table by size of leak: how many each detector named right, and how soon.
 
-    Leaks with a flow from the largest planned size (`SIZES`) on are left out.
+    The size is the true mean flow, which may exceed the largest planned size; the last row has no
+    upper limit.
     """
     head = ["leak, L/min", "leaks", *(f"{name}: {what}" for name in NAMES.values() for what in (
         "right within 10 s", "right at the end", "latency, median / 95 %"))]  # fmt: skip
-    edges = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.2, SIZES[1])
+    edges = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.2, np.inf)
     rows = []
     for low, high in pairwise(edges):
         chosen = [trial for trial in leaks if low <= trial.flow < high]
-        cells = [f"{low:g} to {high:g}", str(len(chosen))]
+        size = f"{low:g} to {high:g}" if isfinite(high) else f"{low:g} and more"
+        cells = [size, str(len(chosen))]
         for judge in NAMES:
             delays = np.array([named_after(trial, judge) for trial in chosen])
             soon, named = int((delays <= 10.0).sum()), delays[np.isfinite(delays)]
