@@ -34,6 +34,7 @@ from rig.stream.settings import Endpoint, StreamSettings
 from rig.supervisor.processes.streaming import Stream
 
 from .loop_chain import CHANNELS, Chain, TrippedError
+from .shares import shares
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ BEGIN_MARK: Final = "<!-- table by tools.bench.readers: begin -->"
 END_MARK: Final = "<!-- table by tools.bench.readers: end -->"
 RIG: Final = "bench"
 PROCESSES: Final = 5
-"""Number of processes that fifty readers share."""
+"""Number of processes that a group of readers shares at most."""
 SETTLE_S: Final = 1.0
 """s that are not measured after readers came or left, because their programs start or end then."""
 SLOW_S: Final = 0.2
@@ -176,14 +177,12 @@ def be(what: str, endpoint: str, count: int) -> None:
 def present(readers: Readers, endpoint: Endpoint) -> Iterator[None]:
     """Start processes with readers, enter the context once all follow, and kill them at its end.
 
-    More than `PROCESSES` readers share that many processes evenly; their number must be a multiple.
-    Otherwise one process with one reader is started.
+    At most `PROCESSES` processes share the readers as evenly as can be.
     """
-    shares = [readers.count // PROCESSES] * PROCESSES if readers.count > PROCESSES else [1]
     command = [sys.executable, "-m", "tools.bench.readers", "--be", readers.what, str(endpoint)]
     processes = [
         subprocess.Popen([*command, str(share)], stdout=subprocess.PIPE, text=True)
-        for share in shares
+        for share in shares(readers.count, PROCESSES)
     ]
     try:
         for process in processes:

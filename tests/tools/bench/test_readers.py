@@ -1,10 +1,24 @@
 """The benchmark of readers compares like with like; what it measures is no test's."""
 
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
-from tools.bench.readers import BEGIN_MARK, BEHAVIOURS, END_MARK, READERS, Pairs, table
+from rig.stream.settings import Endpoint
+from tools.bench.readers import (
+    BEGIN_MARK,
+    BEHAVIOURS,
+    END_MARK,
+    READERS,
+    Pairs,
+    Readers,
+    present,
+    table,
+)
 
 ROOT = Path(__file__).parents[3]
 
@@ -25,6 +39,20 @@ def test_a_row_has_the_medians_of_pairs_and_of_their_ratios() -> None:
 def test_every_kind_of_reader_is_one_that_there_is() -> None:
     assert {readers.what for readers in READERS} <= set(BEHAVIOURS)
     assert max(readers.count for readers in READERS) == 50
+
+
+@pytest.mark.parametrize("count", [1, 3, 5, 7, 50])
+def test_as_many_readers_come_as_are_asked_for(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[int] = []
+    popen = subprocess.Popen
+
+    def short(command: list[str], **given: Any) -> Any:
+        started.append(int(command[-1]))
+        return popen([sys.executable, "-S", "-c", "print('follows')"], **given)
+
+    monkeypatch.setattr(subprocess, "Popen", short)
+    with present(Readers("some", "read", count), Endpoint("tcp", "127.0.0.1", 1)):
+        assert sum(started) == count
 
 
 def test_trips_of_the_machine_are_told() -> None:
