@@ -26,6 +26,8 @@ from rig.stream.sessions import publisher_session
 from rig.stream.settings import Endpoint, StreamSettings
 from rig.supervisor.processes.streaming import Stream
 
+from .shares import shares
+
 COLUMNS: Final = 75
 """Number of columns of a row; a rig on hardware has about as many."""
 NAMES: Final = ("time_s", *(f"channel_{k}_m" for k in range(COLUMNS - 2)), "segment")
@@ -34,7 +36,7 @@ FLEETS: Final = ((100, 20), (100, 100), (200, 100), (400, 100))
 FLEET_CHANNELS: Final = 8
 BATCH: Final = 20
 PUBLISHERS: Final = 4
-"""Number of processes that the rigs of a fleet share."""
+"""Number of processes that the rigs of a fleet share at most."""
 BEGIN_MARK: Final = "<!-- table by tools.bench.stream: begin -->"
 END_MARK: Final = "<!-- table by tools.bench.stream: end -->"
 
@@ -182,7 +184,7 @@ def fleet(seconds: float, port: int, count: int, batch: int) -> dict[str, Any]:
     Args:
         seconds: for how long is measured.
         port: of the router.
-        count: number of rigs, a multiple of `PUBLISHERS`.
+        count: number of rigs.
         batch: samples in a message.
 
     Returns:
@@ -199,10 +201,10 @@ def fleet(seconds: float, port: int, count: int, batch: int) -> dict[str, Any]:
     publish = [sys.executable, "-m", "tools.bench.stream", "--publish"]
     publishers = [
         subprocess.Popen(
-            [*publish, endpoint, str(count // PUBLISHERS), str(batch)],
+            [*publish, endpoint, str(share), str(batch)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )
-        for _ in range(PUBLISHERS)
+        for share in shares(count, PUBLISHERS)
     ]  # fmt: skip
     for publisher in publishers:
         assert publisher.stdout is not None
