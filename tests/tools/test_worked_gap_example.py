@@ -1,15 +1,21 @@
 """The worked example judges the same recordings with two models, and counts honestly."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.plant import Model
+from tools.hidden_effects.recordings import Recorded
+from tools.hidden_effects.rig_values import RigValues
+from tools.worked_gap_example import trials as example
 from tools.worked_gap_example.tables import by_case, by_size, interval, right, wrong
 from tools.worked_gap_example.trials import (
     CASES,
     ONSET_S,
+    Case,
     Heard,
     Trial,
     heard,
@@ -17,6 +23,7 @@ from tools.worked_gap_example.trials import (
     leaking,
     recorded,
     recording_of,
+    tried,
     true_flow,
 )
 
@@ -54,6 +61,37 @@ def test_a_size_of_which_there_is_no_leak_has_a_row_of_dashes() -> None:
     assert "| 0.05 to 0.1 L/min | – | – | – | – |" in table
     assert "| healthy | 0 of 1 (0 to 98 %) | 0 of 1 (0 to 98 %) |  |  |" in table
     assert "| healthy | – | – |  |  |" in by_size([LEAK])
+
+
+def test_kept_trials_and_models_count_only_for_their_seed_and_their_sources(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    made: list[int] = []
+    table = np.zeros((1, 1))
+
+    def runs(case: Case, rig: RigValues, seed: int) -> Iterator[tuple[None, float, Recorded]]:
+        made.append(seed)
+        yield None, float(seed), Recorded(table, table)
+
+    def rig_gap(identify: Sequence[Path], holdout: Path, out: Path) -> dict[str, str]:
+        out.mkdir()
+        (out / "model.yaml").write_text("")
+        return {}
+
+    models: list[str] = []
+    monkeypatch.setattr(example, "runs", runs)
+    monkeypatch.setattr(example, "rig_gap", rig_gap)
+    monkeypatch.setattr(example, "recorded", lambda *given: Recorded(table, table))
+    monkeypatch.setattr(example, "write", lambda *given: None)
+    monkeypatch.setattr(example, "load_model", models.append)
+    monkeypatch.setattr(example, "recording_of", lambda made: made)
+    monkeypatch.setattr(example, "heard", lambda recording, model: QUIET)
+    assert [tried(CASES[0], tmp_path, seed)[0].flow for seed in (1, 2, 1)] == [1.0, 2.0, 1.0]
+    assert made == [1, 2]
+    monkeypatch.setattr(example, "sources_digest", lambda: "other")
+    assert tried(CASES[0], tmp_path, 1)[0].flow == 1.0
+    assert made == [1, 2, 1]
+    assert len(set(models)) == len(models) == 3
 
 
 def test_a_recording_of_the_hidden_rig_is_judged_by_the_detector() -> None:

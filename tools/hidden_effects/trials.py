@@ -163,15 +163,20 @@ def drawn_for(plan: Plan, folder: Path) -> Drawn:
     return replace(drawn, envelope=replace(drawn.envelope, shown=of_hidden))
 
 
-def kept_file(out: Path) -> Path:
-    """Return the file in `out` that keeps trials; its name changes whenever the sources change.
+def sources_digest() -> str:
+    """Return 12 hex digits that change with the sources of product and `tools/hidden_effects`.
 
-    The sources are those of the product and of `tools/hidden_effects`.
+    Of the product, those sources count that may be compiled (`rig.compile_cache.source_key`).
     """
     digest = sha256(source_key(_ROOT).encode())
     for path in sorted((_ROOT / "tools/hidden_effects").glob("*.py")):
         digest.update(path.read_bytes())
-    return out / f"trials-{digest.hexdigest()[:12]}.jsonl"
+    return digest.hexdigest()[:12]
+
+
+def kept_file(out: Path) -> Path:
+    """Return the file in `out` that keeps trials; its name changes with `sources_digest`."""
+    return out / f"trials-{sources_digest()}.jsonl"
 
 
 def run_trials(

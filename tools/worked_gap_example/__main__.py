@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.images:
         sizes_picture(found[first], options.images / "gap_detector_sizes.png")
         rig = hiding(first, options.seed)
-        model = revised_model(first, rig, options.out / first.effect, options.seed)
+        model = revised_model(first, rig, options.out, options.seed)
         values = leaking(rig, "external_leakage_1", _SHOWN)
         shown = recorded(values, "steps", [options.seed, 4], SECONDS)
         accounts_picture(

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from hashlib import sha256
 from math import exp, log
 from pathlib import Path
 from typing import Final
@@ -22,6 +23,7 @@ from tools.hidden_effects.motions import drawn
 from tools.hidden_effects.physics import P1, P2, TANK, TICK
 from tools.hidden_effects.recordings import COLUMNS, Recorded, record, write
 from tools.hidden_effects.rig_values import TABLE, RigValues
+from tools.hidden_effects.trials import sources_digest
 from tools.hidden_effects.workflow import rig_gap
 
 SECONDS: Final = 30.0
@@ -124,18 +126,32 @@ def recorded(rig: RigValues, motion: str, seed: Sequence[int], seconds: float) -
     return record(rig, drawn(motion, rng, round(seconds / TICK)), rng)
 
 
-def revised_model(case: Case, rig: RigValues, folder: Path, seed: int) -> Model:
+def kept_folder(case: Case, out: Path, seed: int) -> Path:
+    """Return the folder in `out` for the model and the trials of a case; make it if missing.
+
+    Its name differs between any two seeds, cases and states of the sources (`sources_digest`, and
+    this module), so that nothing in it was made otherwise.
+    """
+    made_from = sources_digest(), Path(__file__).read_text(encoding="utf-8"), repr(case)
+    key = sha256("\n".join(made_from).encode()).hexdigest()[:12]
+    folder = out / f"{case.effect}-{seed}-{key}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def revised_model(case: Case, rig: RigValues, out: Path, seed: int) -> Model:
     """Return the revised model of a rig.
 
     If `case.found` is False, it is the nominal model with the case's effect. Otherwise `rig gap`
-    writes it into `folder`, from recordings of `rig` drawn by `seed`; a model that is there from
-    before is only read, whatever rig and seed it was made with.
+    writes it into the `kept_folder`, from recordings of `rig` drawn by `seed`. A model that is
+    there from before is only read; `rig` must thus follow from case and seed (`hiding`).
 
     Raises:
         WorkflowFailedError: `rig gap` did not end in a result.
     """
     if not case.found:
         return Model().with_effect(case.effect, value=case.value)
+    folder = kept_folder(case, out, seed)
     written = folder / "found" / "model.yaml"
     if not written.is_file():
         files = []
@@ -213,15 +229,16 @@ def heard(recording: Recording, model: Model) -> Heard:
 def tried(case: Case, out: Path, seed: int) -> list[Trial]:
     """Run the trials of a case, keep them in `out` and return them; kept ones are only read.
 
-    They are kept by the case's effect, so that `seed` has no influence on kept trials.
+    Kept trials count only for the same case, seed and sources (`kept_folder`).
+
+    Raises:
+        WorkflowFailedError: `rig gap` did not end in a result.
     """
-    folder = out / case.effect
-    folder.mkdir(parents=True, exist_ok=True)
-    rig = hiding(case, seed)
-    model = revised_model(case, rig, folder, seed)
-    kept = folder / "trials.json"
+    kept = kept_folder(case, out, seed) / "trials.json"
     if kept.is_file():
         return [_trial(fields) for fields in json.loads(kept.read_text(encoding="utf-8"))]
+    rig = hiding(case, seed)
+    model = revised_model(case, rig, out, seed)
     found = []
     count = case.healthy + case.leaks
     for leak, flow, made in track(runs(case, rig, seed), case.effect, count, transient=True):
