@@ -1,15 +1,19 @@
 """How the chaos suite judges, and a few of its scenarios; `make chaos` plays them all."""
 
+import subprocess
+import sys
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 
+from tests.waiting import until
 from tools.chaos.__main__ import row, table, with_table
 from tools.chaos.judge import Outcome, driven, problems, safe_at
 from tools.chaos.play import play
 from tools.chaos.scenario import Scenario, pause, wire
 from tools.chaos.scenarios import BENIGN, SCENARIOS
+from tools.chaos.stage import Stage, StageError
 
 OUTLIVED = Scenario(
     "all that a run outlives, then an emergency stop",
@@ -42,6 +46,36 @@ AS_CLAIMED: dict[str, Any] = {
 def test_the_rig_is_safe_and_the_cause_named_after(scenario: Scenario, tmp_path: Path) -> None:
     outcome = play(scenario, tmp_path)
     assert not problems(scenario, outcome), f"{outcome.printed}\n{outcome.report}"
+
+
+class Dying(Stage):
+    """A stage whose emulator answers its first request, and ends amid the next one."""
+
+    ANSWERS = """
+import json, socket
+with socket.create_server(("127.0.0.1", 0)) as server:
+    print(json.dumps({"ports": {"control": server.getsockname()[1]}}), flush=True)
+    with server.accept()[0] as line, line.makefile("rw") as file:
+        file.readline()
+        print(json.dumps({"ok": True}), file=file, flush=True)
+        file.readline()
+        print('{"ok": tr', end="", file=file, flush=True)
+"""
+
+    def _python(
+        self, command: str, *arguments: str, output: int | IO[str]
+    ) -> "subprocess.Popen[str]":
+        return subprocess.Popen([sys.executable, "-c", self.ANSWERS], stdout=output, text=True)
+
+
+def test_an_emulator_that_ends_amid_a_request_fails_its_scenario_alone(tmp_path: Path) -> None:
+    with Dying(tmp_path) as stage:
+        with pytest.raises(StageError, match=r"gave no answer to \{'do': 'status'\}"):
+            stage.is_safe()
+        until(lambda: not stage.emulator_lives, "the emulator to end")
+        for _ in range(2):
+            with pytest.raises(StageError, match=r"gave no answer to \{'do': 'inject'"):
+                stage.inject(fault="lost_counts", counts=1)
 
 
 def test_no_two_scenarios_have_the_same_name() -> None:

@@ -16,8 +16,8 @@ def play(scenario: Scenario, folder: Path) -> Outcome:
     If the run ends before its test, the scenario is set up again, up to `_STAGES` times in all.
 
     Raises:
-        StageError: the emulator did not start or refused a fault, the test never began, the rig
-            did not become safe, or the run did not end or left processes behind.
+        StageError: the emulator did not start, refused a fault or ended, the test never began, the
+            rig did not become safe, or the run did not end or left processes behind.
     """
     for number in range(1, _STAGES):
         place = folder / str(number)

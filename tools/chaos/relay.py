@@ -136,7 +136,8 @@ class Relay:
         the last one.
 
         Raises:
-            StageError: the rig did not become safe, or a run did not come to its end.
+            StageError: the rig did not become safe, a run did not come to its end, or the emulator
+                gave no answer.
         """
         number = 0
         while len(self.record.kills) < self._wanted and not self.record.problems:
@@ -360,7 +361,8 @@ def relay(
 ) -> Record:
     """Kill one part of campaigns on one rig again and again, and return the outcome.
 
-    If the rig does not become safe, or a run does not end, the outcome has this as a problem.
+    If the rig does not become safe, a run does not end, or the emulator gives no answer, the
+    outcome has this as a problem.
 
     Args:
         folder: an empty folder for all files.

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
@@ -139,7 +139,8 @@ class Stage:
             raise StageError(f"the emulator did not start: {ready}")
         address = ("127.0.0.1", int(json.loads(ready)["ports"]["control"]))
         line = self._ends.enter_context(socket.create_connection(address, timeout=PATIENCE_S))
-        self._control = self._ends.enter_context(line.makefile("rw"))
+        self._control = line.makefile("rw")
+        self._ends.callback(_close, self._control)
         # This makes the encoder read the true position, so that no homing run is needed.
         self.ask(do="inject", fault="lost_counts", counts=-MID_STROKE_COUNTS)
 
@@ -208,13 +209,15 @@ class Stage:
         """Send a request, given by its fields, to the emulator's control port; return the answer.
 
         Raises:
-            StageError: the emulator refuses the request.
-            OSError: the emulator gives no answer within `PATIENCE_S`, or has ended.
-            ValueError: the emulator ends before it has answered.
+            StageError: the emulator refuses the request, gives no answer within `PATIENCE_S`, or
+                has ended.
         """
-        self._control.write(json.dumps(request) + "\n")
-        self._control.flush()
-        reply: dict[str, Any] = json.loads(self._control.readline())
+        try:
+            self._control.write(json.dumps(request) + "\n")
+            self._control.flush()
+            reply: dict[str, Any] = json.loads(self._control.readline())
+        except (OSError, ValueError) as error:
+            raise StageError(f"the emulator gave no answer to {request}: {error}") from error
         if not reply["ok"]:
             raise StageError(f"{request}: {reply['problems']}")
         return reply
@@ -223,7 +226,7 @@ class Stage:
         """Start a fault of the emulator, given by its fields; note the time in `injected_ns`.
 
         Raises:
-            StageError: the emulator refuses the fault.
+            StageError: the emulator refuses the fault, or gives no answer.
         """
         self.injected_ns = time.monotonic_ns()
         self.ask(do="inject", **fault)
@@ -276,7 +279,7 @@ class Stage:
             patience_s: how long to wait at most, s.
 
         Raises:
-            StageError: `done()` was not True in time.
+            StageError: `done()` was not True in time, or raised this.
         """
         until = time.monotonic() + patience_s
         while not done():
@@ -289,6 +292,9 @@ class Stage:
 
         The valve in the return line is not looked at. On the simulated rig, which has no devices,
         this is always True.
+
+        Raises:
+            StageError: the emulator gives no answer.
         """
         if not self._emulated:
             return True
@@ -349,6 +355,12 @@ def _lives(pid: int) -> bool:
     except FileNotFoundError:
         return False
     return state != "Z"
+
+
+def _close(line: IO[str]) -> None:
+    """Close the line to the emulator; what an emulator that has ended did not take is dropped."""
+    with suppress(OSError):
+        line.close()
 
 
 def _end(process: subprocess.Popen[str], number: signal.Signals) -> None:
