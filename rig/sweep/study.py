@@ -211,7 +211,8 @@ def study_of(table: pa.Table) -> Study:
 def verdict_order(confusion: dict[str, dict[str, int]]) -> list[str]:
     """Return the verdicts that occur in a confusion matrix, in the order to show them.
 
-    First come the injected faults and `healthy`, then the other verdicts, last those without fault.
+    First come those that are a key of `confusion`, in its order; then other faults, by name; last
+    `healthy` and `inconclusive`, if they are no keys.
     """
     found = {verdict for counts in confusion.values() for verdict in counts}
     first = [name for name in confusion if name in found]

@@ -1,1 +1,1 @@
-"""Benchmarks of the software; run all by `python -m tools.bench`, or one module alone."""
+"""Benchmarks of the software, each a module; `python -m tools.bench` runs the quick four."""

@@ -6,7 +6,7 @@ from . import campaign, filters, lanes, plant
 
 
 def main() -> None:
-    """Run every benchmark with its defaults, one after the other."""
+    """Run these four benchmarks with their defaults, one after the other."""
     sys.argv = sys.argv[:1]
     for benchmark in (filters, plant, campaign, lanes):
         benchmark.main()

@@ -48,10 +48,11 @@ def bounds(exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]) -> str:
 
 
 def power(healthy: Sequence[Trial], leaks: Sequence[Trial]) -> str:
-    """Return a table with a row for each detector: false alarms, and smallest leaks named.
+    """Return a table with a row for each detector: healthy rigs alarmed, and smallest leak found.
 
-    The smallest leaks are those named within the times `WITHIN_S`, with their 95 % intervals, by
-    place (external or internal) and load.
+    The smallest leak is the flow (L/min), fitted to all trials, that is named within each of the
+    times `WITHIN_S` with probability `POWER`, with its 95 % interval, by place (external or
+    internal) and load.
     """
     hours = len(healthy) * SECONDS / 3600.0
     head = ["", "healthy rigs alarmed", *(f"{name}, {within:g} s" for name, _ in _groups(leaks)

@@ -80,7 +80,8 @@ def linearise_course(drive, step, remember, read, along, parameters, memory, cha
             one value changed.
         memory: float64 (1, length), at the first sample; changed.
         changes: float64 (k,), changes of the states by which derivatives are taken.
-        written: the linearisation, which is written.
+        written: the linearisation, which is written: derivatives by the states, and what each probe
+            adds, which is not divided by the size of its change.
     """
     inputs, states, places = along.inputs, along.states, along.places
     transitions, slopes, shifts = written.transitions, written.slopes, written.shifts

@@ -79,9 +79,10 @@ class Unsettled:
 
 
 def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> list[Unsettled]:
-    """Return for each channel the squared errors above those of twins, by bins of the motion.
+    """Return for each channel its mean squared errors above those of twins, in bins of a quantity.
 
-    Only readings that are used count, from the first to the last block of each record.
+    The quantity, that of a region or the rate of an input, is the one on which the errors depend
+    most; where readings are few there is one bin. Only readings that are used count, from the first to the last block of each record.
 
     Args:
         filtered: the records, with gains for `values`.
