@@ -82,7 +82,8 @@ def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> 
     """Return for each channel its mean squared errors above those of twins, in bins of a quantity.
 
     The quantity, that of a region or the rate of an input, is the one on which the errors depend
-    most; where readings are few there is one bin. Only readings that are used count, from the first to the last block of each record.
+    most; where readings are few there is one bin. Only readings that are used count, from the first
+    to the last block of each record.
 
     Args:
         filtered: the records, with gains for `values`.
