@@ -321,16 +321,24 @@ class HardwareTest:
     def safe_state(self) -> None:
         """End the test and its faults; repeated calls do nothing.
 
-        After a completed test, or `end_early`, the ram is held; otherwise the motion is brought to
-        rest and the valve disabled.
+        After a completed test, or `end_early`, the ram is held; otherwise, or if the loop does not
+        hold it, the motion is brought to rest and the valve disabled.
+
+        Raises:
+            TripError: the loop does not hold the ram after a completed test.
         """
         if self._ended:
             return
         self._ended = True
-        completed = self._early or (self._begun and not self._wire.ticks_left)
-        if completed:
-            self._wire.safe_state()
-        self._session.end_test(completed=completed)
+        held = False
+        try:
+            if self._early or (self._begun and not self._wire.ticks_left):
+                self._wire.safe_state()
+                held = True
+        except LoopStoppedError as error:
+            raise self._session.stopped(error) from None
+        finally:
+            self._session.end_test(completed=held)
 
 
 class TestRecord:

@@ -11,7 +11,7 @@ from control import raised_cosine
 from rig.io import FAST_INPUTS
 from rig.loop.board import Board, Word
 from rig.loop.decision_post import DecisionPost
-from rig.loop.interlocks import NO_CHANNEL, Action, Cause, LoopStoppedError
+from rig.loop.interlocks import NO_CHANNEL, Action, Cause, LoopStoppedError, TripError
 from rig.loop.ring import RingReader
 
 from .layout import Drive, wire_channels
@@ -42,7 +42,7 @@ class LoopProcess(Protocol):
 
 
 ANSWER_S: Final = 5.0
-"""Longest time in s that the loop process may take to get ready for a segment."""
+"""Longest time in s to get ready for a segment, and again to switch to it, for the loop process."""
 
 
 class WireLoop:
@@ -104,6 +104,7 @@ class WireLoop:
 
         Raises:
             LoopStoppedError: the loop stopped the motion, is silent, or knows no position.
+            TripError: the loop did not switch to the motion within `ANSWER_S`.
             ChildError: the loop did not take the order.
         """
         if self._start_position is None:
@@ -165,10 +166,12 @@ class WireLoop:
     def safe_state(self) -> None:
         """Order the loop to hold the ram where it is; wait up to `ANSWER_S` until it does.
 
-        Nothing is done after a trip, when the valve stays at null, nor if the loop is silent.
+        Nothing is done after a trip, when the valve stays at null, nor if the loop is silent. After
+        an error the ram may still move, so the caller must bring it to rest in another way.
 
         Raises:
             LoopStoppedError: the loop stops the motion, or falls silent.
+            TripError: the loop did not begin to hold the ram within `ANSWER_S`.
             ChildError: the loop did not take the order.
         """
         if self._words[Word.LOOP_TRIP] == 0 and not self._is_silent():
@@ -197,8 +200,13 @@ class WireLoop:
         number = self._order(segment)
         self._words[Word.SWITCH] = number
         until = time.monotonic() + ANSWER_S
-        while self._words[Word.SEGMENT] != number and time.monotonic() < until:
+        while (runs := int(self._words[Word.SEGMENT])) != number:
             self._check()
+            if time.monotonic() >= until:
+                raise TripError(
+                    f"the loop still runs segment {runs}, {ANSWER_S:g} s after the order to switch "
+                    f"to segment {number}; end what else loads this computer, then begin anew"
+                )
             time.sleep(_NAP_S)
 
     def _measured_position(self) -> float:

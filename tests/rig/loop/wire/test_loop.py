@@ -1,0 +1,62 @@
+"""The supervisor's side of a test says so if the loop does not do what it was ordered."""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.filters.registry import start_memory
+from rig.loop.board import Board, Word
+from rig.loop.interlocks.trip import TripError
+from rig.loop.wire import loop
+from rig.loop.wire.layout import Drive, wire_channels
+from rig.loop.wire.loop import WireLoop
+from rig.loop.wire.orders import Segment
+from rig.plant import Model
+from rig.plant.integrator import TICK
+from tests.waiting import PATIENCE_S
+
+MODEL = Model()
+MEMORY = start_memory("product", MODEL)
+CHANNELS = wire_channels(MEMORY.filter.states, open_loop=False)
+TICKS = 50
+
+
+class LoopProcess:
+    """A loop process that takes every order, and goes on with the segment that it runs."""
+
+    def send(self, order: object) -> None:
+        """Take an order, and do nothing about it."""
+
+    def answer(self, timeout_s: float) -> Any:
+        return None
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board.create(len(CHANNELS))
+    board.ring[0, CHANNELS.index("position_m")] = 0.1
+    words = board.words
+    words[Word.ROWS], words[Word.SWITCH], words[Word.SEGMENT] = 1, 3, 3
+    words[Word.TICK] = TICKS
+    words[Word.LOOP_BEAT] = time.monotonic_ns()
+    yield board
+    os.close(board.fd)
+
+
+@pytest.mark.parametrize("order", [WireLoop.position, WireLoop.safe_state])
+def test_a_loop_that_does_not_switch_in_time_is_an_error(
+    board: Board, order: Callable[[WireLoop], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "ANSWER_S", 0.05)
+    test = Segment(0, Drive.TRACK, MEMORY, MODEL.parameters, setpoint=np.zeros(TICKS))
+    wire = WireLoop(
+        board, LoopProcess(), test,
+        start_position=0.0, settle_ticks=TICKS, period_s=TICK, silence_s=PATIENCE_S,
+    )  # fmt: skip
+    why = r"runs segment 3, 0\.05 s after the order to switch to segment 4; end what else loads"
+    with pytest.raises(TripError, match=why):
+        order(wire)
