@@ -133,7 +133,8 @@ class CanValve:
     def write(self, outputs: Mapping[str, float]) -> None:
         """Set a target state, a setpoint, or both; nothing is sent if a name or value is refused.
 
-        The first target also makes the valve watch this host, for the option `watchdog`.
+        The first target also makes the valve watch this host, for the option `watchdog`. If the
+        target is refused, the setpoint stays as it was.
 
         Raises:
             DriverError: there is no such output or value, the driver is not open, the valve reacts
@@ -142,12 +143,12 @@ class CanValve:
         valve = self._connected()
         for name, value in outputs.items():
             self._check(name, value)
-        self._setpoint = outputs.get("drive_setpoint", self._setpoint)
         if "drive_target" in outputs:
             if not valve.watched:
                 valve.watch_host(self._options.watchdog)
             target = DriveState(int(outputs["drive_target"]))
             self._walk.ask(valve.state, target, self._clock())
+        self._setpoint = outputs.get("drive_setpoint", self._setpoint)
         self._send(valve)
 
     def _check(self, name: str, value: float) -> None:

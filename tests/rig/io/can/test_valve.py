@@ -237,6 +237,18 @@ def test_what_cannot_be_is_refused(bench: ValveBench, outputs: dict[str, float],
     assert bench.passed() == []
 
 
+def test_the_setpoint_of_a_refused_target_never_acts(bench: ValveBench) -> None:
+    driver = bench.active(setpoint="bus")
+    driver._connected().state = DriveState.FAULT_REACTION
+    with pytest.raises(DriverError, match="is in FAULT_REACTION; wait until it has ended"):
+        driver.write({"drive_target": DriveState.ACTIVE, "drive_setpoint": 0.5})
+    bench.read(driver)
+    driver.write({"drive_target": DriveState.ACTIVE})
+    bench.read_until(driver, DriveState.ACTIVE)
+    assert bench.read(driver)["drive_setpoint"] == 0.0
+    assert bench.valve.acting_command(0.0) == 0.0
+
+
 def test_a_fault_is_reported_once_with_its_emergency_in_words(bench: ValveBench) -> None:
     driver = bench.active()
     bench.valve.fail(0x4210)
