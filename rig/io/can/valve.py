@@ -10,7 +10,7 @@ from .canopen import emergency_words
 from .drive_walk import DriveWalk
 from .ds408 import WALK, DriveState
 from .ds408_valve import Ds408Valve
-from .link import Clock
+from .link import LOOK, Clock
 from .valve_options import CanValveOptions
 
 
@@ -43,6 +43,7 @@ class CanValve:
         self._options = options
         self._clock = clock
         self._valve: Ds408Valve | None = None
+        self._is_open = False
         self._forget()
 
     def _forget(self) -> None:
@@ -82,6 +83,7 @@ class CanValve:
         except DriverError:
             self.close()
             raise
+        self._is_open = True
 
     def read(self) -> Mapping[str, float]:
         """Take the next step of a walk, send the command, and return the values by signal, SI.
@@ -173,15 +175,15 @@ class CanValve:
     def safe_state(self) -> None:
         """Bring the valve to DISABLED, or a fault state as low, so that nothing drives the spool.
 
-        The setpoint becomes 0, and the valve no longer watches this host.
+        The setpoint becomes 0, and the valve no longer watches this host. After an error, also if
+        the bus cannot be opened, it is tried again over a new connection until `step_timeout`.
 
         Raises:
-            DriverError: the valve has not confirmed it in `step_timeout`, or the bus cannot be
-                opened; the message names the valve's state, or the error.
+            DriverError: the valve has not confirmed it in `step_timeout`; the message names the
+                valve's state, or the last error.
         """
         self._walk.disable()
         self._setpoint = 0.0
-        was_open = self._valve is not None
         until = self._clock() + self._options.step_timeout
         try:
             while reached := self._above_disabled():
@@ -189,29 +191,34 @@ class CanValve:
                     state = f"DISABLED not confirmed in {self._options.step_timeout:g} s: {reached}"
                     raise self._fault(state, "take the pump's pressure and the valve's power away")
         finally:
-            if not was_open:
+            if not self._is_open:
                 self.close()
 
     def _above_disabled(self) -> str:
         """Command DISABLED, and return the state in which the valve is instead, or an error's text.
 
         The text is empty if the valve is disabled; its watchdog is then switched off, since this
-        host may leave. After an error there is a new connection for the next attempt.
+        host may leave. After an error the connection is closed, and the next call makes a new one.
         """
-        valve = self._valve or self._connect()
         try:
+            valve = self._valve or self._connect()
             valve.disable()
             if not valve.state.disabled:
                 return valve.state.name
             valve.watch_host(0.0)
         except DriverError as error:
-            self.close()
-            self._connect()
+            self._disconnect()
+            # A bus that cannot be opened fails at once.
+            time.sleep(LOOK)
             return error.state
         return ""
 
     def close(self) -> None:
         """Close the bus; the watchdog of a valve that is not in its safe state then acts."""
+        self._is_open = False
+        self._disconnect()
+
+    def _disconnect(self) -> None:
         if self._valve is not None:
             self._valve.close()
         self._valve = None

@@ -9,6 +9,7 @@ from rig.emulator.can.valve_node import ValveNode
 from rig.emulator.record import Record
 from rig.io.can.canopen import DEVICE_TYPE, HEARTBEAT, TPDO1, read_request
 from rig.io.can.ds408 import WALK, DriveState
+from rig.io.can.ds408_valve import Ds408Valve
 from rig.io.can.libraries import python_can as can
 from rig.io.can.valve import CanValve
 from rig.io.can.valve_options import CanValveOptions
@@ -377,6 +378,48 @@ def test_the_safe_state_needs_no_sound_connection(
     monkeypatch.setattr(driver._valve, "command", broken)
     with pytest.raises(DriverError, match="bus is off"):
         driver.read()
+    driver.safe_state()
+    assert bench.valve.state is DriveState.DISABLED
+    assert bench.read(driver)["drive_state"] == DriveState.DISABLED
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_the_safe_state_is_tried_again_while_the_bus_cannot_be_opened(
+    bench: ValveBench, monkeypatch: pytest.MonkeyPatch, *, is_open: bool
+) -> None:
+    driver = bench.active()
+    if is_open:
+        driver._connected().close()
+    else:
+        driver = bench.driver()
+    failures = 3
+
+    def fails_at_first(*arguments: Any) -> Ds408Valve:
+        nonlocal failures
+        failures -= 1
+        if failures >= 0:
+            raise DriverError("drive", "cannot open the bus", "bring it up")
+        return Ds408Valve(*arguments)
+
+    monkeypatch.setattr("rig.io.can.valve.Ds408Valve", fails_at_first)
+    driver.safe_state()
+    assert failures < 0
+    assert bench.valve.state is DriveState.DISABLED
+
+
+def test_a_safe_state_without_a_bus_is_reported_and_an_open_driver_stays_open(
+    bench: ValveBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = bench.active()
+    driver._connected().close()
+
+    def fails(*_: Any) -> None:
+        raise DriverError("drive", "cannot open the bus", "bring it up")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("rig.io.can.valve.Ds408Valve", fails)
+        with pytest.raises(DriverError, match=r"not confirmed in 1 s: cannot open the bus; take"):
+            driver.safe_state()
     driver.safe_state()
     assert bench.valve.state is DriveState.DISABLED
     assert bench.read(driver)["drive_state"] == DriveState.DISABLED
