@@ -37,6 +37,7 @@ from rig.supervisor.processes import (
     Child,
     ChildError,
     MakeSafe,
+    NoAnswerError,
     Onlooker,
     OpenField,
     Parts,
@@ -226,7 +227,7 @@ class ConnectedRig:
         while True:
             try:
                 return part.answer(LOOK_S)
-            except ChildError:
+            except NoAnswerError:
                 if part.ended or time.monotonic() - began > OPEN_S:
                     raise
             if self._stop.requested:
@@ -236,10 +237,8 @@ class ConnectedRig:
         grants = self.opened.grants
         given = ", ".join(grant.name for grant in grants if grant.granted)
         self.say(f"loop: {self.opened.rate_hz:g} exchanges a second; {given or 'nothing granted'}")
-        for grant in grants:
-            if not grant.granted:
-                lack = f"loop: runs without {grant.name} ({grant.why})"
-                self.say(f"{lack}; to get it: {grant.remedy}")
+        for lack in (grant for grant in grants if not grant.granted):
+            self.say(f"loop: runs without {lack.name} ({lack.why}); to get it: {lack.remedy}")
 
     def handle(self, event: Event) -> None:
         """Note an event, go to the state that follows on it, and tell the onlooker of that state.
@@ -285,8 +284,8 @@ class ConnectedRig:
         """Send an order to a part and await its answer; show meanwhile that the supervisor works.
 
         Raises:
-            ChildError: the part has ended, or did not answer in time. An answer that is an
-                exception is raised too.
+            ChildError: the part has ended, did not answer in time, or its answer cannot be read. An
+                answer that is an exception is raised too.
         """
         part.send(order)
         until = time.monotonic() + timeout_s
@@ -294,7 +293,7 @@ class ConnectedRig:
             self._safety.alive()
             try:
                 return part.answer(1.0)
-            except ChildError:
+            except NoAnswerError:
                 if part.ended or time.monotonic() > until:
                     raise
 

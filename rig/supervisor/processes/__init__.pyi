@@ -1,4 +1,9 @@
-from .child import Child as Child, ChildError as ChildError, News as News
+from .child import (
+    Child as Child,
+    ChildError as ChildError,
+    News as News,
+    NoAnswerError as NoAnswerError,
+)
 from .driven import Driven as Driven
 from .field import (
     FollowMoves as FollowMoves,

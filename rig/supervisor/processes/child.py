@@ -34,6 +34,10 @@ class ChildError(TripError):
     """
 
 
+class NoAnswerError(ChildError):
+    """The error of a child that has not answered yet; whoever has the time may wait on."""
+
+
 @dataclass(frozen=True)
 class News:
     """A report that a child sends without being asked.
@@ -125,14 +129,14 @@ class Child:
         """Wait for the next answer of the process and return it; if it is an exception, raise it.
 
         Raises:
-            ChildError: no answer came within `timeout_s`, the answer cannot be read, or the process
-                has ended or closed its pipe.
+            NoAnswerError: no answer came within `timeout_s`.
+            ChildError: the answer cannot be read, or the process has ended or closed its pipe.
         """
         try:
             answer = self._answers.get(timeout=timeout_s)
         except queue.Empty:
             state = f"did not answer within {timeout_s:g} s"
-            raise ChildError(f"{self.name} process: {state}") from None
+            raise NoAnswerError(f"{self.name} process: {state}") from None
         if answer is _CLOSED:
             self._answers.put(_CLOSED)
             raise self._gone()

@@ -21,7 +21,7 @@ from rig.loop import RING_ROWS, Board, Word
 from rig.stream import LASTING, Command, StreamSettings, UnreachableError
 from rig.surviving import Surviving, failure
 
-from .child import Child, ChildError, News
+from .child import Child, ChildError, News, NoAnswerError
 from .publisher import Asked, Columns, Obeyed, Open, Send
 
 Array = NDArray[np.float64]
@@ -206,7 +206,8 @@ class Stream:
             note: text of an event that it sends at once; empty at the first start.
 
         Raises:
-            ChildError: the publisher ended, or did not open its stream in time.
+            ChildError: the publisher ended, did not open its stream in time, or its answer cannot
+                be read.
             ValueError: the stream cannot be opened as configured.
         """
         assert self._board is not None
@@ -221,7 +222,7 @@ class Stream:
                 try:
                     child.answer(POLL_S)
                     break
-                except ChildError:
+                except NoAnswerError:
                     if child.ended or self._closing.is_set() or time.monotonic() > until:
                         raise
             with self._lock:

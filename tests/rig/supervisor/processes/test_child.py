@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rig.loop.board import Board
-from rig.supervisor.processes.child import Child, ChildError, News
+from rig.supervisor.processes.child import Child, ChildError, News, NoAnswerError
 
 PATIENCE_S = 60.0
 
@@ -72,8 +72,11 @@ def test_an_answer_that_cannot_be_read_is_an_error_with_its_reason(
 ) -> None:
     child = begun(board, tmp_path, lambda news: None)
     try:
-        with pytest.raises(ChildError, match="sent what cannot be read: LookupError"):
+        with pytest.raises(NoAnswerError, match="part process: did not answer within 0 s"):
+            child.answer(0.0)
+        with pytest.raises(ChildError, match="sent what cannot be read: LookupError") as unreadable:
             child.ask("strange", PATIENCE_S)
+        assert not isinstance(unreadable.value, NoAnswerError)
         assert child.ask("more", PATIENCE_S) == "more"
     finally:
         child.end()
