@@ -49,13 +49,21 @@ def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
 
     Raises:
         DriverError: another program on this machine has locked one of the devices, or two of the
-            drivers name the same device; the message names the process. Or a lock cannot be opened.
+            drivers name the same device; the message names the process, or the other driver. Or a
+            lock cannot be opened.
     """
+    first: dict[str, str] = {}
     with ExitStack() as locks:
         for spec in drivers:
             connection = connection_of(spec.options)
-            if connection is not None:
-                locks.enter_context(_lock(spec.name, connection))
+            if connection is None:
+                continue
+            if connection in first:
+                other = first[connection]
+                state = f"{connection} is the device of the driver {other} of this rig too"
+                raise DriverError(spec.name, state, "give each of the two drivers its own device")
+            first[connection] = spec.name
+            locks.enter_context(_lock(spec.name, connection))
         yield
 
 

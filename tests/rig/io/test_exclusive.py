@@ -49,6 +49,15 @@ def test_a_device_that_another_program_has_is_refused_with_its_process(device: D
         pass
 
 
+def test_two_drivers_of_a_rig_with_the_same_device_are_both_named(device: DriverSpec) -> None:
+    why = "meters: 127.0.0.1:1 is the device of the driver daq of this rig too; give each"
+    both = [device, spec("meters", Options())]
+    with pytest.raises(DriverError, match=why):
+        exclusive(both).__enter__()
+    with exclusive([device]):
+        pass
+
+
 def test_it_is_free_again_afterwards_whatever_ended_it(device: DriverSpec) -> None:
     with pytest.raises(ZeroDivisionError), exclusive([device]):
         raise ZeroDivisionError
