@@ -112,8 +112,9 @@ def address_of(folder: Path) -> Iterator[str]:
 def line_from(connection: socket.socket, longest: int = LONGEST_LINE) -> bytes:
     """Receive a line and return it with its newline.
 
-    The connection's timeout, or 2 s without one, limits the whole line; it is changed meanwhile and
-    not set back. Nothing may follow the line, or the call goes on waiting for another newline.
+    The connection's timeout, or 2 s without one, limits the whole line; it is changed meanwhile.
+    Whatever came together with the end of the line is returned too, since nothing should follow it:
+    the caller must refuse it.
 
     Args:
         connection: the connection.
@@ -124,16 +125,19 @@ def line_from(connection: socket.socket, longest: int = LONGEST_LINE) -> bytes:
             connection before.
         OSError: the connection is lost.
     """
-    received = b""
-    until = time.monotonic() + (connection.gettimeout() or _PATIENCE_S)
-    while not received.endswith(b"\n"):
-        try:
+    received = piece = b""
+    timeout_s = connection.gettimeout()
+    until = time.monotonic() + (timeout_s or _PATIENCE_S)
+    try:
+        while b"\n" not in piece:
             # The time limit is for the whole line, so that single bytes do not prolong it.
             connection.settimeout(max(until - time.monotonic(), 1e-3))
             piece = connection.recv(LONGEST_LINE)
-        except TimeoutError:
-            raise EndlessLineError("a line that does not end") from None
-        received += piece
-        if not piece or len(received) > longest:
-            raise EndlessLineError("a line that does not end, or is too long")
+            received += piece
+            if not piece or len(received) > longest:
+                raise EndlessLineError("a line that does not end, or is too long")
+    except TimeoutError:
+        raise EndlessLineError("a line that does not end") from None
+    finally:
+        connection.settimeout(timeout_s)
     return received
