@@ -483,7 +483,7 @@ class ConnectedRig:
     def _close_loop(self) -> Mapping[str, str]:
         """Make the loop close its device; return "loop" -> failure if it is not safe, else {}."""
         try:
-            closed: orders.Closed = self.parts.loop.ask(orders.Close(), ANSWER_S)
+            closed = self.parts.loop.last_answer(orders.Close(), orders.Closed, ANSWER_S)
         except ChildError as error:
             self.note("loop", str(error))
             return {}

@@ -13,15 +13,19 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from rig.loop import Board, TripError
 from rig.surviving import Surviving, failure
+
+Last = TypeVar("Last")
+"""Type of the answer to the last order."""
 
 _GRACE_S: Final = 10.0
 """Time in s within which a child must end by itself; then it is killed."""
@@ -148,6 +152,24 @@ class Child:
         """Send an order, wait for the answer and return it; see `send` and `answer`."""
         self.send(order)
         return self.answer(timeout_s)
+
+    def last_answer(self, order: object, kind: type[Last], timeout_s: float) -> Last:
+        """Send the last order, wait for its answer, which is of a type of its own, and return it.
+
+        Answers that come before it are late, to orders that nobody waits for any more: they are
+        dropped, also those that are exceptions. Errors are those of `send` and `answer`.
+        """
+        self.send(order)
+        until = time.monotonic() + timeout_s
+        while True:
+            try:
+                answer = self.answer(max(until - time.monotonic(), 0.0))
+            except ChildError:
+                raise
+            except Exception:
+                continue
+            if isinstance(answer, kind):
+                return answer
 
     def end(self) -> None:
         """Close the pipe, and wait until the process has ended; kill it after 10 s.

@@ -93,3 +93,15 @@ def test_a_process_that_ends_is_known_to_have_ended(board: Board, tmp_path: Path
     while child.exit_code is None:
         assert time.monotonic() < until
     child.end()
+
+
+@pytest.mark.parametrize("late", ["a word", ValueError("late")], ids=["answer", "exception"])
+def test_what_comes_late_is_not_taken_for_the_answer_to_the_last_order(
+    board: Board, tmp_path: Path, late: object
+) -> None:
+    child = begun(board, tmp_path, lambda news: None)
+    try:
+        child.send(late)
+        assert child.last_answer(7, int, PATIENCE_S) == 7
+    finally:
+        child.end()
