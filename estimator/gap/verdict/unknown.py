@@ -100,8 +100,8 @@ class _Forward:
         """Add columns to the chosen ones; return by how much they lower the sum of squares.
 
         The sum is that of what the chosen columns leave of the innovations. A column that depends
-        on the chosen ones is left out; at least one must not. `certain` becomes how many standard
-        errors the steps along the added columns are long.
+        on the chosen ones is left out. `certain` becomes how many standard errors the steps along
+        the added columns are long: 0 if none is added, or if one block shows no scatter.
         """
         before, known = float(self._rest @ self._rest), self._basis.shape[1]
         steps = []
@@ -114,6 +114,9 @@ class _Forward:
                 self._basis = np.column_stack([self._basis, new / size])
                 steps.append(float(self._basis[:, -1] @ self._rest))
                 self._rest = self._rest - self._basis[:, -1] * steps[-1]
+        if not steps or self._blocks < 2:
+            self.certain = 0.0
+            return before - float(self._rest @ self._rest)
         scores = (self._basis[:, known:] * self._rest[:, None]).reshape(
             self._blocks, -1, len(steps)
         )

@@ -9,7 +9,7 @@ from estimator.gap.search.disturbances import places_of
 from estimator.gap.search.findings import Found
 from estimator.gap.search.refits import Refits
 from estimator.gap.servo.terms import hold_terms
-from estimator.gap.verdict.unknown import Unknown
+from estimator.gap.verdict.unknown import Unknown, _Forward
 from estimator.gap.verdict.with_term import terms_in_words, with_term
 from rig.plant.added_terms import AddedTerm, fields_of
 from tests.estimator.gap.courses import fitter, recorded, rig
@@ -74,3 +74,21 @@ def test_a_drag_in_symbols_is_refitted_in_the_model_and_explains_the_recording()
     assert size.unit == "N/(m/s)^2"
     assert size.value == pytest.approx(9e3, rel=0.1)
     assert added.explained > 0.9
+
+
+def test_a_fitted_parameter_without_effect_does_not_keep_terms_from_being_chosen() -> None:
+    rng = np.random.default_rng(0)
+    innovations = rng.standard_normal((8, 50))
+    columns = [np.zeros((8, 50)), rng.standard_normal((8, 50)), innovations + 1.0]
+    forward = _Forward(np.stack(columns, axis=2), innovations, 2)
+    left = float(np.square(innovations).sum())
+    assert forward.choose([0, 1]) == 0.0
+    assert forward.certain == 0.0
+    assert 0.1 * left < forward.choose([2]) <= left
+    assert forward.certain > 4.0
+
+
+def test_one_block_makes_nothing_certain() -> None:
+    forward = _Forward(np.ones((1, 50, 1)), np.full((1, 50), 2.0), 0)
+    assert forward.choose([0]) == pytest.approx(200.0)
+    assert forward.certain == 0.0
