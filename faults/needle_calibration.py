@@ -123,9 +123,11 @@ def settled(values: Array) -> Array:
     successive differences (von Neumann 1941), which a drift hardly changes.
 
     Raises:
-        UnsettledError: half of the values or more would have to be left out, or there are only two.
+        UnsettledError: half of the values or more would have to be left out, or there are fewer
+            than three.
     """
-    for first in range(values.size - values.size // 2):
+    # The noise of the rest is known from two values on.
+    for first in range(min(values.size - values.size // 2, values.size - 2)):
         rest = values[first + 1 :]
         noise = sqrt(float(np.mean(np.diff(rest) ** 2)) / 2.0)
         allowed = _SETTLED * noise * sqrt(1.0 + 1.0 / rest.size)
@@ -166,7 +168,7 @@ def measured_coefficient(
         ticks: number of samples of a batch.
 
     Raises:
-        UnsettledError: the coefficient does not settle.
+        UnsettledError: the coefficient does not settle, or there are fewer than three batches.
     """
     known = np.isfinite(flow) & np.isfinite(drop)
     roots = batches(np.sqrt(np.abs(drop[known])), ticks).mean(axis=1)

@@ -116,7 +116,14 @@ def test_what_is_settled_is_the_end_and_at_least_half_of_what_was_measured(
     assert 2 * kept.size >= len(values)
 
 
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_of_fewer_than_three_values_it_cannot_be_said_that_they_are_settled(count: int) -> None:
+    with pytest.raises(UnsettledError):
+        settled(np.ones(count))
+
+
 def test_what_does_not_change_is_settled() -> None:
+    assert settled(np.ones(3)).size == 3
     assert settled(np.full(8, 0.1)).size == 8
 
 

@@ -130,6 +130,16 @@ def test_a_flow_that_never_settles_is_refused() -> None:
         measure_needle(rig, "internal_leakage", (1.0,), Estimate(OFFSET, 0.0), RETURN_PA)
 
 
+def test_strokes_with_a_single_batch_of_readings_are_refused() -> None:
+    class BriefRig(ReckonedRig):
+        def stroke(self, direction: float) -> Samples:
+            flows, pressures = super().stroke(direction)
+            return Samples(flows[:BATCH_TICKS], pressures[:BATCH_TICKS])
+
+    with pytest.raises(CalibrationError, match="opening 1: the flow did not settle in 3 strokes"):
+        measure_needle(BriefRig(), "internal_leakage", (1.0,), Estimate(OFFSET, 0.0), RETURN_PA)
+
+
 def test_a_meter_that_tells_nothing_is_named() -> None:
     valves = {"external_leakage_1": NOMINAL_BYPASSES["external_leakage_1"]}
     with pytest.raises(CalibrationError, match="flow_1_m3_per_s: the meter tells nothing"):
