@@ -117,14 +117,14 @@ def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> 
 
 
 def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return one start: the delay in s by which the encoder best follows the oil from the valve.
+    """Return a start: the delay in s by which the encoder best follows the oil from the valve.
 
     The oil's flow is K_1 y sqrt(p_s - sgn(y) p_L) + K_2 dp_L/dt, that of a valve into compressible
     oil (Merritt 1967, ch. 6), with the load pressure p_L = p_1 - p_2 as read. For each delay K_1
     and K_2 are fitted to the speed as read. The delay of 1 to 19 ticks with the least error is
-    taken, refined by a parabola; it is 1 tick if nothing moves in any recording.
+    taken, refined by a parabola. There is no start if no recording shows oil that moves.
     """
-    left = np.ones(_LATEST + 1)
+    left, usable = np.ones(_LATEST + 1), False
     for trace in traces:
         position, p1, p2, spool = trace.readings.T[:4]
         load, opening = p1 - p2, spool + values["spool_null_bias"]
@@ -134,6 +134,7 @@ def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float])
         largest = np.abs(moves).max(0)
         if not (np.isfinite(largest) & (largest > 0.0)).all():
             continue
+        usable = True
         moves = np.column_stack([moves / largest, np.ones(len(moves))])
         moved = position[_MOVED:] - position[:-_MOVED]
         for late in range(_LATEST + 1):
@@ -141,6 +142,8 @@ def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float])
             known, wanted = moves[: len(moves) - _LATEST], moved[late : len(moved) - _LATEST + late]
             fitted = np.linalg.lstsq(known, wanted, rcond=None)
             left[late] += float(fitted[1].sum())
+    if not usable:
+        return ()
     best = int(left[1:-1].argmin()) + 1
     before, at, after = left[best - 1 : best + 2]
     curved = before - 2.0 * at + after
