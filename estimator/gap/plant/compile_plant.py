@@ -83,6 +83,7 @@ def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
         name=description.name,
         states=_states(description, views, par),
         inputs=tuple(each.channel for each in description.inputs),
+        input_units=tuple(each.unit for each in description.inputs),
         outputs=tuple(
             Output(o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown)
             for o in description.outputs

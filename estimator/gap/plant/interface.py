@@ -365,6 +365,7 @@ class Plant:
         name: name of the plant.
         states: states that the filter estimates.
         inputs: names of the recording's columns that drive the plant.
+        input_units: SI units of the inputs, in their order.
         outputs: columns of a recording that are measured.
         parameters: all parameters, in the order of the array that the compiled functions take.
         nominal: values of the parameters by name, SI, in the model that is to be tested.
@@ -413,6 +414,7 @@ class Plant:
     name: str
     states: tuple[State, ...]
     inputs: tuple[str, ...]
+    input_units: tuple[str, ...]
     outputs: tuple[Output, ...]
     parameters: tuple[Parameter, ...]
     nominal: Mapping[str, float]

@@ -309,6 +309,7 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         name=model.name,
         states=_states(model.parameters),
         inputs=("command_V",),
+        input_units=("V",),
         outputs=(
             Output("position_m", "m", 1e-7, sensors.position_resolution, shown=("um", 1e6),
                    of=("position", "velocity", "direction")),

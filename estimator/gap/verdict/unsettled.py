@@ -46,7 +46,7 @@ class Unsettled:
         values: float64 (bins,), mean squares in the bins, less those of the twins.
         errors: float64 (bins,), standard errors of `values`.
         mean: mean square of all readings, less that of the twins.
-        unit: SI unit of `at`; for the rate of an input "/s".
+        unit: SI unit of `at`; for the rate of an input the input's unit per s, such as "V/s".
         floor: mean square of the twins' errors.
         before: `mean` with only the nuisances refitted (`compared`); 0 if that was not computed.
     """
@@ -178,7 +178,7 @@ def _of_channel(
     """Return a channel's mean squares in bins of the quantity on which they depend most.
 
     Args:
-        plant: plant with the units of its regions.
+        plant: plant with the units of its regions and inputs.
         channel: name of the channel.
         above: float64 (n,), squared errors less those of the twins.
         floor: mean square of the twins' errors.
@@ -186,6 +186,9 @@ def _of_channel(
     """
     mean = float(above.mean()) if len(above) else 0.0
     even = (np.full(1, mean), np.zeros(1))
+    units = {name: region.unit for name, region in plant.regions.items()}
+    for name, unit in zip(plant.inputs, plant.input_units, strict=True):
+        units[f"rate of {name}"] = f"{unit}/s"
     best, most = Unsettled(channel, TIME.name, np.zeros(1), *even, mean, "s", floor), 0.0
     for name, value in quantities.items():
         if len(value) == 0:
@@ -204,9 +207,8 @@ def _of_channel(
         )
         explained = float(np.sum(count[kept] * (means - mean) ** 2))
         if explained > most:
-            unit = plant.regions[name].unit if name in plant.regions else "/s"
             at = 0.5 * (ends[1:] + ends[:-1])[kept]
             errors = np.sqrt(np.maximum(squares - means**2, 0.0) / count[kept])
-            best = Unsettled(channel, name, at, means, errors, mean, unit, floor)
+            best = Unsettled(channel, name, at, means, errors, mean, units[name], floor)
             most = explained
     return best

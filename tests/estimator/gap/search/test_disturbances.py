@@ -54,6 +54,7 @@ SLED = Plant(
     name="sled",
     states=(State("position", "m", 1e-6, 1e-7), State("velocity", "m/s", 1e-5, 1e-4)),
     inputs=("force_N",),
+    input_units=("N",),
     outputs=(
         Output("position_m", "m", POSITION_NOISE, shown=("um", 1e6), of=("position",)),
         Output("velocity_m_s", "m/s", SPEED_NOISE),

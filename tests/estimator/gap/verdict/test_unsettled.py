@@ -64,7 +64,7 @@ def test_chance_that_goes_with_the_command_counts(twin: Record, pool: ThreadPool
     error = 1e-7 * rate * np.random.default_rng(2).standard_normal(len(rate))
     spool = left_of(with_spool(twin, error), pool)[SPOOL]
     assert spool.counts
-    assert spool.region == "rate of command_V"
+    assert (spool.region, spool.unit) == ("rate of command_V", "V/s")
     assert int(np.argmax(spool.values)) == len(spool.values) - 1
 
 
