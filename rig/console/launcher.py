@@ -240,7 +240,7 @@ class Launcher:
         A run's control port is asked first, so that its journal records who stopped it and why
         (`ASKED`). If the port does not accept the stop within `ASK_S`, the process is interrupted,
         as by Ctrl-C (`INTERRUPTED`). A run that accepted a stop before and still runs is
-        interrupted too (`ENDING`).
+        interrupted too (`ENDING`). Of several runs, the way of the one started first is returned.
 
         Args:
             said: text for the journal: who stops the run, and why.
@@ -253,7 +253,7 @@ class Launcher:
                 continue
             with suppress(ProcessLookupError):
                 launched.process.send_signal(signal.SIGINT)
-            done = done or ENDING if launched.asked else INTERRUPTED
+            done = done or (ENDING if launched.asked else INTERRUPTED)
         return done
 
     def was_stopped(self, folder: str) -> None:
