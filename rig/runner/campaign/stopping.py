@@ -9,6 +9,8 @@ from typing import Final
 SIGNALS: Final = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
+_UNNAMED: Final = "somebody without a name"
+"""Reason for a stop that was asked for without one."""
 
 
 class StopFlag:
@@ -22,8 +24,11 @@ class StopFlag:
         self._reason = ""
 
     def request(self, reason: str) -> None:
-        """Ask the run to end; the reason must not be empty, and the first one stays."""
-        self._reason = self._reason or reason
+        """Ask the run to end; the first reason stays.
+
+        An empty reason, as of an operator whose name is empty, becomes "somebody without a name".
+        """
+        self._reason = self._reason or reason or _UNNAMED
 
     @property
     def requested(self) -> bool:

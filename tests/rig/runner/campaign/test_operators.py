@@ -290,6 +290,13 @@ def test_another_user_is_refused_and_that_is_told(
     assert len(refused) == 1
 
 
+def test_an_operator_without_a_name_or_a_remark_stops_a_campaign() -> None:
+    desk, stop = Desk(), StopFlag()
+    desk.open(["one"], {}, lambda kind, **told: None, stop)
+    assert desk.ask(Request.ABORT, "").startswith("is stopped")
+    assert stop.requested
+
+
 HOSTILE = {
     "not JSON": b"pause\n",
     "a list": b"[1]\n",

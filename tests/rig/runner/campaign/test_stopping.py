@@ -33,6 +33,13 @@ def test_the_first_reason_is_kept() -> None:
     assert stop.reason == "one"
 
 
+def test_a_stop_without_a_reason_is_a_stop() -> None:
+    stop = StopFlag()
+    stop.request("")
+    assert stop.requested
+    assert stop.reason == "somebody without a name"
+
+
 def test_afterwards_signals_do_what_they_did_before() -> None:
     before = [signal.getsignal(number) for number in SIGNALS]
     with stop_on_signals(StopFlag()):
