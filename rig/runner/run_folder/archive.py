@@ -83,8 +83,17 @@ class Run:
 
     @property
     def size(self) -> int:
-        """Size of all files that the run wrote, bytes."""
-        return sum(file.stat().st_size for file in files_of_run(self.folder))
+        """Size of all files that the run wrote, bytes.
+
+        Raises:
+            RunError: a file cannot be read, so that it is not known whether the run wrote it.
+        """
+        try:
+            return sum(file.stat().st_size for file in files_of_run(self.folder))
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            where = error.filename or self.folder
+            raise RunError(f"{where}: cannot be read: {reason}; let this user read it") from None
 
 
 def read_run(folder: Path) -> Run:

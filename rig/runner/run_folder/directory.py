@@ -191,6 +191,9 @@ def files_of_run(path: Path) -> list[Path]:
 
     The names of the tests in results or journal say which recordings belong to the run. Without
     these two files there is no run: recordings alone may be a user's collection.
+
+    Raises:
+        OSError: a file cannot be read, so that it is not known whether the run wrote it.
     """
     tests = _tests_of(path / RESULTS)
     if tests is None:
@@ -207,7 +210,11 @@ def files_of_run(path: Path) -> list[Path]:
 
 
 def _tests_of(results: Path) -> list[str] | None:
-    """Return the names of the tests in `results.json`; None if it is missing or not a run's."""
+    """Return the names of the tests in `results.json`; None if it is missing or not a run's.
+
+    Raises:
+        OSError: the file is there and cannot be read.
+    """
     try:
         content = json.loads(results.read_bytes())
         names = [str(test["name"]) for test in content["tests"]]

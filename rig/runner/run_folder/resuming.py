@@ -177,6 +177,10 @@ def keep_attempt(recording: Path, number: int) -> str | None:
     Args:
         recording: path of the recording.
         number: number of the attempt, from 1.
+
+    Raises:
+        OSError: a file cannot be read, renamed or removed. Nothing is lost, and another call goes
+            on from there.
     """
     kept = attempt_path(recording, number)
     if not recording.exists():

@@ -1,5 +1,6 @@
 """Past runs: found, shown, compared and pruned, by their folders alone."""
 
+import errno
 import json
 import shutil
 from collections.abc import Callable
@@ -102,6 +103,20 @@ def test_a_run_is_shown_by_name_and_by_path(invoke: Invoke, make_run: MakeRun) -
     assert "leak [low]: passed, external_leakage_1 0." in by_name.out
     assert json.loads(invoke("runs", "show", "one", "--json").out)["state"] == "ended"
     assert invoke("runs", "show", "two").code == 2
+
+
+@pytest.mark.parametrize("command", [("show", "one"), ("prune", "--keep", "0")])
+def test_a_file_that_may_not_be_read_is_named(
+    invoke: Invoke, make_run: MakeRun, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    def denied(file: Path) -> bool:
+        raise PermissionError(errno.EACCES, "Permission denied", str(file))
+
+    make_run("one")
+    monkeypatch.setattr("rig.runner.run_folder.directory._is_ours", denied)
+    done = invoke("runs", *command)
+    assert done.code == 2
+    assert "mcap: cannot be read: permission denied; let this user read it" in done.err
 
 
 def test_two_equal_runs_do_not_differ(invoke: Invoke, make_run: MakeRun, tmp_path: Path) -> None:
