@@ -199,6 +199,9 @@ class Launcher:
     def go_on(self, name: str) -> None:
         """Resume one of the `unfinished` runs, which is given by its folder's name.
 
+        If another process is running in the folder, the started one is refused the lock on the
+        journal, touches nothing, and ends with exit code 2, which `look` reports.
+
         Raises:
             LaunchRefused: there is no such unfinished run, nothing may be started here, another run
                 that was started here is still going on, or the process cannot be started.

@@ -1,5 +1,6 @@
 """A campaign that was stopped or killed goes on: nothing finished is lost or repeated."""
 
+import errno
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +16,7 @@ from rig.recording import read_recording
 from rig.runner import Observer, Status, StopFlag, run_campaign
 from rig.runner.outcomes.outcome import TestOutcome
 from rig.runner.outcomes.outcome_record import record_of
-from rig.runner.run_folder.journal import JOURNAL, JournalError, read_journal
+from rig.runner.run_folder.journal import JOURNAL, Journal, JournalError, read_journal
 from rig.runner.run_folder.journal_state import standing_of
 from rig.runner.run_folder.resuming import unfinished_run
 
@@ -111,6 +112,39 @@ def test_a_recording_that_a_kill_has_cut_is_kept_readable_and_beside_the_new_one
     run_campaign(campaign, rig, tmp_path, resume=True)
     assert len(read_recording(tmp_path / "two.mcap")) == round(1e3 * SHORT_S)
     assert 0 < len(read_recording(tmp_path / "two~1.mcap")) < round(1e3 * SHORT_S)
+
+
+def test_where_an_attempt_cannot_be_kept_the_run_ends_and_nothing_is_lost(
+    tmp_path: Path, rig: Rig, campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed_in(tmp_path, campaign, rig, "two")
+    recorded = (tmp_path / "two.mcap").read_bytes()
+    replaced = Path.replace
+
+    def fail(path: Path, target: Path) -> Path:
+        if path.name == "two.mcap":
+            raise OSError(errno.EIO, "Input/output error")
+        return replaced(path, target)
+
+    with monkeypatch.context() as failing:
+        failing.setattr(Path, "replace", fail)
+        with pytest.raises(OSError, match="Input/output error"):
+            run_campaign(campaign, rig, tmp_path, resume=True)
+    assert (tmp_path / "two.mcap").read_bytes() == recorded
+    outcome = run_campaign(campaign, rig, tmp_path, resume=True)
+    assert {test.status for test in outcome.tests} <= {Status.PASSED, Status.FAILED}
+    assert (tmp_path / "two~1.mcap").read_bytes() == recorded
+
+
+def test_a_run_that_is_going_on_is_not_resumed_beside_it_and_nothing_is_touched(
+    tmp_path: Path, rig: Rig, campaign: Campaign
+) -> None:
+    with Journal(tmp_path) as journal:
+        journal.write("begin")
+        before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+        with pytest.raises(JournalError, match="a campaign is running in it"):
+            run_campaign(campaign, rig, tmp_path, resume=True)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 def test_a_campaign_that_has_ended_is_not_run_again(
