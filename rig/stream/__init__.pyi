@@ -6,6 +6,7 @@ from .client import (
 )
 from .commands import (
     LARGEST_COMMAND as LARGEST_COMMAND,
+    LONGEST_NAME as LONGEST_NAME,
     Command as Command,
     Gate as Gate,
     KeyFileError as KeyFileError,

@@ -29,6 +29,8 @@ WINDOW_S: Final = 5.0
 
 A command with a larger difference is stale.
 """
+LONGEST_NAME: Final = 64
+"""Most characters of an operator's name."""
 LONGEST_TEXT: Final = 500
 """Most characters of the sender's remark; a longer one is cut off."""
 LONGEST_TEST: Final = 200
@@ -174,7 +176,7 @@ class Gate:
         envelope = _mapping(payload, _ENVELOPE)
         if envelope["version"] != VERSION:
             raise Refused("malformed", f"is not of version {VERSION}")
-        by = str(envelope["by"])[:64]
+        by = str(envelope["by"])[:LONGEST_NAME]
         credentials, allowed = self._operators.get(by, (None, frozenset()))
         # An unknown name is compared too, so that the time does not show which names are known.
         key = credentials.key if credentials is not None else bytes(KEY_BYTES)

@@ -18,6 +18,7 @@ from rig.configuration.reading import (
 )
 from rig.stream import (
     COMMANDS,
+    LONGEST_NAME,
     Access,
     CommandName,
     Endpoint,
@@ -167,8 +168,11 @@ def _operators(item: Located | None, sources: Sources) -> tuple[Operator, ...]:
         file = read_mapping(OperatorFile, element, sources.problems)
         if file is None:
             continue
+        place = element.find(("operator",)).place
+        if not 0 < len(file.operator.strip()) <= LONGEST_NAME:
+            limit, remedy = f"must have 1 to {LONGEST_NAME} characters", "name the operator"
+            sources.problems.add(place, "operator", file.operator, limit, remedy)
         if file.operator in found:
-            place = element.find(("operator",)).place
             sources.problems.add(place, "operator", file.operator, "is there twice", "keep one")
         folder = element.place.path.parent
         key = None if file.key is None else folder / Path(file.key).expanduser()

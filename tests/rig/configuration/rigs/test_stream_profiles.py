@@ -77,6 +77,8 @@ def test_who_is_known_still_needs_access_control(tmp_path: Path, known: str, whe
         ("commands: [{operator: a, allow: [launch]}]\n", "abort"),
         ("commands: {operator: a}\n", "is not a list"),
         ("commands: [{operator: a, allow: []}, {operator: a, allow: []}]\n", "twice"),
+        ('commands: [{operator: " ", allow: []}]\n', "must have 1 to 64 characters"),
+        (f"commands: [{{operator: {65 * 'a'}, allow: []}}]\n", "must have 1 to 64 characters"),
         ("batch: 0\n", "greater than or equal"),
         ("history: 1 h\n", "is above"),
         ("lissen: []\n", "did you mean listen"),
