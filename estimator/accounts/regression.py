@@ -151,7 +151,11 @@ def _score(rotated, squares, products, values, projected, total, freedom, varian
 
 
 class Regression:
-    """The regression of y on F, computed from their products.
+    """The Bayesian regression of y on F, computed from their products.
+
+    Each coefficient is N(0, 1) before the data, so that a column of F is in standard deviations of
+    what it stands for. The noise variance is 1 before the data, with the weight of `NOISE_WEIGHT`
+    values.
 
     Args:
         squares: F'F, float64 (m, m).

@@ -66,15 +66,19 @@ class PresentLeaks:
     def update(
         self, time_s: float, findings: Sequence[Finding], probabilities: Mapping[str, float]
     ) -> tuple[float, float, float]:
-        """Take the newest findings; return the coefficients of the leaks present, as `LEAKS`.
+        """Take the newest findings; return the coefficients of the leaks that are there.
+
+        A leak is there from its confirmation until it has ended.
 
         Args:
             time_s: time of the newest sample, s.
-            findings: faults found in all blocks up to now; faults that are no leaks do not count.
+            findings: what the newest search over all blocks finds, which replaces what earlier ones
+                found; faults that are no leaks do not count.
             probabilities: as in `estimator.leaks.detection.Decision`; may be empty.
 
         Returns:
-            A coefficient for each leak in the order of `LEAKS`, m^3/(s Pa^0.5); 0 if not present.
+            A coefficient for each leak in the order of `LEAKS`, m^3/(s Pa^0.5); 0 for one that is
+            not confirmed yet, or has ended.
         """
         found = {finding.fault: finding for finding in findings if finding.fault < len(LEAKS)}
         for leak, finding in found.items():

@@ -127,7 +127,9 @@ def steps(name: str, role: str, start_s: Array, end_s: Array, values: Array) -> 
     levels = np.repeat(values, 2)
     gaps = 2 * (1 + np.flatnonzero(start_s[1:] > end_s[:-1] + 1e-6))
     time_s = np.insert(time_s, gaps, time_s[gaps])
-    return line(name, role, time_s, np.insert(levels, gaps, np.nan), width=2.2)
+    levels = np.insert(levels, gaps, np.nan)
+    # Thinned, it would lose gaps and corners.
+    return line(name, role, time_s, levels, width=2.2, points=levels.size)
 
 
 def ribbon(name: str, role: str, time_s: Array, lower: Array, upper: Array) -> Trace:

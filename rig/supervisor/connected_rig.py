@@ -307,11 +307,11 @@ class ConnectedRig:
         self.say(f"supervisor: compiles {name}, which was to be done before; report this")
 
     def wait(self, done: Callable[[], bool], timeout_s: float, state: str, action: str) -> None:
-        """Wait until `done` returns True.
+        """Wait until `done` returns True. A timeout alone does not trip the rig.
 
         Raises:
-            TripError: it takes longer than `timeout_s`, with `state` and `action` as message, or
-                the rig tripped or was stopped.
+            TripError: it takes longer than `timeout_s`, with what is then wrong (`state`) and the
+                remedy (`action`) as message; or the rig tripped or was stopped.
         """
         until = time.monotonic() + timeout_s
         self.check()

@@ -186,7 +186,7 @@ class Stage:
         self._ends.callback(_end, console, signal.SIGKILL)
         assert console.stdout is not None
         line = console.stdout.readline()
-        if not line.startswith("console:"):
+        if not line.startswith("console: http"):
             raise StageError(f"the console did not start: {line}")
         return console
 

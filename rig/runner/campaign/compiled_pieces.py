@@ -82,11 +82,6 @@ class Needs:
     filter_name: str
 
     @property
-    def kind(self) -> str:
-        """Name by which compiled code is marked: `product` for the default filter, else its own."""
-        return "product" if self.filter_name == DEFAULT_FILTER else self.filter_name
-
-    @property
     def fast(self) -> DriverSpec:
         """The driver with which the loop exchanges samples; a rig on hardware has just one."""
         (fast,) = (spec for spec in self.rig.drivers if spec.kind == "fast")

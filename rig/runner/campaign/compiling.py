@@ -82,7 +82,7 @@ def load(needs: Needs, names: Names) -> None:
 
 
 def _mark(marks: Path, needs: Needs, name: str) -> Path:
-    words = [name.replace(" ", "_"), needs.kind]
+    words = [name.replace(" ", "_"), needs.filter_name]
     if PIECES[name].exchanges:
         words.append(needs.fast.type)
     return marks / "-".join(words)

@@ -94,6 +94,14 @@ def test_a_staircase_holds_each_value_over_its_block_and_breaks_at_a_gap() -> No
     np.testing.assert_array_equal(stairs.values, [1.0, 1.0, 2.0, 2.0, np.nan, 3.0, 3.0])
 
 
+def test_a_staircase_of_an_hour_keeps_its_gaps_and_corners() -> None:
+    start = 0.5 * np.arange(7200.0)
+    start[3600:] += 10.0
+    stairs = steps("missing", "chamber_1", start, start + 0.5, start)
+    assert np.isnan(stairs.values).sum() == 1
+    assert stairs.values.size == 2 * 7200 + 1
+
+
 @pytest.mark.parametrize(
     "trace",
     [
