@@ -9,8 +9,7 @@ from math import exp, floor, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
-
-from rig.jit import njit
+from numba import njit  # noqa: TID251 (this simulator imports nothing of the product)
 
 TICK: Final = 1e-3
 """s: time between two samples."""
