@@ -102,7 +102,7 @@ def _entry(line: bytes) -> Entry | None:
         return None
     try:
         content = json.loads(text)
-        if zlib.crc32(text[:-_TAIL] + b"}") != int(content.pop("crc"), 16):
+        if content.pop("crc") != f"{zlib.crc32(text[:-_TAIL] + b'}'):08x}":
             return None
         return Entry(content.pop("n"), content.pop("at"), content.pop("kind"), content)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):

@@ -65,6 +65,18 @@ def test_a_changed_byte_never_changes_what_is_read(data: st.DataObject) -> None:
     assert len(whole) - 2 <= len(found) < len(whole)
 
 
+def test_a_checksum_in_other_letters_is_damage_too(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        for number in range(40):
+            journal.write("note", text=f"number {number}")
+    lines = (tmp_path / JOURNAL).read_bytes().splitlines(keepends=True)
+    place = next(k for k, line in enumerate(lines[:-2]) if line[-11:-3] != line[-11:-3].upper())
+    lines[place] = lines[place][:-11] + lines[place][-11:-3].upper() + lines[place][-3:]
+    (tmp_path / JOURNAL).write_bytes(b"".join(lines))
+    with pytest.raises(JournalError, match="is damaged"):
+        read_journal(tmp_path / JOURNAL)
+
+
 def _folder() -> Path:
     path = Path(os.environ["JOURNAL_FOLDER"])
     path.mkdir(exist_ok=True)
