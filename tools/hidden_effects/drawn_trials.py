@@ -5,7 +5,7 @@ envelope: the workflow does not get it, and it is opened when the answer is scor
 """
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,15 +13,21 @@ from typing import Any, Final
 import numpy as np
 from numpy.random import Generator
 
-from tools.hidden_effects.menu import MENU, OFF_MENU, with_effects
+from tools.hidden_effects.forms import CATALOGUE, FORMS
+from tools.hidden_effects.menu import MENU, with_effects
 from tools.hidden_effects.motions import BRISK, MOTIONS, STILL, Motion, drawn
+from tools.hidden_effects.off_menu import FIRST_TWELVE, OFF_MENU, Place, Variant
 from tools.hidden_effects.recordings import Recorded, record, write
 from tools.hidden_effects.rig_values import TABLE, RigValues
-from tools.hidden_effects.sizes import NUISANCES, OFF_MENU_SIZES, SIZES, Sizes
+from tools.hidden_effects.sizes import NUISANCES, SIZES, Sizes
 
 KINDS: Final = ("single", "double", "none", "off_menu", "unexcited")
 """Kinds of trials: one effect is hidden; two are; none is; one that is not in the catalogue; one
 that the motions hardly show."""
+FORM_CHOICES: Final = (CATALOGUE, "other")
+"""Forms of hidden effects on the menu: that of the catalogue, or another one wherever there is."""
+OFF_MENU_CHOICES: Final = ("first", "all")
+"""Kinds off the menu: the first twelve, each in its first variant, or all in any variant."""
 RECORDINGS: Final = ("identify_1", "identify_2", "holdout")
 SECONDS: Final = 30.0
 
@@ -74,6 +80,11 @@ class Envelope:
         nuisances: those values of the rig that differ between healthy rigs, by name, SI.
         motions: kind of motion, by recording.
         seconds: length of each recording.
+        forms: name of the form (`forms.FORMS`) by hidden effect; those that are not in it have the
+            catalogue's. The parameters of such a form are among those of the effect.
+        places: by hidden effect that is not in the catalogue, the answers on where it enters that
+            are right; each has the fields of an `off_menu.Place`.
+        by_recording: those values of the rig that differ between the recordings, by recording, SI.
         shown: by hidden effect, the smallest distance of its size from the neutral value that the
             recordings to identify with would show (`shown.smallest_shown`), SI. Effects for which
             it was not computed are left out.
@@ -88,15 +99,19 @@ class Envelope:
     motions: Mapping[str, str]
     seconds: float = field(default=SECONDS)
     shown: Mapping[str, float] = field(default_factory=dict)
+    forms: Mapping[str, str] = field(default_factory=dict)
+    places: Mapping[str, Sequence[Mapping[str, Sequence[str]]]] = field(default_factory=dict)
+    by_recording: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    def values(self) -> RigValues:
-        """Return the values of the trial's rig, with all hidden effects in them."""
+    def values(self, recording: str = "identify_1") -> RigValues:
+        """Return the values of the trial's rig in a recording, with all hidden effects in them."""
         rig = TABLE._replace(**self.nuisances)
-        return with_effects(rig, {**self.effects, **self.off_menu})
+        rig = with_effects(rig, {**self.effects, **self.off_menu}, self.forms)
+        return rig._replace(**self.by_recording.get(recording, {}))
 
     def without_effects(self) -> "Envelope":
         """Return an envelope of the same rig with nothing hidden in it; its kind stays."""
-        return replace(self, effects={}, off_menu={})
+        return replace(self, effects={}, off_menu={}, forms={}, places={}, by_recording={})
 
     def shows(self, times: float) -> bool:
         """Return whether each effect has at least `times` the smallest size that would show.
@@ -129,6 +144,23 @@ class Drawn:
     motions: Mapping[str, Motion]
 
 
+@dataclass(frozen=True)
+class Choice:
+    """What may be hidden.
+
+    Attributes:
+        forms: one of `FORM_CHOICES`; with "other", only effects that have another form are hidden.
+        off_menu: one of `OFF_MENU_CHOICES`.
+    """
+
+    forms: str = CATALOGUE
+    off_menu: str = "first"
+
+    def __post_init__(self) -> None:
+        if self.forms not in FORM_CHOICES or self.off_menu not in OFF_MENU_CHOICES:
+            raise ValueError(f"forms {self.forms!r} or off menu {self.off_menu!r} is not known")
+
+
 def _turn(number: int, seed: int, names: list[str]) -> str:
     """Return the name for trial `number`: each name comes once before any comes again."""
     order = np.random.default_rng([seed, 7, number // len(names)]).permutation(len(names))
@@ -136,9 +168,12 @@ def _turn(number: int, seed: int, names: list[str]) -> str:
 
 
 def _parameters(
-    name: str, rng: Generator, first: Motion, limits: Mapping[str, float]
+    name: str,
+    table: Mapping[str, Sizes],
+    rng: Generator,
+    first: Motion,
+    limits: Mapping[str, float],
 ) -> dict[str, float]:
-    table = SIZES.get(name) or OFF_MENU_SIZES[name]
     found = {}
     for parameter, sizes in table.items():
         bounded = sizes
@@ -150,8 +185,8 @@ def _parameters(
     reach = low + (high - low) * np.array([0.15, 0.35, 0.65, 0.85])
     if name == "spring_load":
         found["contact"] = float(rng.uniform(reach[1], reach[2]))
-    for place in ("tight_place", "worn_place"):
-        if place in found:
+    for place in found:
+        if place.endswith("_place"):
             found[place] = float(rng.uniform(reach[1], reach[2]))
     if name == "end_stop":
         side, ends = [("low", reach[:2]), ("high", reach[2:])][int(rng.integers(2))]
@@ -180,12 +215,13 @@ def distance(name: str, parameters: Mapping[str, float]) -> float:
     return abs(parameters[key] - _NEUTRAL.get(name, 0.0))
 
 
-def _hidden(kind: str, seed: int, number: int, rng: Generator) -> list[str]:
-    menu = list(MENU)
+def _hidden(kind: str, seed: int, number: int, rng: Generator, choice: Choice) -> list[str]:
+    menu = list(MENU if choice.forms == CATALOGUE else FORMS)
     if kind == "none":
         return []
     if kind == "off_menu":
-        return [_turn(number, seed, list(OFF_MENU))]
+        kinds = FIRST_TWELVE if choice.off_menu == "first" else OFF_MENU
+        return [_turn(number, seed, list(kinds))]
     first = _turn(number, seed, menu)
     if kind != "double":
         return [first]
@@ -223,6 +259,7 @@ def drawn_trial(
     number: int,
     limits: Mapping[str, float] | None = None,
     seconds: float = SECONDS,
+    choice: Choice = Choice(),
 ) -> Drawn:
     """Return a trial: the effects that are hidden, the values of its rig, and the motions.
 
@@ -234,6 +271,7 @@ def drawn_trial(
             limit the largest value). If no plausible size is so large, the largest plausible one is
             taken. Effects that are not in it are drawn from `SIZES`.
         seconds: length of each recording.
+        choice: what may be hidden; by default, a seed draws what it always drew.
 
     Raises:
         ValueError: the kind is not one of `KINDS`.
@@ -244,19 +282,64 @@ def drawn_trial(
     names = _motion_names(kind, rng)
     rows = round(seconds / 1e-3)
     motions = {file: drawn(name, rng, rows) for file, name in zip(RECORDINGS, names, strict=True)}
-    hidden = _hidden(kind, seed, number, rng)
+    hidden = _hidden(kind, seed, number, rng, choice)
     shifted = {_SHIFTED_BY[name] for name in hidden if name in _SHIFTED_BY}
     nuisances = drawn_nuisances(rng, shifted)
+    # Form, variant and what differs between recordings have a generator of their own, so that all
+    # else is the same without them.
+    other = np.random.default_rng([seed, KINDS.index(kind), number, len(RECORDINGS), 1])
+    variants = {name: _variant(name, other, choice) for name in hidden if name in OFF_MENU}
     parameters = {
-        name: _parameters(name, rng, motions["identify_1"], limits or {}) for name in hidden
+        name: _parameters(
+            name,
+            variants[name].sizes if name in variants else SIZES[name],
+            rng,
+            motions["identify_1"],
+            limits or {},
+        )
+        for name in hidden
     }
+    forms = {}
+    for name in hidden:
+        if name in FORMS and choice.forms != CATALOGUE:
+            forms[name] = str(other.choice(list(FORMS[name])))
+            sizes = FORMS[name][forms[name]].sizes
+            parameters[name] |= {key: each.drawn(other) for key, each in sizes.items()}
     envelope = Envelope(
         seed, number, kind,
         {name: found for name, found in parameters.items() if name in MENU},
         {name: found for name, found in parameters.items() if name in OFF_MENU},
         nuisances, dict(zip(RECORDINGS, names, strict=True)), seconds,
+        forms=forms,
+        places={name: [_listed(place) for place in variant.places]
+                for name, variant in variants.items()},
+        by_recording=_by_recording(variants, other, seconds),
     )  # fmt: skip
     return Drawn(envelope, motions)
+
+
+def _variant(name: str, rng: Generator, choice: Choice) -> Variant:
+    variants = OFF_MENU[name]
+    return variants[0 if choice.off_menu == "first" else int(rng.integers(len(variants)))]
+
+
+def _listed(place: Place) -> dict[str, list[str]]:
+    return {key: list(answers) for key, answers in asdict(place).items()}
+
+
+def _by_recording(
+    variants: Mapping[str, Variant], rng: Generator, seconds: float
+) -> dict[str, dict[str, float]]:
+    """Return phases and moments of each recording: nothing is in step with a recording's start."""
+    sizes = {name: each for variant in variants.values() for name, each in variant.sizes.items()}
+    length = {name: seconds for name in sizes if name.endswith("_at")}
+    length |= {name: 1.0 for name in sizes if name == "tone_phase"}
+    if not length:
+        return {}
+    return {
+        recording: {name: sizes[name].drawn(rng) * times for name, times in length.items()}
+        for recording in RECORDINGS
+    }
 
 
 def recordings(trial: Drawn) -> dict[str, Recorded]:
@@ -269,7 +352,7 @@ def recordings(trial: Drawn) -> dict[str, Recorded]:
     for place, (name, motion) in enumerate(trial.motions.items()):
         # The noise has its own seed, so that it stays the same when only a size is changed.
         noise = [envelope.seed, KINDS.index(envelope.kind), envelope.number, place, 1]
-        found[name] = record(envelope.values(), motion, np.random.default_rng(noise))
+        found[name] = record(envelope.values(name), motion, np.random.default_rng(noise))
     return found
 
 

@@ -1,4 +1,4 @@
-"""The effects that can be hidden in the independent rig, on and off the gap workflow's catalogue.
+"""The effects of the gap workflow's catalogue, and how effects are hidden in the independent rig.
 
 The menu is the catalogue of the gap workflow. For each effect of it, `MENU` has a function that
 takes the rig's values and the effect's parameters, by their names in the catalogue, and returns the
@@ -8,6 +8,8 @@ values of the same rig with that effect.
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from tools.hidden_effects.forms import CATALOGUE, FORMS
+from tools.hidden_effects.off_menu import OFF_MENU
 from tools.hidden_effects.rig_values import TABLE, RigValues
 
 Parameters = Mapping[str, float]
@@ -90,39 +92,29 @@ MENU: Final[dict[str, Hide]] = {
     "position_backlash": _value("encoder_play"),
 }
 
-OFF_MENU: Final[dict[str, tuple[str, ...]]] = {
-    "tight_spot": ("tight_spot", "tight_place", "tight_width"),
-    "pilot_resonance": ("pilot_frequency", "pilot_damping"),
-    "warming_oil": ("oil_trend",),
-    "cogging": ("cogging", "cogging_pitch"),
-    "pressed_seal": ("squeeze",),
-    "drifting_null": ("null_trend",),
-    "worn_place": ("worn_leak", "worn_place", "worn_width"),
-    "leaking_relief": ("relief_leak", "relief_pressure"),
-    "square_drag": ("drag_square",),
-    "encoder_wave": ("encoder_wave", "encoder_pitch"),
-    "jittering_command": ("dead_time_jitter",),
-    "fading_valve": ("valve_heat",),
-}
-"""Effects that are not in the catalogue, each with the names of the rig's values that it sets."""
 
-
-def with_effects(rig: RigValues, effects: Mapping[str, Parameters]) -> RigValues:
+def with_effects(
+    rig: RigValues, effects: Mapping[str, Parameters], forms: Mapping[str, str] | None = None
+) -> RigValues:
     """Return the values of `rig` with effects added.
 
     Args:
         rig: values of the rig; they are not changed.
         effects: the parameters (SI) of each effect, by its name in `MENU` or `OFF_MENU`.
+        forms: name of the form, by effect; effects that are not in it have the catalogue's.
 
     Raises:
         ValueError: an effect is in neither of them.
-        KeyError: an effect lacks a parameter that it needs.
+        KeyError: an effect lacks a parameter that it needs, or has not the form.
     """
     for name, parameters in effects.items():
         if name in MENU:
             rig = MENU[name](rig, parameters)
+            form = (forms or {}).get(name, CATALOGUE)
+            if form != CATALOGUE:
+                rig = FORMS[name][form].shape(rig, parameters)
         elif name in OFF_MENU:
-            rig = rig._replace(**{field: parameters[field] for field in OFF_MENU[name]})
+            rig = rig._replace(**parameters)
         else:
             known = ", ".join([*MENU, *OFF_MENU])
             raise ValueError(f"effect {name!r} is not known: one of {known}")

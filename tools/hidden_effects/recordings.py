@@ -34,7 +34,7 @@ class Recorded:
 
     Attributes:
         table: (n, 6) time and readings, columns as in `COLUMNS`.
-        truth: (n, 11) states at the same moments, columns as in `physics.STATES`.
+        truth: (n, 14) states at the same moments, columns as in `physics.STATES`.
     """
 
     table: Array
@@ -67,17 +67,43 @@ def record(values: RigValues, motion: Motion, rng: Generator) -> Recorded:
         at_rest(values, min(max(begin, 1e-3), 0.605)), physics.STEPS,
     )  # fmt: skip
     time = np.arange(n)[:, None] * physics.TICK
-    return Recorded(np.hstack([time, readings[_SETTLING:]]), truth[_SETTLING:])
+    shown = _wired(values, np.hstack([time, readings[_SETTLING:]]))
+    return Recorded(shown, truth[_SETTLING:])
+
+
+def _wired(values: RigValues, table: Array) -> Array:
+    """Return a table (n, 6) of readings with what the wires of the pressure channels do to them.
+
+    These are a drifting zero, a tone, the command's crosstalk, a jump, mixed up and stuck channels.
+    """
+    time, command = table[:, 0], np.r_[0.0, table[:-1, 1]]
+    tone = np.sin(2.0 * np.pi * values.tone_frequency * time + values.tone_phase)
+    loose = time >= values.loose_at
+    of_gauges = (
+        (3, values.gauge_1_drift, values.tone_gauge_1, values.gauge_1_crosstalk,
+         values.loose_gauge_1),
+        (4, values.gauge_2_drift, values.tone_gauge_2, values.gauge_2_crosstalk,
+         values.loose_gauge_2),
+    )  # fmt: skip
+    for column, drift, of_tone, crosstalk, jump in of_gauges:
+        added = drift * time + of_tone * tone + crosstalk * command + jump * loose
+        table[:, column] = np.maximum(0.0, table[:, column] + added)
+    if values.swapped_gauges:
+        table[:, [3, 4]] = table[:, [4, 3]]
+    if values.stuck_reading and loose.any():
+        column = 1 + int(values.stuck_reading)
+        table[loose, column] = table[np.argmax(loose), column]
+    return table
 
 
 def at_rest(values: RigValues, position: float) -> Array:
-    """Return the states (11,) of a ram at rest at `position` (m), columns as in `physics.STATES`.
+    """Return the states (14,) of a ram at rest at `position` (m), columns as in `physics.STATES`.
 
     Both chambers have half the pump's pressure, the supply line all of it, and the tank line 0.
     """
     states = np.zeros(len(physics.STATES))
     states[physics.POSITION] = position
-    states[[physics.P1, physics.P2]] = 0.5 * values.pump_pressure
+    states[[physics.P1, physics.P2, physics.POCKET]] = 0.5 * values.pump_pressure
     states[physics.SUPPLY] = values.pump_pressure
     return states
 

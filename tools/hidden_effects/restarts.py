@@ -82,9 +82,9 @@ def _simulated(values: RigValues, command: Array, first: int, lead: int, states:
 
 
 def _begun(rows: Array, at: int, free: Array, values: RigValues) -> Array:
-    """Return the states (11,) at row `at`, from cubics fitted to the 25 measurements around it.
+    """Return the states (14,) at row `at`, from cubics fitted to the 25 measurements around it.
 
-    The states of the spool and the lines are those of the free run, `free` (n, 11).
+    The states of the spool and the lines are those of the free run, `free` (n, 14).
     """
     span = slice(max(0, at - 12), at + 13)
     time = (np.arange(len(rows))[span] - at) * physics.TICK
@@ -99,7 +99,11 @@ def _begun(rows: Array, at: int, free: Array, values: RigValues) -> Array:
     push = values.ram_area * (states[physics.P1] - states[physics.P2]) - values.push_back
     held = push - values.drag * states[physics.SPEED]
     level = physics.slip_force(
-        values, states[physics.POSITION], states[physics.SPEED], states[physics.P1]
+        values,
+        states[physics.POSITION],
+        states[physics.SPEED],
+        states[physics.P1],
+        states[physics.P2],
     )
     states[physics.BEND] = np.clip(held, -level, level) / values.seal_stiffness
     return states

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from tests.tools.hidden_effects.test_physics import ran
 from tools.hidden_effects import physics
 from tools.hidden_effects.drawn_trials import drawn_trial
-from tools.hidden_effects.menu import MENU, OFF_MENU, with_effects
+from tools.hidden_effects.menu import MENU, with_effects
 from tools.hidden_effects.motions import MOTIONS, STILL, Motion, drawn
+from tools.hidden_effects.off_menu import FIRST_TWELVE, IDEAS, OFF_MENU
 from tools.hidden_effects.recordings import PRESSURE_NOISE, SPOOL_NOISE, at_rest, record
 from tools.hidden_effects.rig_values import TABLE, RigValues
-from tools.hidden_effects.sizes import OFF_MENU_SIZES, SIZES
+from tools.hidden_effects.sizes import SIZES
 
 pytestmark = pytest.mark.long
 
@@ -28,9 +29,14 @@ def hidden(name: str, **parameters: float) -> RigValues:
 
 def test_every_effect_has_its_sizes() -> None:
     assert set(SIZES) == set(MENU)
-    assert set(OFF_MENU_SIZES) == set(OFF_MENU)
     assert len(MENU) == 35
-    assert len(OFF_MENU) >= 6
+    assert len(FIRST_TWELVE) == 12
+    assert set(FIRST_TWELVE) | set(IDEAS) < set(OFF_MENU)
+    fields = set(RigValues._fields)
+    for variants in OFF_MENU.values():
+        for variant in variants:
+            assert set(variant.sizes) <= fields
+            assert variant.places
 
 
 def test_an_unknown_effect_is_refused_with_those_that_are_known() -> None:
@@ -107,7 +113,7 @@ def test_an_overlapped_valve_passes_nothing_until_it_is_crossed() -> None:
 
 def test_an_underlapped_valve_leaks_through_at_null_and_doubles_its_gain_there() -> None:
     rig = hidden("valve_underlap_leakage", value=2e-5)._replace(pump_droop=1e12)
-    out = np.empty(11)
+    out = np.empty(len(physics.STATES))
     states = at_rest(rig, 0.3)
     physics.slopes(rig, 0.0, 0.0, states, out)
     assert out[physics.SUPPLY] < 0.0
@@ -121,7 +127,7 @@ def test_an_underlapped_valve_leaks_through_at_null_and_doubles_its_gain_there()
 
 
 def test_port_2_passes_less_by_its_asymmetry() -> None:
-    out, flows = np.empty(11), []
+    out, flows = np.empty(len(physics.STATES)), []
     states = at_rest(TABLE, 0.3)
     states[physics.SPOOL] = 1e-4
     for values in (TABLE, hidden("valve_flow_asymmetry", value=0.2)):

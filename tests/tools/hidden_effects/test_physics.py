@@ -15,7 +15,10 @@ from tools.hidden_effects.rig_values import TABLE, RigValues
 pytestmark = pytest.mark.long
 
 Array = NDArray[np.float64]
-SIMULATOR = ("physics", "rig_values", "menu", "motions", "recordings", "sizes", "drawn_trials")
+SIMULATOR = (
+    "physics", "rig_values", "menu", "forms", "off_menu", "motions", "recordings", "sizes",
+    "drawn_trials",
+)  # fmt: skip
 FOLDER = Path(physics.__file__).parent
 
 

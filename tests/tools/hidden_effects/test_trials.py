@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from tools.hidden_effects.__main__ import main
-from tools.hidden_effects.menu import MENU, OFF_MENU
+from tools.hidden_effects.menu import MENU
+from tools.hidden_effects.off_menu import OFF_MENU
 from tools.hidden_effects.tables import by_effect, summary
 from tools.hidden_effects.trials import Plan, kept_file, plans, read_trials, run_trials, trial
 from tools.hidden_effects.workflow import WorkflowFailedError, in_process, rig_gap
