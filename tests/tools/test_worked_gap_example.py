@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from rig.plant import Model
+from tools.counted_shares import interval
 from tools.hidden_effects.recordings import Recorded
 from tools.hidden_effects.rig_values import RigValues
 from tools.worked_gap_example import trials as example
-from tools.worked_gap_example.tables import by_case, by_size, interval, right, wrong
+from tools.worked_gap_example.tables import by_case, by_size, right, wrong
 from tools.worked_gap_example.trials import (
     CASES,
     ONSET_S,

@@ -11,8 +11,9 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from tools.hidden_effects.drawn_trials import KINDS, SECONDS
-from tools.hidden_effects.tables import by_effect, summary
+from tools.hidden_effects.drawn_trials import FORM_CHOICES, KINDS, OFF_MENU_CHOICES, SECONDS, Choice
+from tools.hidden_effects.forms import CATALOGUE
+from tools.hidden_effects.tables import by_effect, by_form, by_place, summary
 from tools.hidden_effects.trials import kept_file, plans, run_trials
 from tools.hidden_effects.workflow import Workflow, in_process, rig_gap
 from tools.pages.marked_tables import fill
@@ -47,15 +48,39 @@ def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -
         "it; default the sizes of tools/hidden_effects/sizes.py",
     )
     parser.add_argument(
+        "--forms",
+        choices=FORM_CHOICES,
+        default=CATALOGUE,
+        help="formulas of hidden effects on the menu: those of the catalogue (default), or others; "
+        "effects that have no other are then left out",
+    )
+    parser.add_argument(
+        "--off-menu",
+        choices=OFF_MENU_CHOICES,
+        default="first",
+        help="what --kind off_menu draws from: the first twelve kinds (default), or all kinds in "
+        "all variants",
+    )
+    parser.add_argument(
         "--in-process", action="store_true", help="without the command rig gap and its report"
     )
     parser.add_argument("--keep", action="store_true", help="leave recordings and reports in DIR")
     parser.add_argument("--page", type=Path, metavar="FILE", help="page whose tables to bring up")
     options = parser.parse_args(arguments)
-    planned = plans(options.trials, options.seed, options.kind, options.seconds, options.limits)
+    choice = Choice(options.forms, options.off_menu)
+    planned = plans(
+        options.trials, options.seed, options.kind, options.seconds, options.limits, choice
+    )
     tried = in_process if options.in_process else workflow
     found = run_trials(planned, options.out, options.jobs, options.keep, tried)
-    tables = {"hidden_effects": summary(found), "hidden_by_effect": by_effect(found)}
+    tables = {
+        "hidden_effects": summary(found),
+        "hidden_by_effect": by_effect(found),
+    }
+    if choice.forms != CATALOGUE:
+        tables["hidden_by_form"] = by_form(found)
+    if choice.off_menu != "first":
+        tables["hidden_by_place"] = by_place(found)
     if options.page:
         fill(options.page, tables)
     print("\n\n".join([*tables.values(), f"Trials: {kept_file(options.out)}"]))

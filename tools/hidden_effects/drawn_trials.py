@@ -161,6 +161,10 @@ class Choice:
             raise ValueError(f"forms {self.forms!r} or off menu {self.off_menu!r} is not known")
 
 
+AS_EVER: Final = Choice()
+"""With this, a seed draws the trials that it drew before there was a choice."""
+
+
 def _turn(number: int, seed: int, names: list[str]) -> str:
     """Return the name for trial `number`: each name comes once before any comes again."""
     order = np.random.default_rng([seed, 7, number // len(names)]).permutation(len(names))
@@ -259,7 +263,7 @@ def drawn_trial(
     number: int,
     limits: Mapping[str, float] | None = None,
     seconds: float = SECONDS,
-    choice: Choice = Choice(),
+    choice: Choice = AS_EVER,
 ) -> Drawn:
     """Return a trial: the effects that are hidden, the values of its rig, and the motions.
 

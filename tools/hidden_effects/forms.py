@@ -140,7 +140,7 @@ def _droop(exponent: float) -> Shape:
 
 def _rise(exponent: float) -> Shape:
     def shape(rig: RigValues, effect: Parameters) -> RigValues:
-        """Pressure that rises by another power of the flow; the sources are those of `_droop`."""
+        """Pressure that rises by another power of the flow (Hagen 1839; Blasius 1913)."""
         return rig._replace(rise_exponent=exponent)
 
     return shape

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from math import isfinite, pi, tau
+from re import sub
 from typing import Any, Final
 
 from tools.hidden_effects.drawn_trials import Envelope
@@ -32,6 +33,8 @@ answer calls indistinguishable from it.
 - `missed`: the answer is adequate, although something is hidden.
 - `failed`: there is no answer.
 """
+MOST_ALTERNATIVES: Final = 2
+"""Only so many of what a discovery could also be are looked at."""
 LARGEST_SET: Final = 3
 """A set with more names than this says too little to count."""
 VISIBLE_GAP: Final = 0.05
@@ -59,6 +62,23 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class Discovery:
+    """What the answer discovered beside the catalogue, compared with what is hidden off the menu.
+
+    Attributes:
+        said: "SHAPE in EQUATION of QUANTITY", as in the answer.
+        placed: whether equation and quantity are among those that are right.
+        shaped: whether the shape's name is right too.
+        among: whether it, or one of the at most two that it could also be, is placed right.
+    """
+
+    said: str
+    placed: bool
+    shaped: bool
+    among: bool
+
+
+@dataclass(frozen=True)
 class Score:
     """The score of one answer.
 
@@ -69,10 +89,13 @@ class Score:
             that the answer calls indistinguishable from it.
         false_names: the first name of each set that holds no hidden effect of the catalogue.
         estimates: one for each parameter with an estimate of an effect that is both hidden and
-            named (indistinguishable effects do not count as named).
+            named (indistinguishable effects do not count as named); none of one in another form.
         gap: held-out excess in noise variances, before and after the effects were fitted; None
             where the answer has none, or one that is not finite.
         why: why the workflow failed; "" if it did not.
+        forms: each effect that the answer names, with the form that it gives: "catalogue",
+            "corrected", or "" if it gives none.
+        discovered: each discovery of the answer.
     """
 
     outcome: str
@@ -82,6 +105,18 @@ class Score:
     estimates: tuple[Estimate, ...] = ()
     gap: tuple[float, float] | None = None
     why: str = ""
+    forms: tuple[tuple[str, str], ...] = ()
+    discovered: tuple[Discovery, ...] = ()
+
+    @property
+    def placed(self) -> bool:
+        """Whether a discovery is placed right."""
+        return any(each.placed for each in self.discovered)
+
+    @property
+    def shaped(self) -> bool:
+        """Whether a discovery is placed right and its shape is named right."""
+        return any(each.shaped for each in self.discovered)
 
     @property
     def shrinkage(self) -> float | None:
@@ -125,6 +160,36 @@ def scored(envelope: Envelope, answer: Mapping[str, Any]) -> Score:
         false,
         tuple(_estimates(envelope, named)),
         _gap(answer),
+        forms=tuple((entry["name"], entry.get("form") or "") for entry in named),
+        discovered=tuple(_discovery(envelope, entry) for entry in answer.get("discovered") or ()),
+    )
+
+
+def _discovery(envelope: Envelope, entry: Mapping[str, Any]) -> Discovery:
+    """Return a discovery, compared with the places that the envelope says are right."""
+    places = [place for of_effect in envelope.places.values() for place in of_effect]
+    where = {
+        _plain(f"{equation} of {quantity}"): place
+        for place in places
+        for equation in place["equations"]
+        for quantity in place["of"]
+    }
+    also = [str(text).partition(" in ")[2] for text in entry.get("could_also_be") or ()]
+    told = f"{entry['equation']} of {entry.get('of') or ''}"
+    place = where.get(_plain(told))
+    return Discovery(
+        f"{entry['name']} in {told}".removesuffix(" of "),
+        place is not None,
+        place is not None and entry["name"] in place["shapes"],
+        any(_plain(text) in where for text in (told, *also[:MOST_ALTERNATIVES])),
+    )
+
+
+def _plain(text: str) -> str:
+    """Return a place in words, without the units that names of channels end with."""
+    words = " ".join(text.lower().replace("_", " ").split())
+    return sub(r"\b(position|pressure [12]|spool|command) (m|pa|v)\b", r"\1", words).removesuffix(
+        " of"
     )
 
 
@@ -164,6 +229,8 @@ def _covered(hidden: Sequence[str], sets: Sequence[Sequence[str]]) -> int:
 def _estimates(envelope: Envelope, named: Sequence[Mapping[str, Any]]) -> list[Estimate]:
     found = []
     for entry in named:
+        if entry["name"] in envelope.forms:
+            continue  # A parameter of one formula has no true value in another.
         truth = envelope.effects.get(entry["name"], {})
         answered = entry.get("parameters") or {}
         for parameter in truth.keys() & answered.keys():

@@ -14,16 +14,19 @@ from typing import Any, Final
 
 from rig.compile_cache import source_key
 from tools.hidden_effects.drawn_trials import (
+    AS_EVER,
     RECORDINGS,
     SECONDS,
     THE_SMALLER,
+    Choice,
     Drawn,
     Envelope,
     drawn_trial,
     read_envelope,
     write_recordings,
 )
-from tools.hidden_effects.score import Estimate, Score, failed, scored
+from tools.hidden_effects.forms import CATALOGUE
+from tools.hidden_effects.score import Discovery, Estimate, Score, failed, scored
 from tools.hidden_effects.shown import smallest_shown
 from tools.hidden_effects.workflow import Workflow, WorkflowFailedError, rig_gap
 from tools.kept_trials import kept_trials, run_and_keep
@@ -46,6 +49,7 @@ class Plan:
         times: smallest size of a hidden effect, as a multiple of the smallest size that the trial's
             own motions would show; 0 means that sizes are drawn from `sizes.SIZES`. Only the kinds
             `single` and `double` heed it.
+        forms, off_menu: those of `drawn_trials.Choice`.
     """
 
     kind: str
@@ -53,6 +57,13 @@ class Plan:
     number: int
     seconds: float = SECONDS
     times: float = 0.0
+    forms: str = CATALOGUE
+    off_menu: str = "first"
+
+    @property
+    def choice(self) -> Choice:
+        """What may be hidden."""
+        return Choice(self.forms, self.off_menu)
 
     @property
     def key(self) -> str:
@@ -85,6 +96,7 @@ def plans(
     kind: str | None = None,
     seconds: float = SECONDS,
     times: float = 0.0,
+    choice: Choice = AS_EVER,
 ) -> list[Plan]:
     """Return the plans of a number of trials.
 
@@ -94,6 +106,7 @@ def plans(
         kind: of all of them; None means the kinds of `MIXTURE` in turn.
         seconds: length of each recording.
         times: see `Plan`.
+        choice: what may be hidden.
     """
     counted: dict[str, int] = {}
     found = []
@@ -101,7 +114,7 @@ def plans(
         chosen = kind or MIXTURE[place % len(MIXTURE)]
         number = counted.setdefault(chosen, 0)
         counted[chosen] += 1
-        found.append(Plan(chosen, seed, number, seconds, times))
+        found.append(Plan(chosen, seed, number, seconds, times, choice.forms, choice.off_menu))
     return found
 
 
@@ -146,7 +159,7 @@ def drawn_for(plan: Plan, folder: Path) -> Drawn:
     same rig with nothing hidden, which are written to `folder`; it is deleted afterwards. Their
     part on hidden effects is the envelope's `shown`.
     """
-    drawn = drawn_trial(plan.kind, plan.seed, plan.number, seconds=plan.seconds)
+    drawn = drawn_trial(plan.kind, plan.seed, plan.number, seconds=plan.seconds, choice=plan.choice)
     if plan.times == 0.0 or plan.kind not in ("single", "double"):
         return drawn
     healthy = replace(drawn, envelope=drawn.envelope.without_effects())
@@ -158,7 +171,7 @@ def drawn_for(plan: Plan, folder: Path) -> Drawn:
         name: limit / plan.times if name in THE_SMALLER else limit * plan.times
         for name, limit in shown.items()
     }
-    drawn = drawn_trial(plan.kind, plan.seed, plan.number, limits, plan.seconds)
+    drawn = drawn_trial(plan.kind, plan.seed, plan.number, limits, plan.seconds, plan.choice)
     of_hidden = {name: shown[name] for name in drawn.envelope.effects if name in shown}
     return replace(drawn, envelope=replace(drawn.envelope, shown=of_hidden))
 
@@ -235,6 +248,8 @@ def _trial_of(fields: Mapping[str, Any]) -> Trial:
             estimates,
             score["gap"] and tuple(score["gap"]),
             score["why"],
+            tuple(map(tuple, score["forms"])),
+            tuple(Discovery(**entry) for entry in score["discovered"]),
         ),
         fields["answer"],
         fields["took_s"],

@@ -78,6 +78,7 @@ def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
     from estimator.gap.verdict.workflow import find_gap
     from rig.plant import Model
     from rig.recording import RecordingError, read_recording
+    from rig.runner.experiments import answer
 
     try:
         recordings = [read_recording(path) for path in (*identify, holdout)]
@@ -87,19 +88,4 @@ def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
         found = find_gap(recordings[:-1], recordings[-1:], servo_actuator(Model()))
     except Exception as error:  # any error fails this trial only; the next trial goes on
         raise WorkflowFailedError(f"{type(error).__name__}: {error}") from error
-    effects = [
-        {
-            "name": effect.name,
-            "parameters": {
-                estimate.key: {
-                    "value": estimate.value,
-                    "interval": [estimate.lower, estimate.upper],
-                }
-                for estimate in effect.parameters
-            },
-            "indistinguishable_from": [rival.effect for rival in effect.indistinguishable],
-        }
-        for effect in found.effects
-    ]
-    gap = {"before": found.gap_before, "after": found.gap_after}
-    return {"verdict": found.verdict, "effects": effects, "gap": gap}
+    return answer(found)

@@ -15,8 +15,9 @@ from estimator.leaks.replaying import filter_recording, samples_of
 from rig.plant import Model
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
+from tools.counted_shares import interval
 
-from .tables import MODELS, interval, judged, right, wrong
+from .tables import MODELS, judged, right, wrong
 from .trials import Trial
 
 Array = NDArray[np.float64]

@@ -5,10 +5,10 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy.stats import beta
 
 from rig.plant import CATALOGUE
 from rig.report.gap.words import in_words, with_unit
+from tools.counted_shares import counted
 from tools.pages.marked_tables import markdown
 
 from .trials import ONSET_S, Case, Heard, Trial
@@ -16,25 +16,6 @@ from .trials import ONSET_S, Case, Heard, Trial
 MODELS: Final = ("nominal", "revised")
 EDGES: Final = (0.0, 0.05, 0.1, 0.2, np.inf)
 """Edges of the rows of leaks of about one size, L/min."""
-
-
-def interval(count: int, of: int) -> tuple[float, float]:
-    """Return the 95 % interval of the share `count / of`, by Clopper and Pearson (1934)."""
-    low = float(beta.ppf(0.025, count, of - count + 1)) if count > 0 else 0.0
-    high = float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
-    return low, high
-
-
-def counted(flags: Iterable[bool]) -> str:
-    """Return the text "n of m" for n True among m flags, with the share's 95 % interval in %.
-
-    It is a dash if there are no flags.
-    """
-    found = list(flags)
-    if not found:
-        return "–"
-    low, high = interval(sum(found), len(found))
-    return f"{sum(found)} of {len(found)} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
 
 
 def judged(trials: Iterable[Trial], model: str) -> list[tuple[Trial, Heard]]:

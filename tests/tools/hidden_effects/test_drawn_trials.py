@@ -1,6 +1,7 @@
 """Trials are drawn from their numbers alone, and their files tell nothing of what is hidden."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,15 @@ from rig.recording import read_recording
 from tools.hidden_effects.drawn_trials import (
     KINDS,
     RECORDINGS,
+    Choice,
     drawn_trial,
     read_envelope,
     recordings,
     write_recordings,
 )
+from tools.hidden_effects.forms import FORMS
 from tools.hidden_effects.menu import MENU
+from tools.hidden_effects.off_menu import OFF_MENU
 from tools.hidden_effects.rig_values import TABLE
 from tools.hidden_effects.sizes import NUISANCES, SIZES
 
@@ -27,6 +31,66 @@ def test_a_trial_is_drawn_from_its_seed_and_number_alone() -> None:
     tables = [recordings(trial)["holdout"].table for trial in trials]
     assert np.array_equal(tables[0], tables[1])
     assert not np.array_equal(tables[0], tables[2])
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "hidden", "pump", "holdout"),
+    [
+        ("single", 0, {"position_backlash": {"value": 4.0284366875626196e-4}}, 13543975.727,
+         "open_steps"),
+        ("single", 5, {"bulk_modulus": {"value": 1085238835.0493603}}, 14010625.962,
+         "pseudorandom"),
+        ("double", 1, {"payload_mass": {"value": 201.35816032110313},
+                       "spool_null_bias": {"value": -1.416247284900098e-05}}, 13976446.963,
+         "open_multisine"),
+        ("off_menu", 0, {"warming_oil": {"oil_trend": 0.014947071823072013}}, 13285847.459,
+         "open_steps"),
+        ("off_menu", 3, {"leaking_relief": {"relief_leak": 5.145656609520308e-12,
+                                            "relief_pressure": 7790532.926140678}}, 13903595.361,
+         "open_sweep"),
+        ("unexcited", 2, {"valve_bandwidth": {"value": 427.8710365716923}}, 13503387.350,
+         "no_command"),
+    ],
+)  # fmt: skip
+def test_a_seed_draws_what_it_drew_before_there_was_a_choice(
+    kind: str, number: int, hidden: dict[str, dict[str, float]], pump: float, holdout: str
+) -> None:
+    envelope = drawn_trial(kind, 29, number, seconds=1.0).envelope
+    found = {**envelope.effects, **envelope.off_menu}
+    assert list(found) == list(hidden)
+    for name, parameters in hidden.items():
+        assert found[name] == pytest.approx(parameters)
+    assert envelope.nuisances["pump_pressure"] == pytest.approx(pump)
+    assert envelope.motions["holdout"] == holdout
+    assert not envelope.forms
+    assert not envelope.by_recording
+
+
+def test_other_forms_come_in_turn_and_the_envelope_says_which() -> None:
+    envelopes = [
+        drawn_trial("single", 1, number, seconds=0.5, choice=Choice(forms="other")).envelope
+        for number in range(len(FORMS))
+    ]
+    assert {name for envelope in envelopes for name in envelope.effects} == set(FORMS)
+    for envelope in envelopes:
+        ((name, form),) = envelope.forms.items()
+        assert set(FORMS[name][form].sizes) <= set(envelope.effects[name])
+
+
+def test_what_is_off_the_menu_says_which_answers_are_right() -> None:
+    for number in range(2 * len(OFF_MENU)):
+        envelope = drawn_trial(
+            "off_menu", 1, number, seconds=0.5, choice=Choice(off_menu="all")
+        ).envelope
+        (places,) = envelope.places.values()
+        assert places
+        assert all(set(place) == {"equations", "of", "shapes"} for place in places)
+        assert read_envelope(json.loads(json.dumps(asdict(envelope)))) == envelope
+
+
+def test_an_unknown_choice_is_refused() -> None:
+    with pytest.raises(ValueError, match="'odd'"):
+        Choice(forms="odd")
 
 
 def test_every_effect_has_its_turn_before_any_has_a_second() -> None:

@@ -1,5 +1,6 @@
 """Answers are held against the envelope as the promises of the gap workflow are worded."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -161,3 +162,43 @@ def test_the_gap_shrinks_by_the_share_that_is_gone(
 ) -> None:
     found = scored(envelope("a"), answer("missing_effect", ("a",), gap=gap)).shrinkage
     assert found == (None if shrinkage is None else pytest.approx(shrinkage))
+
+
+def off_menu(*places: tuple[str, str, str]) -> Envelope:
+    listed = [{"equations": [e], "of": [of], "shapes": [shape]} for e, of, shape in places]
+    return replace(envelope(kind="off_menu"), places={"gremlins": listed})
+
+
+@pytest.mark.parametrize(
+    ("entry", "placed", "shaped", "among"),
+    [
+        (("tone", "force balance", "time"), True, True, True),
+        (("trend", "force balance", "time"), True, False, True),
+        (("tone", "flow, chamber 1", "time"), False, False, False),
+        (("play", "reading of pressure_1_Pa", "pressure 1"), True, True, True),
+        (("tone", "spool", "", "play in reading of pressure 1 of pressure 1"), False, False, True),
+        (("lag", "command", ""), True, True, True),
+    ],
+)
+def test_a_discovery_is_right_if_its_place_is_and_its_shape_is_judged_beside(
+    entry: tuple[str, ...], placed: bool, shaped: bool, among: bool
+) -> None:
+    hidden = off_menu(
+        ("force balance", "time", "tone"),
+        ("reading of pressure 1", "pressure 1", "play"),
+        ("command", "", "lag"),
+    )
+    name, equation, of, *also = entry
+    discovered = [{"name": name, "equation": equation, "of": of, "could_also_be": also}]
+    found = scored(hidden, {**answer("unknown_effect"), "discovered": discovered})
+    assert (found.placed, found.shaped, found.discovered[0].among) == (placed, shaped, among)
+    assert found.outcome == "right"
+
+
+def test_parameters_of_another_form_have_no_true_value() -> None:
+    found = answer("missing_effect", ("a",))
+    found["effects"][0] |= {"parameters": {"value": {"value": 1.0, "interval": [0.0, 2.0]}},
+                            "form": "corrected"}  # fmt: skip
+    hidden = replace(envelope("a"), forms={"a": "laminar"})
+    score = scored(hidden, found)
+    assert (score.outcome, score.estimates, score.forms) == ("right", (), (("a", "corrected"),))

@@ -25,13 +25,15 @@ class Guessing:
         self.effects = [{"name": name, "parameters": {}} for name in names]
         self.verdict = verdict
         self.seen: list[str] = []
+        self.discovered: list[dict[str, str]] = []
 
     def __call__(self, identify: Sequence[Path], holdout: Path, out: Path) -> Mapping[str, Any]:
         assert len(identify) == 2
         root = holdout.parents[1]
         self.seen += [str(path.relative_to(root.parent)) for path in root.rglob("*")]
         gap = {"before": 2.0, "after": 1.0}
-        return {"verdict": self.verdict, "effects": self.effects, "gap": gap}
+        found = {"verdict": self.verdict, "effects": self.effects, "gap": gap}
+        return {**found, "discovered": self.discovered}
 
 
 def failing(identify: Sequence[Path], holdout: Path, out: Path) -> Mapping[str, Any]:
@@ -103,9 +105,9 @@ def test_tables_say_how_often_the_promises_were_held(tmp_path: Path) -> None:
     found = run_trials(plans(35, 1, "single", 0.3), tmp_path, 1, workflow=judge)
     found += run_trials(plans(2, 1, "none", 0.3), tmp_path, 1, workflow=judge)
     table = summary(found)
-    assert "| one effect: named, or in a set of at most three | 35 | 3 % (1) |" in table
-    assert "| nothing hidden: an effect named | 2 | 100 % (2) |" in table
-    assert "| held-out gap gone, median (of gaps above 0.05) | 35 | 50 % |" in table
+    assert "| one effect: named, or in a set of at most three | 35 | 3 % (1) | 0 to 15 % |" in table
+    assert "| nothing hidden: an effect named | 2 | 100 % (2) | 16 to 100 % |" in table
+    assert "| held-out gap gone, median (of gaps above 0.05) | 35 | 50 % |  |" in table
     rows = {line.split("|")[1].strip(): line for line in by_effect(found).splitlines()}
     assert "| command delay | 1 | 1 |" in rows["command delay"]
     assert "command delay 1 |" in rows["supply ripple"]
@@ -124,6 +126,24 @@ def test_the_program_prints_its_tables_and_writes_them_into_a_page(
     main([*arguments, *paths], Guessing("unknown_effect"))
     assert "| off the menu: called unknown | 2 | 100 % (2) |" in capsys.readouterr().out
     assert "| off the menu: called unknown | 2 | 100 % (2) |" in page.read_text()
+
+
+def test_tables_tell_of_other_forms_and_places(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--trials", "2", "--seconds", "0.5", "--jobs", "1", "--out", str(tmp_path)]
+    judge = Guessing("missing_effect", "command_delay")
+    main([*arguments, "--kind", "single", "--forms", "other"], judge)
+    assert "| hidden | form | named (95 %) |" in capsys.readouterr().out
+    judge = Guessing("unknown_effect")
+    judge.discovered = [{"name": "tone", "equation": "force balance", "of": "time"}]
+    main([*arguments, "--kind", "off_menu", "--off-menu", "all"], judge)
+    printed = capsys.readouterr().out
+    assert "| off the menu: equation and quantity right | 2 |" in printed
+    assert "tone in force balance of time 1" in printed
+    # What was kept is read again.
+    main([*arguments, "--kind", "off_menu", "--off-menu", "all"], failing)
+    assert capsys.readouterr().out == printed
 
 
 @pytest.mark.parametrize(
