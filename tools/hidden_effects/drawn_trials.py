@@ -309,6 +309,12 @@ def drawn_trial(
             forms[name] = str(other.choice(list(FORMS[name])))
             sizes = FORMS[name][forms[name]].sizes
             parameters[name] |= {key: each.drawn(other) for key, each in sizes.items()}
+    by_recording = _by_recording(variants, other, seconds)
+    differing = {key for values in by_recording.values() for key in values}
+    parameters = {
+        name: {key: value for key, value in found.items() if key not in differing}
+        for name, found in parameters.items()
+    }
     envelope = Envelope(
         seed, number, kind,
         {name: found for name, found in parameters.items() if name in MENU},
@@ -317,7 +323,7 @@ def drawn_trial(
         forms=forms,
         places={name: [_listed(place) for place in variant.places]
                 for name, variant in variants.items()},
-        by_recording=_by_recording(variants, other, seconds),
+        by_recording=by_recording,
     )  # fmt: skip
     return Drawn(envelope, motions)
 

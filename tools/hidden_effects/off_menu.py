@@ -53,12 +53,15 @@ _PHASE: Final = even(0.0, 2.0 * pi)
 _MOMENT: Final = even(0.3, 0.7)
 
 _FORCE: Final = ("force balance",)
+_DRAG: Final = ("parameter viscous", "parameter viscous_friction")
+_LEVEL: Final = ("parameter coulomb", "parameter coulomb_level")
 _LEAK: Final = ("leak across the piston", "parameter internal_leakage")
 _SPOOL: Final = ("spool", "command")
 _EDGES: Final = ("valve edges", "parameter spool_null_bias")
 _SUPPLY: Final = ("parameter supply_pressure", "valve edges")
 _ENCODER: Final = ("reading of position",)
 _NONE: Final = ("", "time")
+_BY_PLACE: Final = ("position x velocity", "velocity x position", "position x direction")
 _DRIVE: Final = ("", "command", "spool opening")
 _BUMP: Final = ("local_in_position", "depends_on_position")
 _WAVE: Final = ("periodic_in_position",)
@@ -69,10 +72,10 @@ _FAST: Final = ("power_of_velocity", "depends_on_velocity")
 _SOFTENING: Final = Place(
     ("parameter bulk_modulus", "parameter entrained_air"), ("time",), ("trend",)
 )
-_SEAL: Final = Place(
-    _FORCE,
-    ("pressure 1 x direction", "pressure 2 x direction", "pressure difference x direction"),
-    _PRESSED,
+_EITHER_PRESSURE: Final = ("pressure 1", "pressure 2", "pressure difference")
+_SEAL: Final = (
+    Place(_FORCE, tuple(f"{name} x direction" for name in _EITHER_PRESSURE), _PRESSED),
+    Place(_LEVEL, _EITHER_PRESSURE, _PRESSED),
 )
 """Of a symmetric ram behind a closed-centre valve, both pressures add up to the supply's while it
 moves: a function of one is a function of the other, and of their difference."""
@@ -129,7 +132,13 @@ def _of_gauges(field: str, sizes: Sizes, of: str, shape: str) -> tuple[Variant, 
     return tuple(
         Variant(
             {f"gauge_{side}_{field}": sizes},
-            (Place(_gauge(side), tuple(of.format(side).split(" or ")), (shape,)),),
+            (
+                Place(
+                    (*_gauge(side), f"parameter pressure_{side}_bias"),
+                    tuple(of.format(side).split(" or ")),
+                    (shape,),
+                ),
+            ),
         )
         for side in (1, 2)
     )
@@ -155,7 +164,10 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
                 "tight_place": _THERE,
                 "tight_width": up(0.01, 0.05),
             },
-            (Place(_FORCE, ("position x direction",), _BUMP),),
+            (
+                Place(_FORCE, ("position x direction",), _BUMP),
+                Place(_LEVEL, ("position",), _BUMP),
+            ),
         ),
     ),
     "pilot_resonance": (
@@ -182,8 +194,8 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
         ),
     ),
     "pressed_seal": (
-        Variant({"squeeze": up(1e-11, 4e-11)}, (_SEAL,)),
-        Variant({"squeeze_2": up(1e-11, 4e-11)}, (_SEAL,)),
+        Variant({"squeeze": up(1e-11, 4e-11)}, _SEAL),
+        Variant({"squeeze_2": up(1e-11, 4e-11)}, _SEAL),
     ),
     "drifting_null": (
         Variant({"null_trend": either_way(4e-7, 2e-6)}, (Place(_EDGES, ("time",), ("trend",)),)),
@@ -197,7 +209,10 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
     "square_drag": (
         Variant(
             {"drag_square": up(3e3, 2e4)},
-            (Place(_FORCE, ("velocity", "velocity x direction"), _FAST),),
+            (
+                Place(_FORCE, ("velocity", "velocity x direction"), _FAST),
+                Place(_DRAG, ("velocity",), _FAST),
+            ),
         ),
     ),
     "encoder_wave": (
@@ -293,16 +308,8 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
                 "tight_width": up(0.02, 0.08),
             },
             (
-                Place(
-                    _FORCE,
-                    (
-                        "position x velocity",
-                        "velocity x position",
-                        "position x direction",
-                        "velocity",
-                    ),
-                    (*_BUMP, "depends_on_velocity"),
-                ),
+                Place(_FORCE, _BY_PLACE, _BUMP),
+                Place(_DRAG, ("position",), _BUMP),
             ),
         ),
     ),
@@ -320,7 +327,10 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
     "side_load": (
         Variant(
             {"side_load": up(1.5e3, 8e3)},
-            (Place(_FORCE, ("position x direction",), ("depends_on_position",)),),
+            (
+                Place(_FORCE, ("position x direction",), ("depends_on_position",)),
+                Place(_LEVEL, ("position",), ("depends_on_position",)),
+            ),
         ),
     ),
     # A weight on a crank that the ram turns.
@@ -339,17 +349,8 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
         Variant(
             {"cushion": up(5e5, 4e6), "cushion_place": _THERE},
             (
-                Place(
-                    _FORCE,
-                    (
-                        "position x velocity",
-                        "velocity x position",
-                        "position x direction",
-                        "velocity",
-                        "velocity x direction",
-                    ),
-                    ("threshold", *_BUMP, *_FAST),
-                ),
+                Place(_FORCE, _BY_PLACE, ("threshold", *_BUMP)),
+                Place(_DRAG, ("position",), ("threshold", *_BUMP)),
             ),
         ),
     ),

@@ -6,6 +6,7 @@ from statistics import median
 from typing import Final
 
 from tools.counted_shares import counted, interval
+from tools.hidden_effects.off_menu import IDEAS
 from tools.hidden_effects.score import OUTCOMES, VISIBLE_GAP, Score
 from tools.hidden_effects.trials import Trial
 from tools.pages.marked_tables import markdown
@@ -44,9 +45,12 @@ def summary(trials: Sequence[Trial]) -> str:
          *_of(nothing, lambda score: bool(score.discovered))),
         ("off the menu: called unknown", *_of(off_menu, _right)),
         ("off the menu: equation and quantity right", *_of(off_menu, lambda s: s.placed)),
-        ("the same, or in what it could also be",
+        ("the same, of kinds that were thought up apart",
+         *_of([trial.score for trial in trials if set(IDEAS) & set(trial.envelope.off_menu)],
+              lambda score: score.placed)),
+        ("the same as two rows above, or in what it could also be",
          *_of(off_menu, lambda score: any(each.among for each in score.discovered))),
-        ("the same as two rows above, and the shape's name right",
+        ("off the menu: equation, quantity and shape's name right",
          *_of(off_menu, lambda score: score.shaped)),
         ("off the menu: something discovered where nothing enters",
          *_of(off_menu, lambda s: any(not each.placed for each in s.discovered))),

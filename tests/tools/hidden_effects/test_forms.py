@@ -125,11 +125,13 @@ def test_a_smooth_hysteresis_keeps_the_spool_back_by_its_half_width() -> None:
     assert found[-1, physics.SPOOL] == pytest.approx(-1e-5, rel=1e-3)
 
 
-@pytest.mark.parametrize(("name", "form"), [("command_delay", "slower hold"),
-                                            ("valve_bandwidth", "first order and delay")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [("command_delay", "slower hold"), ("valve_bandwidth", "first order and delay")],
+)
 def test_a_spool_of_another_form_is_as_late_in_slow_motions(name: str, form: str) -> None:
     value = {"command_delay": 5e-3, "valve_bandwidth": 300.0}[name]
-    ramp = 4.0 * TIME[:400]
+    ramp = np.asarray(4.0 * TIME[:400], dtype=np.float64)
     _, other = ran(hidden(name, form, value=value), ramp)
     _, same = ran(with_effects(TABLE, {name: {"value": value}}), ramp)
     lost = np.mean((other - same)[200:, physics.SPOOL])
