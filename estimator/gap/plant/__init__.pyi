@@ -1,3 +1,24 @@
+from .additions import (
+    EMPTY_SLOTS as EMPTY_SLOTS,
+    EXTENSION as EXTENSION,
+    KICKS as KICKS,
+    KNOTS as KNOTS,
+    SHOWS as SHOWS,
+    SLOT_PARAMETERS as SLOT_PARAMETERS,
+    SLOTS as SLOTS,
+    VARIES as VARIES,
+    Addition as Addition,
+    Extension as Extension,
+    Layout as Layout,
+    activity as activity,
+    add_to_parameters as add_to_parameters,
+    add_to_readings as add_to_readings,
+    add_to_state as add_to_state,
+    is_active as is_active,
+    kicked_states as kicked_states,
+    slot_field as slot_field,
+    wave as wave,
+)
 from .bands import band_powers as band_powers, edges as edges
 from .compile_plant import build as build, nuisances as nuisances
 from .description import PlantDescription as PlantDescription, PlantError as PlantError
@@ -5,6 +26,7 @@ from .description_checks import check_description as check_description
 from .interface import (
     DRIVE as DRIVE,
     DRIVE_IN_LANES as DRIVE_IN_LANES,
+    MEASURE as MEASURE,
     READ as READ,
     READ_IN_LANES as READ_IN_LANES,
     REMEMBER as REMEMBER,
@@ -26,6 +48,7 @@ from .interface import (
     Region as Region,
     State as State,
     Trace as Trace,
+    Varying as Varying,
 )
 from .records import (
     BoolArray as BoolArray,

@@ -17,13 +17,17 @@ describes a second plant step by step.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numba import float64, void
 from numpy.typing import NDArray
 
 from rig.jit import njit
+
+if TYPE_CHECKING:
+    from .additions import Layout
 
 Array = NDArray[np.float64]
 
@@ -34,6 +38,8 @@ REMEMBER: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
 READ: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
 """DRIVE, STEP, REMEMBER and READ are the numba signatures with which the four functions are
 compiled, as in `njit(STEP, cache=True, error_model="numpy")`."""
+MEASURE: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
+"""The numba signature of `Plant.measures`."""
 _MATRIX: Final = float64[:, ::1]
 DRIVE_IN_LANES: Final = void(_VECTOR, _MATRIX)
 STEP_IN_LANES: Final = void(_MATRIX, _MATRIX, _MATRIX, _VECTOR)
@@ -255,6 +261,27 @@ class Equation:
 
 
 @dataclass(frozen=True, slots=True)
+class Varying:
+    """A parameter that may change with a quantity, such as oil that softens while it warms.
+
+    Attributes:
+        name: name used in reports, such as "friction level".
+        parameters: names of the plant's parameters that change by the same amount, one or two.
+        unit: their SI unit.
+        probe: small but visible change, SI, for derivatives by differences.
+        of: names of the regions that the change may depend on, besides time.
+        shown: unit used in reports, and the number of such units in one SI unit.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    unit: str
+    probe: float
+    of: tuple[str, ...]
+    shown: tuple[str, float]
+
+
+@dataclass(frozen=True, slots=True)
 class Region:
     """A quantity that says where in its range a plant works, such as its velocity.
 
@@ -338,6 +365,11 @@ def forget(before, state, memory, parameters):
     """Do nothing, for a plant whose readings follow from its state alone."""
 
 
+@njit(MEASURE, cache=True, error_model="numpy")
+def measures_nothing(state, inputs, parameters, measured):
+    """Do nothing, for a plant without quantities that an addition could depend on."""
+
+
 def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
     """Return the first inputs (inputs,): the memory of a plant that remembers its inputs alone."""
     return np.array(inputs[0], dtype=np.float64)
@@ -409,6 +441,12 @@ class Plant:
             each with its coefficients, that these values represent. None as for `hold_terms`.
         in_lanes: functions that run the plant in several lanes side by side; None if it always runs
             alone.
+        measures: function compiled with MEASURE: (state, inputs, parameters, measured) writes the
+            quantities of `regions`, then for each equation two rates: by how much one unit of
+            disturbance changes its state, and its second state, over one sample (0 if it has none).
+            With it a model can hold additions (`additions`).
+        varying: parameters that may change with a quantity.
+        slots: whether `parameters` end with those of the slots for additions (`SLOT_PARAMETERS`).
     """
 
     name: str
@@ -443,6 +481,20 @@ class Plant:
     hold_terms: Callable[[str, Sequence[Any], Array, Mapping[str, float]], Held] | None = None
     held_terms: Callable[[Mapping[str, float]], tuple[str, Any]] | None = None
     in_lanes: InLanes | None = None
+    measures: Any = measures_nothing
+    varying: tuple[Varying, ...] = ()
+    slots: bool = False
+
+    @cached_property
+    def layout(self) -> "Layout | None":
+        """Return how slots hold the plant's additions; None if its models hold none."""
+        if not self.slots:
+            return None
+        from .additions import SLOT_PARAMETERS, Layout
+
+        own = [parameter.name for parameter in self.parameters[: -len(SLOT_PARAMETERS)]]
+        channels = [output.channel for output in self.outputs]
+        return Layout(self.equations, self.regions, channels, self.varying, own)
 
     def remembers(self, values: Mapping[str, float]) -> bool:
         """Return whether any parameter of `memories` is not 0 in these values of all parameters."""

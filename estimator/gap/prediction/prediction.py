@@ -12,7 +12,22 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import float64, int64, types, void
 
-from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array
+from estimator.gap.plant import (
+    DRIVE,
+    EXTENSION,
+    KICKS,
+    MEASURE,
+    READ,
+    REMEMBER,
+    SHOWS,
+    STEP,
+    VARIES,
+    Array,
+    Extension,
+    add_to_parameters,
+    add_to_readings,
+    add_to_state,
+)
 from rig.jit import njit
 from rig.plant import inlined, inner
 
@@ -20,7 +35,8 @@ _DRIVE: Final = types.FunctionType(DRIVE)
 _STEP: Final = types.FunctionType(STEP)
 _REMEMBER: Final = types.FunctionType(REMEMBER)
 _READ: Final = types.FunctionType(READ)
-_PLANT: Final = (_DRIVE, _STEP, _REMEMBER, _READ)
+_MEASURE: Final = types.FunctionType(MEASURE)
+_PLANT: Final = (_DRIVE, _STEP, _REMEMBER, _READ, _MEASURE)
 
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
@@ -71,6 +87,7 @@ class Setup(NamedTuple):
         noises: float64 (states,), variances of the model's error over one sample.
         shares: float64 (outputs, states), part of the optimal gains that is used.
         memory: float64 (1, length), of `Plant.begin`; a run changes it.
+        extension: what the model's additions need.
     """
 
     variances: Array
@@ -81,6 +98,7 @@ class Setup(NamedTuple):
     noises: Array
     shares: Array
     memory: Array
+    extension: Extension
 
 
 class Begun(NamedTuple):
@@ -91,31 +109,96 @@ class Begun(NamedTuple):
         start: float64 (states,), in lanes (states, LANES).
         memory: float64 (1, length), of `Plant.begin`; in lanes (rows, LANES), of `InLanes.begin`. A
             run changes it.
+        extension: what the model's additions need; runs in lanes have none.
     """
 
     parameters: Array
     start: Array
     memory: Array
+    extension: Extension
 
 
 TRACK: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE), Track)
 SETUP: Final = types.BaseTuple.from_types(
-    (_MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX), Setup
+    (_MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, EXTENSION), Setup
 )
-_BEGUN: Final = types.BaseTuple.from_types((_VECTOR, _VECTOR, _MATRIX), Begun)
+_BEGUN: Final = types.BaseTuple.from_types((_VECTOR, _VECTOR, _MATRIX, EXTENSION), Begun)
+
+
+class Scratch(NamedTuple):
+    """Arrays for the additions of one sample.
+
+    Attributes:
+        measured: float64 (quantities and rates,), of `Plant.measures`.
+        present: float64 (parameters,), with what the additions add to them.
+    """
+
+    measured: Array
+    present: Array
+
+
+@inlined
+def scratch_of(parameters, extension):
+    """Return arrays for the additions of a run with these parameters."""
+    scratch = Scratch(np.empty(max(extension.measured, 1)), np.empty(parameters.size))
+    put(scratch.present, parameters)
+    return scratch
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _advance(drive, step, remember, before, x, inputs, memory, parameters):
-    """Write to `x` the state (count,) one sample after `before`; update the memory (length,)."""
+def read_with(read, measures, extension, scratch, t, x, inputs, memory, parameters, readings):
+    """Write the readings (outputs,) of a sample, with the model's additions."""
+    if extension.active & (SHOWS + VARIES) == 0:
+        read(x, memory, parameters, readings)
+    else:
+        measures(x, inputs, parameters, scratch.measured)
+        put(scratch.present, parameters)
+        add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
+        read(x, memory, scratch.present, readings)
+        add_to_readings(extension, parameters, scratch.measured, t, readings)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def drive_with(drive, measures, extension, scratch, t, x, inputs, memory, parameters):
+    """Drive the plant with the inputs (inputs,) of a sample, with the model's additions."""
+    if extension.active & VARIES == 0:
+        drive(inputs, memory, parameters)
+    else:
+        measures(x, inputs, parameters, scratch.measured)
+        put(scratch.present, parameters)
+        add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
+        drive(inputs, memory, scratch.present)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def step_with(step, measures, extension, scratch, t, before, x, inputs, memory, parameters):
+    """Write to `x` the state one sample after `before`, with the model's additions."""
     put(x, before)
-    drive(inputs, memory, parameters)
-    step(x, memory, parameters)
+    if extension.active & (KICKS + VARIES) == 0:
+        step(x, memory, parameters)
+    else:
+        measures(before, inputs, parameters, scratch.measured)
+        if extension.active & VARIES == 0:
+            step(x, memory, parameters)
+        else:
+            put(scratch.present, parameters)
+            add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
+            step(x, memory, scratch.present)
+        add_to_state(extension, parameters, scratch.measured, t, x)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _advance(
+    drive, step, remember, measures, extension, scratch, t, before, x, inputs, memory, parameters
+):
+    """Write to `x` the state (count,) one sample after `before`; update the memory (length,)."""
+    drive_with(drive, measures, extension, scratch, t, before, inputs, memory, parameters)
+    step_with(step, measures, extension, scratch, t, before, x, inputs, memory, parameters)
     remember(before, x, memory, parameters)
 
 
 @inner
-def correct(read, memory, setup, track, t, x, covariance, slope):
+def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slope):
     """Correct a state and its covariance in place by the readings of one sample; write the gains.
 
     The readings are applied one after the other (Bierman 1977, ch. 2), each linearised about the
@@ -125,6 +208,8 @@ def correct(read, memory, setup, track, t, x, covariance, slope):
 
     Args:
         read: function of the plant, compiled with READ.
+        measures: function of the plant, compiled with MEASURE.
+        scratch: arrays for the additions.
         memory: float64 (length,).
         setup: settings of the filter.
         track: the record; the gains, variances and couplings of the sample are written.
@@ -141,10 +226,11 @@ def correct(read, memory, setup, track, t, x, covariance, slope):
     expected, shifted = np.empty(outputs), np.empty(outputs)
     ahead = np.empty(count)
     point = x.copy()
-    read(x, memory, parameters, expected)
+    extension, inputs = setup.extension, track.inputs[t]
+    read_with(read, measures, extension, scratch, t, x, inputs, memory, parameters, expected)
     for j in range(count):
         point[j] = x[j] + changes[j]
-        read(point, memory, parameters, shifted)
+        read_with(read, measures, extension, scratch, t, point, inputs, memory, parameters, shifted)
         point[j] = x[j]
         for i in range(outputs):
             slope[i, j] = (shifted[i] - expected[i]) / changes[j]
@@ -219,7 +305,7 @@ def predict_covariance(transition, noises, product, covariance):
 
 
 @njit(void(*_PLANT, TRACK, SETUP), cache=True, error_model="numpy", nogil=True)
-def run_filter(drive, step, remember, read, track, setup):
+def run_filter(drive, step, remember, read, measures, track, setup):
     """Run the filter over a recording, and write its gains to the track.
 
     Args:
@@ -227,26 +313,30 @@ def run_filter(drive, step, remember, read, track, setup):
         step: function of the plant, compiled with STEP.
         remember: function of the plant, compiled with REMEMBER.
         read: function of the plant, compiled with READ.
+        measures: function of the plant, compiled with MEASURE.
         track: the record; its gains, variances and couplings are written.
         setup: settings of the filter; its memory is changed.
     """
     inputs, outputs = track.inputs, track.readings.shape[1]
     parameters, changes, count = setup.parameters, setup.changes, setup.start.size
     remembered = setup.memory[0]
-    x = setup.start.copy()
-    point, ahead = np.empty(count), np.empty(count)
+    x, extension = setup.start.copy(), setup.extension
+    scratch = scratch_of(parameters, extension)
+    point, moved, ahead = np.empty(count), np.empty(count), np.empty(count)
     covariance = np.diag(setup.spread * setup.spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
     slope = np.empty((outputs, count))
     for t in range(inputs.shape[0]):
-        correct(read, remembered, setup, track, t, x, covariance, slope)
-        drive(inputs[t], remembered, parameters)
-        put(ahead, x)
-        step(ahead, remembered, parameters)
+        now = inputs[t]
+        correct(read, measures, scratch, remembered, setup, track, t, x, covariance, slope)
+        drive_with(drive, measures, extension, scratch, t, x, now, remembered, parameters)
+        step_with(step, measures, extension, scratch, t, x, ahead, now, remembered, parameters)
         for j in range(count):
-            put(point, x)
-            point[j] += changes[j]
-            step(point, remembered, parameters)
+            put(moved, x)
+            moved[j] += changes[j]
+            step_with(
+                step, measures, extension, scratch, t, moved, point, now, remembered, parameters
+            )
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
         predict_covariance(transition, setup.noises, product, covariance)
@@ -255,7 +345,7 @@ def run_filter(drive, step, remember, read, track, setup):
 
 
 @njit(void(*_PLANT, TRACK, _BEGUN, _MATRIX, _MATRIX), cache=True, error_model="numpy", nogil=True)
-def run_frozen(drive, step, remember, read, track, begun, innovations, states):
+def run_frozen(drive, step, remember, read, measures, track, begun, innovations, states):
     """Predict a recording one sample ahead with given gains.
 
     Args:
@@ -263,6 +353,7 @@ def run_frozen(drive, step, remember, read, track, begun, innovations, states):
         step: as in `run_filter`.
         remember: as in `run_filter`.
         read: as in `run_filter`.
+        measures: as in `run_filter`.
         track: the record and its gains.
         begun: the plant at the first sample; its memory is changed.
         innovations: float64 (n, outputs), written: divided by their standard deviations, 0 where a
@@ -273,10 +364,12 @@ def run_frozen(drive, step, remember, read, track, begun, innovations, states):
     gains, innovation_variances, couplings = track.gains, track.variances, track.couplings
     count, outputs = begun.start.size, readings.shape[1]
     remembered = begun.memory[0]
-    x = begun.start.copy()
+    x, extension = begun.start.copy(), begun.extension
+    scratch = scratch_of(parameters, extension)
     expected = np.empty(outputs)
     for t in range(inputs.shape[0]):
-        read(x, remembered, parameters, expected)
+        now = inputs[t]
+        read_with(read, measures, extension, scratch, t, x, now, remembered, parameters, expected)
         for i in range(outputs):
             variance = innovation_variances[t, i]
             if not variance < np.inf:
@@ -294,16 +387,19 @@ def run_frozen(drive, step, remember, read, track, begun, innovations, states):
                 x[j] += gains[t, i, j] * innovation
         for j in range(count):
             states[t, j] = x[j]
-        drive(inputs[t], remembered, parameters)
-        step(x, remembered, parameters)
-        remember(states[t], x, remembered, parameters)
+        _advance(
+            drive, step, remember, measures, extension, scratch, t, states[t], x, now, remembered,
+            parameters,
+        )
 
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, int64, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, predicted):
+def predict_ahead(
+    drive, step, remember, read, measures, inputs, states, begun, horizon, predicted
+):
     """Predict readings freely, starting anew from the filtered state at every `horizon`-th sample.
 
     Args:
@@ -311,6 +407,7 @@ def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, p
         step: as in `run_filter`.
         remember: as in `run_filter`.
         read: as in `run_filter`.
+        measures: as in `run_filter`.
         inputs: float64 (n, inputs).
         states: float64 (n, states), filtered states of `run_frozen`.
         begun: the plant at the first sample; its memory is changed.
@@ -318,6 +415,7 @@ def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, p
         predicted: float64 (n, outputs), written; NaN at the samples of the starts.
     """
     parameters, remembered = begun.parameters, begun.memory[0]
+    extension, scratch = begun.extension, scratch_of(parameters, begun.extension)
     free = remembered.copy()
     x, expected = begun.start.copy(), np.empty(predicted.shape[1])
     ahead = np.empty(x.size)
@@ -327,18 +425,28 @@ def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, p
             put(free, remembered)
             predicted[t, :] = np.nan
         else:
-            read(x, free, parameters, expected)
+            read_with(
+                read, measures, extension, scratch, t, x, inputs[t], free, parameters, expected
+            )
             put(predicted[t], expected)
-        _advance(drive, step, remember, x, ahead, inputs[t], free, parameters)
+        _advance(
+            drive, step, remember, measures, extension, scratch, t, x, ahead, inputs[t], free,
+            parameters,
+        )
         put(x, ahead)
-        _advance(drive, step, remember, states[t], ahead, inputs[t], remembered, parameters)
+        _advance(
+            drive, step, remember, measures, extension, scratch, t, states[t], ahead, inputs[t],
+            remembered, parameters,
+        )
 
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, _MATRIX, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def run_free(drive, step, remember, read, inputs, readings, begun, steering, simulated):
+def run_free(
+    drive, step, remember, read, measures, inputs, readings, begun, steering, simulated
+):
     """Simulate a plant along a recording; its inputs are changed to keep it on the recorded course.
 
     Args:
@@ -346,6 +454,7 @@ def run_free(drive, step, remember, read, inputs, readings, begun, steering, sim
         step: as in `run_filter`.
         remember: as in `run_filter`.
         read: as in `run_filter`.
+        measures: as in `run_filter`.
         inputs: float64 (n, inputs), as recorded; changed in place to those that were applied.
         readings: float64 (n, outputs), as recorded.
         begun: the plant at the first sample; its memory is changed.
@@ -355,14 +464,20 @@ def run_free(drive, step, remember, read, inputs, readings, begun, steering, sim
     """
     parameters, remembered = begun.parameters, begun.memory[0]
     x, ahead = begun.start.copy(), np.empty(begun.start.size)
+    extension, scratch = begun.extension, scratch_of(parameters, begun.extension)
     expected = np.empty(readings.shape[1])
     for t in range(inputs.shape[0]):
-        read(x, remembered, parameters, expected)
+        read_with(
+            read, measures, extension, scratch, t, x, inputs[t], remembered, parameters, expected
+        )
         put(simulated[t], expected)
         for j in range(inputs.shape[1]):
             value = inputs[t, j]
             for i in range(expected.size):
                 value += steering[j, i] * (readings[t, i] - expected[i])
             inputs[t, j] = value
-        _advance(drive, step, remember, x, ahead, inputs[t], remembered, parameters)
+        _advance(
+            drive, step, remember, measures, extension, scratch, t, x, ahead, inputs[t],
+            remembered, parameters,
+        )
         put(x, ahead)

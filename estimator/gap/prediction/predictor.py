@@ -5,7 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.gap.plant import Array, Gains, Plant, Record, made_of, roughness
+from estimator.gap.plant import (
+    SLOT_PARAMETERS,
+    Array,
+    Extension,
+    Gains,
+    Plant,
+    Record,
+    activity,
+    is_active,
+    kicked_states,
+    made_of,
+    roughness,
+)
 from rig.lanes import LANES, aligned, empty_lanes
 
 from .prediction import Begun, Setup, Track, predict_ahead, run_filter, run_free, run_frozen
@@ -30,7 +42,11 @@ class Predictor:
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
-        self._functions = (plant.drive, plant.step, plant.remember, plant.read)
+        self._functions = (plant.drive, plant.step, plant.remember, plant.read, plant.measures)
+        self._kicked = kicked_states(plant.equations)
+        self._changed = (
+            plant.layout.changed if plant.layout else np.full((1, 2), -1, dtype=np.int64)
+        )
         self._changes = np.array([state.change for state in plant.states])
         self._noises = np.array([state.noise for state in plant.states]) ** 2
 
@@ -39,7 +55,29 @@ class Predictor:
         return self.plant.begin(start, record.inputs[:_FIRST], values, time_s)[None, :].copy()
 
     def _begun(self, record: Record, values: Values, start: Array) -> Begun:
-        return Begun(self.plant.vector(values), start, self._memory(start, record, values))
+        return Begun(
+            self.plant.vector(values), start, self._memory(start, record, values),
+            self.extension(record, values),
+        )  # fmt: skip
+
+    def extension(self, record: Record, values: Values) -> Extension:
+        """Return what compiled functions must know of the additions that the values hold."""
+        plant = self.plant
+        own = len(plant.parameters) - (len(SLOT_PARAMETERS) if plant.slots else 0)
+        quantities = len(plant.regions)
+        return Extension(
+            self._kicked, self._changed, own, activity(values) if plant.slots else 0,
+            quantities + 2 * len(plant.equations), quantities, record.first * plant.period,
+            plant.period,
+        )  # fmt: skip
+
+    def _kind(self, values: Values) -> tuple[float, ...] | None:
+        """Return what runs in the same lanes must have in common (`InLanes.kind`); None if alone.
+
+        Additions are applied to runs alone.
+        """
+        in_lanes = self.plant.in_lanes
+        return None if in_lanes is None or is_active(values) else in_lanes.kind(values)
 
     def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
         first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
@@ -68,17 +106,17 @@ class Predictor:
         track = _track(record, gains)
         setup = Setup(
             variances, parameters, start, spread, self._changes, self._noises, shares,
-            self._memory(start, record, values),
+            self._memory(start, record, values), self.extension(record, values),
         )  # fmt: skip
         in_lanes = plant.in_lanes
-        if in_lanes is None or in_lanes.kind(values) is None:
+        if in_lanes is None or self._kind(values) is None:
             run_filter(*self._functions, track, setup)
             return gains
         together = np.repeat(start[:, None], LANES, axis=1)
         memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
         run_filter_in_lanes(
-            in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read, track,
-            setup, aligned(np.repeat(parameters[:, None], LANES, axis=1)), aligned(memory),
+            in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read,
+            plant.measures, track, setup, aligned(np.repeat(parameters[:, None], LANES, axis=1)), aligned(memory),
         )  # fmt: skip
         return gains
 
@@ -107,11 +145,10 @@ class Predictor:
         which the group is compared, which take one lane. A set that must run alone is a group by
         itself, and so is every set if the plant has no lanes.
         """
-        in_lanes = self.plant.in_lanes
         alike: dict[tuple[float, ...], list[int]] = {}
         found: list[list[int]] = []
         for index, each in enumerate(values):
-            kind = None if in_lanes is None else in_lanes.kind(each)
+            kind = self._kind(each)
             if kind is None:
                 found.append([index])
             else:
@@ -129,7 +166,7 @@ class Predictor:
         must run alone, or if the plant has no lanes, they run one after the other.
         """
         plant, in_lanes = self.plant, self.plant.in_lanes
-        if in_lanes is None or in_lanes.kind(values[-1]) is None:
+        if in_lanes is None or self._kind(values[-1]) is None:
             return [self.innovations(record, gains, each)[0] for each in values]
         padded = [*values, *[values[-1]] * (LANES - len(values))]
         starts = aligned(np.column_stack([self._start(record, each)[0] for each in padded]))
@@ -138,7 +175,7 @@ class Predictor:
         memory = aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded))
         run_frozen_in_lanes(
             in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, _track(record, gains),
-            Begun(parameters, starts, memory), plant.vector(values[0]), innovations,
+            Begun(parameters, starts, memory, self.extension(record, values[-1])), plant.vector(values[0]), innovations,
         )  # fmt: skip
         return [innovations[:, :, lane] for lane in range(len(values))]
 

@@ -15,14 +15,25 @@ import numpy as np
 from numba import float64, int64, types, void
 from numpy.typing import NDArray
 
-from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array, Gains, Record
+from estimator.gap.plant import (
+    DRIVE,
+    EXTENSION,
+    MEASURE,
+    READ,
+    REMEMBER,
+    STEP,
+    Array,
+    Extension,
+    Gains,
+    Record,
+)
 from rig.jit import njit
 
-from .prediction import put
+from .prediction import drive_with, put, read_with, scratch_of, step_with
 from .predictor import Predictor
 from .variables import Values
 
-_FUNCTIONS: Final = tuple(types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ))
+_FUNCTIONS: Final = tuple(types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ, MEASURE))
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
 _CUBE: Final = float64[:, :, ::1]
@@ -36,11 +47,13 @@ class _Along(NamedTuple):
         inputs: float64 (n, inputs).
         states: float64 (n, k), filtered.
         places: int64 (n,), row of the results for each sample; -1 where no result is wanted.
+        extension: what the model's additions need.
     """
 
     inputs: Array
     states: Array
     places: NDArray[np.int64]
+    extension: Extension
 
 
 class _Slopes(NamedTuple):
@@ -59,7 +72,7 @@ class _Slopes(NamedTuple):
     shifts: Array
 
 
-_ALONG: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, int64[::1]), _Along)
+_ALONG: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, int64[::1], EXTENSION), _Along)
 _SLOPES: Final = types.BaseTuple.from_types((_CUBE, _CUBE, _CUBE), _Slopes)
 
 
@@ -67,7 +80,9 @@ _SLOPES: Final = types.BaseTuple.from_types((_CUBE, _CUBE, _CUBE), _Slopes)
     void(*_FUNCTIONS, _ALONG, _MATRIX, _MATRIX, _VECTOR, _SLOPES),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def linearise_course(drive, step, remember, read, along, parameters, memory, changes, written):
+def linearise_course(
+    drive, step, remember, read, measures, along, parameters, memory, changes, written
+):
     """Linearise the step and the readings of a plant at the wanted samples of a filtered course.
 
     Args:
@@ -75,6 +90,7 @@ def linearise_course(drive, step, remember, read, along, parameters, memory, cha
         step: function of the plant, compiled with STEP.
         remember: function of the plant, compiled with REMEMBER.
         read: function of the plant, compiled with READ.
+        measures: function of the plant, compiled with MEASURE.
         along: the course.
         parameters: float64 (1 + probes, count), the present values, then a row for each probe with
             one value changed.
@@ -89,39 +105,54 @@ def linearise_course(drive, step, remember, read, along, parameters, memory, cha
     remembered, present = memory[0], parameters[0]
     point, ahead = np.empty(count), np.empty(count)
     expected, shifted = np.empty(outputs), np.empty(outputs)
+    moved = np.empty(count)
+    extension, scratch = along.extension, scratch_of(present, along.extension)
     for t in range(states.shape[0]):
-        row = places[t]
+        row, now = places[t], inputs[t]
         if row >= 0:
-            read(states[t], remembered, present, expected)
+            read_with(
+                read, measures, extension, scratch, t, states[t], now, remembered, present, expected
+            )
             for j in range(count):
                 put(point, states[t])
                 point[j] += changes[j]
-                read(point, remembered, present, shifted)
+                read_with(
+                    read, measures, extension, scratch, t, point, now, remembered, present, shifted
+                )
                 for i in range(outputs):
                     slopes[row, i, j] = (shifted[i] - expected[i]) / changes[j]
             for p in range(shifts.shape[2]):
-                read(states[t], remembered, parameters[1 + p], shifted)
+                read_with(
+                    read, measures, extension, scratch, t, states[t], now, remembered,
+                    parameters[1 + p], shifted,
+                )
                 for i in range(outputs):
                     shifts[row, count + i, p] = shifted[i] - expected[i]
-        drive(inputs[t], remembered, present)
-        put(ahead, states[t])
-        step(ahead, remembered, present)
+        drive_with(drive, measures, extension, scratch, t, states[t], now, remembered, present)
+        step_with(
+            step, measures, extension, scratch, t, states[t], ahead, now, remembered, present
+        )
         if row >= 0:
             for j in range(count):
-                put(point, states[t])
-                point[j] += changes[j]
-                step(point, remembered, present)
+                put(moved, states[t])
+                moved[j] += changes[j]
+                step_with(
+                    step, measures, extension, scratch, t, moved, point, now, remembered, present
+                )
                 for i in range(count):
                     transitions[row, i, j] = (point[i] - ahead[i]) / changes[j]
             for p in range(shifts.shape[2]):
-                put(point, states[t])
-                step(point, remembered, parameters[1 + p])
+                step_with(
+                    step, measures, extension, scratch, t, states[t], point, now, remembered,
+                    parameters[1 + p],
+                )
                 for i in range(count):
                     shifts[row, i, p] = point[i] - ahead[i]
             # Each step changes the memory, so that the last step must be that of the present
             # values.
-            put(ahead, states[t])
-            step(ahead, remembered, present)
+            step_with(
+                step, measures, extension, scratch, t, states[t], ahead, now, remembered, present
+            )
         remember(states[t], ahead, remembered, present)
 
 
@@ -264,8 +295,10 @@ def course_of(
     time_s = record.first * plant.period
     memory = plant.begin(states[0], record.inputs[:_FIRST], values, time_s)[None, :].copy()
     linearise_course(
-        plant.drive, plant.step, plant.remember, plant.read,
-        _Along(record.inputs[:last], states[:last], places[:last]),
+        plant.drive, plant.step, plant.remember, plant.read, plant.measures,
+        _Along(
+            record.inputs[:last], states[:last], places[:last], predictor.extension(record, values)
+        ),
         np.stack([plant.vector(v) for v in (values, *probes)]), memory,
         np.array([state.change for state in plant.states]), _Slopes(transitions, slopes, shifts),
     )  # fmt: skip

@@ -13,6 +13,8 @@ from numba import float64, types, void
 
 from estimator.gap.plant import (
     DRIVE_IN_LANES,
+    EXTENSION,
+    MEASURE,
     READ,
     READ_IN_LANES,
     REMEMBER,
@@ -22,7 +24,7 @@ from estimator.gap.plant import (
 from rig.jit import njit
 from rig.lanes import LANES, align_stack, empty_lanes, load, store
 
-from .prediction import SETUP, TRACK, Begun, correct, predict_covariance, put
+from .prediction import SETUP, TRACK, Begun, correct, predict_covariance, put, scratch_of
 
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
@@ -33,7 +35,8 @@ _REMEMBER: Final = types.FunctionType(REMEMBER_IN_LANES)
 _READ: Final = types.FunctionType(READ_IN_LANES)
 _REMEMBER_ALONE: Final = types.FunctionType(REMEMBER)
 _READ_ALONE: Final = types.FunctionType(READ)
-_BEGUN: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _MATRIX), Begun)
+_MEASURE: Final = types.FunctionType(MEASURE)
+_BEGUN: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _MATRIX, EXTENSION), Begun)
 
 
 @njit(
@@ -84,10 +87,10 @@ def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innova
 
 
 @njit(
-    void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, TRACK, SETUP, _MATRIX, _MATRIX),
+    void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MEASURE, TRACK, SETUP, _MATRIX, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def run_filter_in_lanes(drive, step, remember, keep, read, track, setup, parameters, memory):
+def run_filter_in_lanes(drive, step, remember, keep, read, measures, track, setup, parameters, memory):
     """Run the filter over a recording as `run_filter` does, with its step's derivatives in lanes.
 
     Args:
@@ -96,6 +99,7 @@ def run_filter_in_lanes(drive, step, remember, keep, read, track, setup, paramet
         remember: as in `InLanes`.
         keep: the function `remember` of a plant that runs alone, compiled with REMEMBER.
         read: the function `read` of a plant that runs alone, compiled with READ.
+        measures: function of the plant, compiled with MEASURE.
         track: the record; its gains are written.
         setup: settings of the filter; its memory serves `keep` and `read`, for the readings.
         parameters: float64 (parameters, LANES), those of `setup` in all lanes.
@@ -103,7 +107,7 @@ def run_filter_in_lanes(drive, step, remember, keep, read, track, setup, paramet
     """
     inputs, outputs = track.inputs, track.readings.shape[1]
     first, changes, count = setup.parameters, setup.changes, setup.start.size
-    remembered = setup.memory[0]
+    remembered, scratch = setup.memory[0], scratch_of(first, setup.extension)
     x = setup.start.copy()
     ahead = np.empty(count)
     covariance = np.diag(setup.spread * setup.spread)
@@ -113,7 +117,7 @@ def run_filter_in_lanes(drive, step, remember, keep, read, track, setup, paramet
     batches = (count + LANES) // LANES
     points = empty_lanes(batches * count).reshape((batches, count, LANES))
     for t in range(inputs.shape[0]):
-        correct(read, remembered, setup, track, t, x, covariance, slope)
+        correct(read, measures, scratch, remembered, setup, track, t, x, covariance, slope)
         drive(inputs[t], memory)
         for batch in range(batches):
             for i in range(count):

@@ -8,12 +8,12 @@ together with the variables of the fit, with the same blocks and error bars as a
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Equation, Plant, Region
+from estimator.gap.plant import DIRECTION, Array, Equation, Plant, Region, Varying
 from estimator.gap.prediction import (
     HUBER,
     Column,
@@ -28,6 +28,8 @@ from estimator.gap.prediction import (
     excerpts,
 )
 
+from .shapes import hats
+
 HATS: Final = 9
 """Number of hat functions in a curve. The outermost ones are constant beyond their middles."""
 TIME: Final = Region("time", "s", lambda states, inputs: states[:, 0], ("s", 1.0), "t")
@@ -37,16 +39,17 @@ time."""
 
 @dataclass(frozen=True)
 class Place:
-    """A place where a disturbance enters: an equation or a reading.
+    """A place where a disturbance enters: an equation, a reading or a parameter.
 
     Attributes:
-        name: name of the equation, or "reading of" and the channel.
+        name: name of the equation, or "reading of" and the channel, or of the parameter.
         unit: SI unit of the disturbance.
         shown: unit used in reports, and the number of such units in one SI unit.
         rows: indices of the states that are kicked; for a reading, the number of states plus the
-            index of its output.
+            index of its output; for a parameter all of both.
         of: names of the regions that the disturbance may depend on, besides time.
-        equation: the equation; None for a reading.
+        equation: the equation; None for a reading and for a parameter.
+        varying: the parameter; None for the others.
     """
 
     name: str
@@ -55,6 +58,15 @@ class Place:
     rows: tuple[int, ...]
     of: tuple[str, ...]
     equation: Equation | None = None
+    varying: Varying | None = None
+
+    @property
+    def turned(self) -> bool:
+        """Return whether the direction of motion may turn what enters here.
+
+        That is so of a force, unless friction has a parameter of its own, and of a reading.
+        """
+        return self.varying is None and (self.equation is None or DIRECTION in self.of)
 
     def rates(self, states: Array, values: Values) -> Array:
         """Return the kicks (n, rows) by one unit of disturbance, SI; 1 for a reading.
@@ -85,15 +97,12 @@ def places_of(plant: Plant) -> list[Place]:
     return found
 
 
-def hats(values: Array, middles: Array) -> Array:
-    """Return hat functions (n, middles) of values (n,), which add up to one for each value.
-
-    The middles must be evenly spaced, ascending, and at least two. A value beyond the outermost
-    middles counts as at them.
-    """
-    width = middles[1] - middles[0]
-    place = np.clip((values - middles[0]) / width, 0.0, len(middles) - 1.0)
-    return np.asarray(np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(middles))), 0.0))
+def varying_of(plant: Plant) -> list[Place]:
+    """Return the parameters of a plant that may change with a quantity, as places."""
+    rows = tuple(range(len(plant.states) + len(plant.outputs)))
+    return [
+        Place(each.name, each.unit, each.shown, rows, each.of, None, each) for each in plant.varying
+    ]
 
 
 class Attribution:
@@ -105,6 +114,7 @@ class Attribution:
         variables: variables that were fitted; a disturbance must explain what these cannot.
         parts: part of each record that is used (`excerpts`); a record without blocks in its part is
             left out.
+        drifting: places of parameters that disturbances may enter.
 
     Attributes:
         plant: plant that the records belong to.
@@ -114,7 +124,7 @@ class Attribution:
 
     def __init__(
         self, filtered: Filtered, values: Values, variables: Sequence[Variable],
-        parts: Sequence[Excerpt],
+        parts: Sequence[Excerpt], drifting: Sequence[Place] = (),
     ) -> None:  # fmt: skip
         self.plant = filtered.predictor.plant
         self.values = values
@@ -125,6 +135,13 @@ class Attribution:
         self._blocks = [part.blocks for *_, part in kept]
         self._first = [record.first for record, *_ in kept]
         probes = [column.values for column in self._base]
+        self._drifting: dict[str, int] = {}
+        for place in drifting:
+            if place.varying is not None:
+                self._drifting[place.name] = len(probes)
+                probe = place.varying.probe
+                moved = {name: values[name] + probe for name in place.varying.parameters}
+                probes.append({**values, **moved})
         self.courses: list[Course] = list(
             filtered.pool.map(
                 lambda each: course_of(
@@ -136,7 +153,10 @@ class Attribution:
         self._pool = filtered.pool
         rows = range(len(self.plant.states) + len(self.plant.outputs))
         sizes = np.array([column.size for column in self._base])
-        self._known = [course.answers(rows, course.shifts / sizes) for course in self.courses]
+        self._known = [
+            course.answers(rows, course.shifts[:, :, : len(sizes)] / sizes)
+            for course in self.courses
+        ]
 
     def region(self, name: str) -> Region:
         """Return the region with this name, either of the plant or the time."""
@@ -201,7 +221,7 @@ class Attribution:
 
         def run(index: int) -> tuple[Array, Array, int]:
             course = self.courses[index]
-            rates = place.rates(course.states, self.values)
+            rates = self._rates(place, course)
             answers = course.answers(place.rows, rates[:, :, None] * shapes[index][:, None, :])
             changes = np.concatenate([self._known[index], answers], axis=2)
             weights = np.minimum(1.0, HUBER / np.maximum(np.abs(course.innovations), 1e-12))
@@ -222,6 +242,22 @@ class Attribution:
             np.concatenate([part[1] for part in parts]),
             sum(part[2] for part in parts),
         )
+
+    def take_out(self, place: Place, shapes: Sequence[Array]) -> None:
+        """Take a disturbance out of the innovations that are to be explained, to first order.
+
+        `shapes` has an array (m, 1) for each course: the disturbance that the values hold, SI.
+        """
+        for index, course in enumerate(self.courses):
+            kicks = self._rates(place, course)[:, :, None] * shapes[index][:, None, :]
+            held = course.answers(place.rows, kicks)[:, :, 0]
+            self.courses[index] = replace(course, innovations=course.innovations - held)
+
+    def _rates(self, place: Place, course: Course) -> Array:
+        """Return the kicks (m, rows) of a course by one unit of disturbance at a place, SI."""
+        if place.varying is None:
+            return place.rates(course.states, self.values)
+        return np.asarray(course.shifts[:, :, self._drifting[place.name]] / place.varying.probe)
 
     @property
     def base(self) -> list[str]:
@@ -287,13 +323,16 @@ class Attribution:
         return sorted((c for c in found if c is not None), key=lambda curve: -curve.gain)
 
 
-def attribution(filtered: Filtered, values: Values, variables: Sequence[Variable]) -> Attribution:
+def attribution(
+    filtered: Filtered, values: Values, variables: Sequence[Variable], drifting: Sequence[Place] = ()
+) -> Attribution:
     """Return the `Attribution` of those stretches of the records that cost most with `values`.
 
     Args:
         filtered: the records, with gains for `values`.
         values: values of all parameters.
         variables: variables that were fitted.
+        drifting: places of parameters that disturbances may enter.
     """
     parts = excerpts(filtered.records, filtered.predictor.plant.period, filtered.costs(values))
-    return Attribution(filtered, values, variables, parts)
+    return Attribution(filtered, values, variables, parts, drifting)

@@ -39,13 +39,15 @@ class Refits:
         self.plant = fitter.predictor.plant
         self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
 
-    def settled(self, values: Values, variables: Sequence[Variable]) -> tuple[Fitted, Filtered]:
+    def settled(
+        self, values: Values, variables: Sequence[Variable], rounds: int = _ROUNDS
+    ) -> tuple[Fitted, Filtered]:
         """Return a fit whose gains nearly belong to its own values, and the records with its gains.
 
-        Starting from `values`, gains are computed and variables fitted in turn, at most five times,
-        until the cost falls by less than 0.1 %. The gains are those of the last round's start.
+        Starting from `values`, gains are computed and variables fitted in turn, at most `rounds`
+        times, until the cost falls by less than 0.1 %. The gains are those of the last round's start.
         """
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             filtered = self.fitter.filtered(values)
             before = filtered.costs(values).sum()
             fitted = filtered.fit(values, variables, 4)

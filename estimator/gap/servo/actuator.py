@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from estimator.gap.plant import (
     DRIVE,
+    EMPTY_SLOTS,
+    MEASURE,
     READ,
     REMEMBER,
+    SLOT_PARAMETERS,
     STEP,
     Array,
     Equation,
@@ -19,6 +22,7 @@ from estimator.gap.plant import (
     Plant,
     Region,
     State,
+    Varying,
     smoothed,
 )
 from rig.jit import njit
@@ -41,9 +45,11 @@ from rig.plant import (
     quantities,
     reading_means,
     seen_position,
+    signed_root,
     signed_roots,
     total_mass,
     transducers,
+    valve_conductance,
 )
 
 from .effects import EFFECTS, NOT_TOLD_APART, nuisances
@@ -246,6 +252,17 @@ def _leak_rate(states: Array, values: Mapping[str, float], chamber: int) -> Arra
     return (flow if chamber else -flow) * _chamber_rate(states, values, chamber)
 
 
+def _edges_rate(states: Array, values: Mapping[str, float], chamber: int) -> Array:
+    """Return a chamber's pressure change in one sample by each of its edges open by 1 m (eq. 2.1).
+
+    The supply's edge lets oil in and the return's edge lets it out (n,); `chamber` is 0 or 1.
+    """
+    par = Parameters(**{name: values[name] for name in Parameters._fields})
+    pressure = states[:, 2 + chamber]
+    drops = signed_roots(states[:, 7] - pressure) - signed_roots(pressure - states[:, 8])
+    return np.asarray(valve_conductance(par) * drops * _chamber_rate(states, values, chamber))
+
+
 def _force_rate(states: Array, values: Mapping[str, float]) -> Array:
     mass = values["moving_mass"] + values["payload_mass"]
     return np.full(len(states), -TICK / mass)
@@ -258,7 +275,7 @@ def _spool_rate(states: Array, values: Mapping[str, float]) -> Array:
 EQUATIONS: Final = (
     Equation(
         "force balance", "N", 5, _force_rate, ("N", 1.0),
-        ("velocity", "position", "pressure difference", "pressure 1", "direction"),
+        ("velocity", "position", "pressure difference", "pressure 1"),
     ),
     Equation(
         "flow, chamber 1", "m^3/s", 2, lambda x, v: _chamber_rate(x, v, 0), _LITRES,
@@ -275,8 +292,63 @@ EQUATIONS: Final = (
         ("L/min/MPa^0.5", 1e3 / LITRE_PER_MINUTE), ("position", "pressure difference"),
         ((3, lambda x, v: _leak_rate(x, v, 1)),),
     ),
+    Equation(
+        "valve edges", "m", 2, lambda x, v: _edges_rate(x, v, 0), ("um", 1e6), ("spool opening",),
+        ((3, lambda x, v: _edges_rate(x, v, 1)),),
+    ),
     Equation("spool", "m", 1, _spool_rate, ("um", 1e6), ("command", "spool opening")),
 )  # fmt: skip
+
+
+VARYING: Final = (
+    Varying(
+        "friction level", ("coulomb", "stiction"), "N", 10.0,
+        ("velocity", "position", "pressure 1", "pressure 2"), ("N", 1.0),
+    ),
+    Varying("viscous friction", ("viscous",), "N s/m", 10.0, ("position",), ("N s/m", 1.0)),
+    Varying("null of the spool", ("spool_null_bias",), "m", 3e-7, (), ("um", 1e6)),
+    Varying("spool per volt", ("valve_gain",), "m/V", 3e-7, ("command",), ("um/V", 1e6)),
+    Varying(
+        "discharge coefficient", ("discharge_coefficient",), "", 0.003, ("spool opening",),
+        ("", 1.0),
+    ),
+    Varying(
+        "bulk modulus", ("bulk_modulus",), "Pa", 1e7, ("pressure 1", "pressure 2"),
+        ("MPa", 1e-6),
+    ),
+    Varying(
+        "supply pressure", ("supply_pressure",), "Pa", 5e4, ("velocity", "spool opening"), _MPA
+    ),
+    Varying(
+        "return pressure", ("return_pressure",), "Pa", 5e4, ("velocity", "spool opening"), _MPA
+    ),
+    Varying("payload", ("payload_mass",), "kg", 0.5, (), ("kg", 1.0)),
+    Varying("gain of pressure 1", ("pressure_1_gain",), "", 2e-3, (), ("", 1.0)),
+    Varying("gain of pressure 2", ("pressure_2_gain",), "", 2e-3, (), ("", 1.0)),
+    Varying("gain of the position", ("position_gain",), "", 1e-3, (), ("", 1.0)),
+)  # fmt: skip
+
+
+@njit(MEASURE, cache=True, error_model="numpy")
+def _measures(state, inputs, parameters, measured):
+    """Write the quantities of `REGIONS`, then the rates of `EQUATIONS`, two for each."""
+    par = parameters_of(parameters)
+    p1, p2, position, velocity = state[2], state[3], state[4], state[5]
+    measured[0], measured[1], measured[2] = velocity, position, state[0]
+    measured[3], measured[4], measured[5] = p1, p2, p1 - p2
+    measured[6] = 0.0 if abs(velocity) < _MOVING else (1.0 if velocity > 0.0 else -1.0)
+    measured[7] = inputs[0]
+    volume_1, volume_2 = chamber_volumes(position, par)
+    rate_1, rate_2 = par.bulk_modulus * TICK / volume_1, par.bulk_modulus * TICK / volume_2
+    leak, conductance = signed_root(p1 - p2), valve_conductance(par)
+    supply, back = state[7], state[8]
+    measured[8], measured[9] = -TICK / total_mass(par), 0.0
+    measured[10], measured[11] = rate_1, 0.0
+    measured[12], measured[13] = rate_2, 0.0
+    measured[14], measured[15] = -leak * rate_1, leak * rate_2
+    measured[16] = conductance * (signed_root(supply - p1) - signed_root(p1 - back)) * rate_1
+    measured[17] = conductance * (signed_root(supply - p2) - signed_root(p2 - back)) * rate_2
+    measured[18], measured[19] = par.valve_natural_frequency**2 * TICK, 0.0
 
 
 def _states(par: Parameters) -> tuple[State, ...]:
@@ -325,8 +397,9 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
             if name in known
             else Parameter(name, "", -np.inf, np.inf, 0.0)
             for name in Parameters._fields
-        ),
-        nominal=model.parameters._asdict(),
+        )
+        + SLOT_PARAMETERS,
+        nominal=model.parameters._asdict() | EMPTY_SLOTS,
         step=_step,
         read=_read,
         start=_start,
@@ -345,4 +418,7 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         hold_terms=hold_terms,
         held_terms=held_terms,
         in_lanes=IN_LANES,
+        measures=_measures,
+        varying=VARYING,
+        slots=True,
     )  # fmt: skip

@@ -1,0 +1,394 @@
+"""Additions are disturbances that a model holds beside its equations, in any plant.
+
+An addition changes an equation, a reading or a parameter by a function of one quantity: a table of
+knots, or a form in symbols. The functions that run a plant (`estimator.gap.prediction`) apply them
+sample by sample, so that no plant has to know of them. A plant only says how large its quantities
+are and how much a unit of disturbance changes its states (`Plant.measures`).
+
+The values of the additions follow the plant's own parameters in the array that compiled functions
+take: `SLOTS` slots with the parts of `PARTS`. An empty slot is all 0.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import atan2, exp, hypot, pi, sin
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import float64, int64, types, void
+from numpy.typing import NDArray
+
+from rig.jit import njit
+from rig.plant import inlined
+
+from .interface import Array, Equation, Parameter, Region, Varying
+
+SLOTS: Final = 4
+"""Greatest number of additions that a model holds."""
+KNOTS: Final = 9
+"""Greatest number of knots of a table."""
+NOWHERE, IN_EQUATION, IN_READING, IN_PARAMETER = range(4)
+CONSTANT_OF: Final = -1.0
+TIME_OF: Final = -2.0
+"""What an addition depends on is the index of a quantity, or one of these: nothing, or the time."""
+FORMS: Final = ("constant", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table")
+"""How an addition depends on its quantity x. A wave is sin(2 pi x / at + by), a bump
+exp(-((x - at) / by)^2), and a hinge max(0, x - at)."""
+TABLE: Final = FORMS.index("table")
+PARTS: Final = (
+    "enters", "place", "of", "times", "form",
+    *(f"x{k}" for k in range(KNOTS)), *(f"y{k}" for k in range(KNOTS)),
+)  # fmt: skip
+"""Names of the numbers in a slot: what it enters and the index of that, what it depends on and is
+multiplied by, its form, and its knots. A form in symbols has `at` in x0, `by` in x1 and its size in
+y0."""
+WIDTH: Final = len(PARTS)
+_X: Final = PARTS.index("x0")
+_Y: Final = PARTS.index("y0")
+
+def slot_field(slot: int, part: str) -> str:
+    """Return the name of one number of a slot, among the plant's parameters."""
+    return f"added_{slot + 1}_{part}"
+
+
+SLOT_PARAMETERS: Final = tuple(
+    Parameter(slot_field(slot, part), "", -np.inf, np.inf, 0.0) for slot in range(SLOTS) for part in PARTS
+)
+"""Parameters that a plant has beyond its own, so that models of it can hold additions."""
+EMPTY_SLOTS: Final = {parameter.name: 0.0 for parameter in SLOT_PARAMETERS}
+
+
+@dataclass(frozen=True)
+class Addition:
+    """One disturbance that a model holds beside its equations.
+
+    Attributes:
+        place: name of an equation, or "reading of" and a channel, or of one of `Plant.varying`.
+        of: name of the quantity that it depends on: a region, "time", or "" for none.
+        times: name of the region that it is multiplied by, such as "direction"; "" for none.
+        form: one of `FORMS`.
+        at: positions of a table's knots, ascending, SI; else (at, by) of a form that has them.
+        values: values at these knots, SI; else the size alone.
+    """
+
+    place: str
+    of: str
+    times: str
+    form: str
+    at: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def shape(self, x: Array) -> Array:
+        """Return the addition (n,) at values of its quantity (n,), without the factor `times`."""
+        if self.form == "table":
+            return np.interp(x, self.at, self.values)
+        at, by = (*self.at, 0.0, 0.0)[:2]
+        shapes = {
+            "constant": lambda: np.ones_like(x),
+            "x": lambda: x,
+            "|x|": lambda: np.abs(x),
+            "x^2": lambda: x * x,
+            "x |x|": lambda: x * np.abs(x),
+            "wave": lambda: np.sin(2.0 * pi * x / at + by),
+            "bump": lambda: np.exp(-(((x - at) / by) ** 2)),
+            "hinge": lambda: np.maximum(x - at, 0.0),
+        }
+        return np.asarray(self.values[0] * shapes[self.form]())
+
+
+def wave(place: str, of: str, pitch: float, sine: float, cosine: float) -> Addition:
+    """Return the addition sine sin(2 pi x / pitch) + cosine cos(2 pi x / pitch)."""
+    return Addition(
+        place, of, "", "wave", (pitch, atan2(cosine, sine)), (hypot(sine, cosine),)
+    )  # fmt: skip
+
+
+KICKS, SHOWS, VARIES = 1, 2, 4
+
+
+class Extension(NamedTuple):
+    """What compiled functions must know of a plant's additions.
+
+    Attributes:
+        kicked: int64 (equations, 2), states that each equation changes; -1 for none.
+        changed: int64 (varying, 2), parameters that each of `Plant.varying` changes; -1 for none.
+        own: number of the plant's own parameters; the slots follow them.
+        active: sum of `KICKS`, `SHOWS` and `VARIES`, as far as slots enter equations, readings and
+            parameters; 0 if no slot is used.
+        measured: number of quantities that `Plant.measures` writes, with the rates.
+        quantities: number of the quantities alone; the rates follow, two for each equation.
+        time_s: time of the first sample since the recording began, s.
+        period: sampling period, s.
+    """
+
+    kicked: NDArray[np.int64]
+    changed: NDArray[np.int64]
+    own: int
+    active: int
+    measured: int
+    quantities: int
+    time_s: float
+    period: float
+
+
+EXTENSION: Final = types.BaseTuple.from_types(
+    (int64[:, ::1], int64[:, ::1], int64, int64, int64, int64, float64, float64), Extension
+)
+
+
+def kicked_states(equations: Sequence[Equation]) -> NDArray[np.int64]:
+    """Return for each equation the two states that it changes, int64 (equations, 2); -1 for none.
+
+    There is one row of -1 if there are no equations.
+    """
+    rows = [(each.state, each.also[0][0] if each.also else -1) for each in equations]
+    return np.array(rows or [(-1, -1)], dtype=np.int64)
+
+
+class Layout:
+    """Translates additions of a plant to values of its slots, and back.
+
+    Args:
+        equations: equations of the plant, in the order of their rates in `Plant.measures`.
+        regions: regions of the plant by name, in the order of its quantities.
+        channels: names of the measured channels.
+        varying: parameters that may change with a quantity.
+        own: names of the plant's own parameters.
+
+    Attributes:
+        changed: int64 (varying, 2), indices of the parameters that each changes; -1 for none.
+    """
+
+    def __init__(
+        self,
+        equations: Sequence[Equation],
+        regions: Mapping[str, Region],
+        channels: Sequence[str],
+        varying: Sequence[Varying],
+        own: Sequence[str],
+    ) -> None:
+        self._regions = list(regions)
+        rows = [[own.index(name) for name in each.parameters] for each in varying]
+        self.changed = np.array([[*row, -1][:2] for row in rows] or [[-1, -1]], dtype=np.int64)
+        self._places = {
+            **{each.name: (IN_EQUATION, k) for k, each in enumerate(equations)},
+            **{f"reading of {name}": (IN_READING, k) for k, name in enumerate(channels)},
+            **{each.name: (IN_PARAMETER, k) for k, each in enumerate(varying)},
+        }
+
+    def why_not(self, addition: Addition) -> str:
+        """Return the reason, in words, why a slot cannot hold an addition; empty if it can."""
+        if addition.place not in self._places:
+            return f"a model holds no addition to the {addition.place}"
+        for name in (addition.of, addition.times):
+            if name not in ("", "time", *self._regions):
+                return f"the plant has no quantity {name}"
+        return ""
+
+    def values(self, additions: Sequence[Addition]) -> dict[str, float]:
+        """Return the values of all slots that hold these additions, by parameter name.
+
+        Raises:
+            ValueError: there are more additions than slots, or `why_not` refuses one.
+        """
+        if len(additions) > SLOTS:
+            raise ValueError(f"{len(additions)} additions; a model holds {SLOTS}")
+        found = dict(EMPTY_SLOTS)
+        for slot, each in enumerate(additions):
+            refused = self.why_not(each)
+            if refused:
+                raise ValueError(refused)
+            enters, place = self._places[each.place]
+            numbers = [
+                float(enters), float(place), self._of(each.of),
+                self._of(each.times), float(FORMS.index(each.form)),
+            ]  # fmt: skip
+            if each.form == "table":
+                at = [*each.at, *[each.at[-1]] * (KNOTS - len(each.at))]
+                values = [*each.values, *[each.values[-1]] * (KNOTS - len(each.values))]
+            else:
+                at = [*each.at, *[0.0] * (KNOTS - len(each.at))]
+                values = [*each.values, *[0.0] * (KNOTS - len(each.values))]
+            for part, number in zip(PARTS, [*numbers, *at, *values], strict=True):
+                found[slot_field(slot, part)] = number
+        return found
+
+    def additions(self, values: Mapping[str, float]) -> list[Addition]:
+        """Return the additions that the values of all parameters hold; the inverse of `values`."""
+        found = []
+        places = {code: name for name, code in self._places.items()}
+        for slot in range(SLOTS):
+            if values.get(slot_field(slot, "enters"), 0.0) == NOWHERE:
+                continue
+            enters, place, of, times, form = (values[slot_field(slot, p)] for p in PARTS[:_X])
+            at = [values[slot_field(slot, part)] for part in PARTS[_X:_Y]]
+            own = [values[slot_field(slot, part)] for part in PARTS[_Y:]]
+            name = FORMS[int(form)]
+            if name == "table":
+                count = 1 + int(np.count_nonzero(np.diff(at) > 0.0))
+                at, own = at[:count], own[:count]
+            else:
+                at = at[: {"wave": 2, "bump": 2, "hinge": 1}.get(name, 0)]
+                own = own[:1]
+            found.append(
+                Addition(
+                    places[int(enters), int(place)], self._name(of), self._name(times), name,
+                    tuple(at), tuple(own),
+                )
+            )  # fmt: skip
+        return found
+
+    def _of(self, name: str) -> float:
+        if name == "":
+            return CONSTANT_OF
+        return TIME_OF if name == "time" else float(self._regions.index(name))
+
+    def _name(self, number: float) -> str:
+        if number == CONSTANT_OF:
+            return ""
+        return "time" if number == TIME_OF else self._regions[int(number)]
+
+
+def activity(values: Mapping[str, float]) -> int:
+    """Return which kinds of places the used slots enter (`Extension.active`)."""
+    entered = {values.get(slot_field(slot, "enters"), 0.0) for slot in range(SLOTS)}
+    kinds = {IN_EQUATION: KICKS, IN_READING: SHOWS, IN_PARAMETER: VARIES}
+    return sum(kinds[int(each)] for each in entered if each != NOWHERE)
+
+
+def is_active(values: Mapping[str, float]) -> bool:
+    """Return whether any slot is used in the values of all parameters."""
+    return any(values.get(slot_field(slot, "enters"), 0.0) != NOWHERE for slot in range(SLOTS))
+
+
+# Compiled functions
+
+
+@inlined
+def _quantity(number, measured, time_s):
+    """Return the quantity with an index of a slot: 1 for none, or the time, or of `measured`."""
+    if number == CONSTANT_OF:
+        return 1.0
+    if number == TIME_OF:
+        return time_s
+    return measured[int(number)]
+
+
+@inlined
+def _table(numbers, first, x):
+    """Return the value at x of the table whose knots begin at `first`; it ends at its outer knots."""
+    if not x > numbers[first]:
+        return numbers[first + KNOTS]
+    for k in range(1, KNOTS):
+        above = numbers[first + k]
+        if x < above:
+            below = numbers[first + k - 1]
+            low, high = numbers[first + KNOTS + k - 1], numbers[first + KNOTS + k]
+            return low + (high - low) * (x - below) / (above - below)
+    return numbers[first + 2 * KNOTS - 1]
+
+
+@inlined
+def _shape(form, x, at, by):
+    """Return the value of a form in symbols, an index into `FORMS`, at x."""
+    if form == 0:
+        return 1.0
+    if form == 1:
+        return x
+    if form == 2:
+        return abs(x)
+    if form == 3:
+        return x * x
+    if form == 4:
+        return x * abs(x)
+    if form == 5:
+        return sin(2.0 * pi * x / at + by)
+    if form == 6:
+        return exp(-min(((x - at) / by) ** 2, 700.0))
+    return max(x - at, 0.0)
+
+
+@njit(
+    float64(float64[::1], int64, float64[::1], float64),
+    cache=True, error_model="numpy",
+)  # fmt: skip
+def added_value(parameters, first, measured, time_s):
+    """Return the disturbance of the slot whose numbers begin at `first`, SI.
+
+    Args:
+        parameters: float64 (parameters,), the plant's own and the slots.
+        first: index of the slot's first number.
+        measured: float64 (quantities and rates,), of `Plant.measures`.
+        time_s: time since the recording began, s.
+    """
+    x = _quantity(parameters[first + 2], measured, time_s)
+    form = int(parameters[first + 4])
+    knots = first + _X
+    if form == TABLE:
+        value = _table(parameters, knots, x)
+    else:
+        value = parameters[knots + KNOTS] * _shape(form, x, parameters[knots], parameters[knots + 1])
+    return value * _quantity(parameters[first + 3], measured, time_s)
+
+
+@njit(
+    void(EXTENSION, float64[::1], float64[::1], int64, float64[::1]),
+    cache=True, error_model="numpy",
+)  # fmt: skip
+def add_to_parameters(extension, parameters, measured, t, present):
+    """Write to `present` those parameters of a sample to which slots add something.
+
+    All others must be there already, as in `parameters`.
+    """
+    time_s = extension.time_s + t * extension.period
+    for slot in range(SLOTS):
+        first = extension.own + slot * WIDTH
+        if parameters[first] == IN_PARAMETER:
+            for k in range(2):
+                changed = extension.changed[int(parameters[first + 1]), k]
+                if changed >= 0:
+                    present[changed] = parameters[changed]
+    for slot in range(SLOTS):
+        first = extension.own + slot * WIDTH
+        if parameters[first] == IN_PARAMETER:
+            added = added_value(parameters, first, measured, time_s)
+            for k in range(2):
+                changed = extension.changed[int(parameters[first + 1]), k]
+                if changed >= 0:
+                    present[changed] += added
+
+
+@njit(
+    void(EXTENSION, float64[::1], float64[::1], int64, float64[::1]),
+    cache=True, error_model="numpy",
+)  # fmt: skip
+def add_to_readings(extension, parameters, measured, t, readings):
+    """Add what slots add to the readings (outputs,) of a sample, in place."""
+    time_s = extension.time_s + t * extension.period
+    for slot in range(SLOTS):
+        first = extension.own + slot * WIDTH
+        if parameters[first] == IN_READING:
+            added = added_value(parameters, first, measured, time_s)
+            readings[int(parameters[first + 1])] += added
+
+
+@njit(
+    void(EXTENSION, float64[::1], float64[::1], int64, float64[::1]),
+    cache=True, error_model="numpy",
+)  # fmt: skip
+def add_to_state(extension, parameters, measured, t, state):
+    """Kick the state (states,) after a step by the equations' disturbances in that sample, in place.
+
+    `measured` belongs to the state before the step.
+    """
+    time_s = extension.time_s + t * extension.period
+    for slot in range(SLOTS):
+        first = extension.own + slot * WIDTH
+        if parameters[first] == IN_EQUATION:
+            added = added_value(parameters, first, measured, time_s)
+            equation = int(parameters[first + 1])
+            for k in range(2):
+                kicked = extension.kicked[equation, k]
+                if kicked >= 0:
+                    rate = measured[extension.quantities + 2 * equation + k]
+                    state[kicked] += rate * added

@@ -1,0 +1,177 @@
+"""Shapes in which an unknown disturbance may depend on one quantity, as columns of a linear fit."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import DIRECTION, KNOTS, TIME_NAME, Addition, Array, Region, wave
+
+WAVES: Final = 64
+"""Number of wave periods that are tried along a length. They are evenly spaced in 1 / period, from
+half the range that the motion covers down to SHORTEST_WAVE."""
+SHORTEST_WAVE: Final = 5e-3
+"""Shortest period that is tried, m. The pitch of a rack, screw or motor is longer."""
+BUMPS: Final = 12
+_FINER: Final = 9
+"""Number of periods that are tried about the period of a wave."""
+_ROUGH: Final = (1e-4, 3e-2)
+"""Weights that are tried for the roughness of a table, as parts of its columns' mean square."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One way in which a disturbance may depend on a quantity.
+
+    Attributes:
+        of: name of the quantity; "" for none.
+        times: name of the quantity that the disturbance is multiplied by; "" for none.
+        form: one of `FORMS`.
+        at: knots of a table; period of a wave; middle and width of a bump; beginning of a hinge, SI.
+    """
+
+    of: str
+    times: str
+    form: str
+    at: tuple[float, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Return the number of coefficients."""
+        return len(self.at) if self.form == "table" else 2 if self.form == "wave" else 1
+
+    def columns(self, along: Mapping[str, Array]) -> Array:
+        """Return the columns (n, count), given quantities (n,) by name."""
+        x = along[self.of] if self.of else np.ones(len(next(iter(along.values()))))
+        if self.form == "table":
+            found = hats(x, np.array(self.at))
+        elif self.form == "wave":
+            phase = 2.0 * np.pi * x / self.at[0]
+            found = np.column_stack([np.sin(phase), np.cos(phase)])
+        else:
+            found = Addition("", self.of, "", self.form, self.at, (1.0,)).shape(x)[:, None]
+        return np.asarray(found * along[self.times][:, None] if self.times else found)
+
+    def roughness(self) -> tuple[Array, ...]:
+        """Return the penalties (count, count) to be tried, for columns whose mean square is one."""
+        if self.form != "table" or len(self.at) < 3:
+            return (np.zeros((self.count, self.count)),)
+        at = np.array(self.at)
+        steps = np.diff(at) / (at[-1] - at[0]) * (len(at) - 1)
+        bend = np.zeros((len(at) - 2, len(at)))
+        for k in range(len(at) - 2):
+            bend[k, k] = 1.0 / steps[k]
+            bend[k, k + 2] = 1.0 / steps[k + 1]
+            bend[k, k + 1] = -bend[k, k] - bend[k, k + 2]
+        return tuple(weight * bend.T @ bend for weight in _ROUGH)
+
+    def addition(self, place: str, coefficients: Array) -> Addition:
+        """Return the disturbance of a place with these coefficients (count,), SI."""
+        own = tuple(float(c) for c in coefficients)
+        if self.form == "wave":
+            return wave(place, self.of, self.at[0], *own)
+        return Addition(place, self.of, self.times, self.form, self.at, own)
+
+
+def hats(values: Array, knots: Array) -> Array:
+    """Return hat functions (n, knots) of values (n,), which add up to one for each value.
+
+    The knots must be ascending, and at least two. A value beyond the outermost knots counts as at
+    them.
+    """
+    inside = np.clip(values, knots[0], knots[-1])
+    above = np.clip(np.searchsorted(knots, inside, side="right"), 1, len(knots) - 1)
+    low, high = knots[above - 1], knots[above]
+    share = (inside - low) / (high - low)
+    found = np.zeros((len(values), len(knots)))
+    rows = np.arange(len(values))
+    found[rows, above - 1] = 1.0 - share
+    found[rows, above] = share
+    return found
+
+
+def knots_of(values: Array) -> tuple[float, ...]:
+    """Return the knots of a table along a quantity (n,), at most nine; () if it hardly changes.
+
+    They are half way between those that are evenly spread from its 1 % to its 99 % quantile and
+    those that have equally many samples between them: closer where the motion was often. A quantity
+    that is always at one of these ends or 0, such as the direction, has only the two ends.
+    """
+    low, high = (float(end) for end in np.quantile(values, (0.01, 0.99)))
+    if not high > low:
+        return ()
+    if np.all((values == low) | (values == high) | (values == 0.0)):
+        return (low, high)
+    even = np.linspace(low, high, KNOTS)
+    often = np.quantile(values, np.linspace(0.01, 0.99, KNOTS))
+    return tuple(float(x) for x in 0.5 * (even + often))
+
+
+def tables(quantities: Mapping[str, Array], of: Sequence[str], turned: bool) -> list[Shape]:
+    """Return tables along quantities (n,) by name; with `turned` also times the direction."""
+    found = []
+    for name in of:
+        knots = knots_of(quantities[name])
+        if not knots:
+            continue
+        found.append(Shape(name, "", "table", knots))
+        if turned and name not in (DIRECTION, "velocity") and DIRECTION in quantities:
+            found.append(Shape(name, DIRECTION, "table", knots))
+    return found
+
+
+def fine_shapes(name: str, values: Array, turned: bool) -> list[Shape]:
+    """Return waves and bumps along a quantity (n,) along which a disturbance may repeat."""
+    low, high = (float(end) for end in np.quantile(values, (0.01, 0.99)))
+    span = high - low
+    if not span > 0.0:
+        return []
+    inverses = np.linspace(2.0 / span, 1.0 / SHORTEST_WAVE, WAVES)
+    found = [Shape(name, "", "wave", (float(1.0 / inverse),)) for inverse in inverses]
+    step = span / (BUMPS - 1)
+    for middle in np.linspace(low, high, BUMPS):
+        for width in (0.4 * step, step, 2.5 * step):
+            found += [
+                Shape(name, times, "bump", (float(middle), float(width)))
+                for times in (("", DIRECTION) if turned else ("",))
+            ]
+    return found
+
+
+def finer(shape: Shape, span: float) -> list[Shape]:
+    """Return a wave or a bump with some other periods, middles and widths about its own."""
+    if shape.form == "wave":
+        inverses = 1.0 / shape.at[0] + np.linspace(-1.0, 1.0, _FINER) / span
+        return [
+            Shape(shape.of, shape.times, "wave", (float(1.0 / inverse),))
+            for inverse in inverses
+            if inverse > 0.0
+        ]
+    if shape.form == "bump":
+        middle, width = shape.at
+        return [
+            Shape(shape.of, shape.times, "bump", (middle + shift * width, factor * width))
+            for shift in (-0.6, -0.3, 0.0, 0.3, 0.6)
+            for factor in (0.6, 0.8, 1.0, 1.25, 1.6)
+        ]
+    return [shape]
+
+
+def symbols(table: Shape, values: Array) -> list[Shape]:
+    """Return forms in symbols that may stand in the place of a table along a quantity (n,)."""
+    if table.of == DIRECTION:
+        return [Shape(table.of, table.times, "x"), Shape("", table.times, "constant")]
+    low, high = (float(end) for end in np.quantile(values, (0.01, 0.99)))
+    forms = ["x", "x^2"] if low >= 0.0 else ["x", "|x|", "x^2", "x |x|"]
+    found = [Shape(table.of, table.times, form) for form in forms]
+    found.append(Shape("", table.times, "constant"))
+    if table.of != TIME_NAME:
+        inner = np.linspace(low, high, 13)[1:-1]
+        found += [Shape(table.of, table.times, "hinge", (float(at),)) for at in inner]
+    return found
+
+
+def periodic(regions: Mapping[str, Region], names: Sequence[str]) -> list[str]:
+    """Return those of the names whose regions a disturbance may repeat along."""
+    return [name for name in names if name in regions and regions[name].periodic]
