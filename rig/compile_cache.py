@@ -22,6 +22,7 @@ DRIVERS: Final = "hydraulic_rig.drivers"
 
 _COMPILED: Final = (
     "rig/channels.py",
+    "rig/jit.py",
     "rig/lanes",
     "rig/plant",
     "rig/io",

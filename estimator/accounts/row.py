@@ -14,8 +14,6 @@ from estimator.filters import settled_return, settled_supply
 from rig.jit import njit
 from rig.plant import (
     FAULTS,
-    FLOW_1,
-    FLOW_2,
     NO_FAULT,
     added,
     aeration_compliance,
@@ -320,7 +318,7 @@ def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
 
 @njit(cache=True, error_model="numpy")
 def add_terms(spool, position, moved, p1, p2, par, row):
-    """Add the flows of the model's terms in symbols (`rig.plant.added_terms`) to `row`.
+    """Add the flows of the model's added terms (`rig.plant.added_terms`) to `row`.
 
     The command is taken to be the one that the spool has reached.
 
@@ -334,5 +332,6 @@ def add_terms(spool, position, moved, p1, p2, par, row):
         row: (WIDTH,) sums, updated; flows in m^3/s.
     """
     command = spool / par.valve_gain
-    row[MISSING] += added(FLOW_1, moved, position, spool, p1, p2, command, par)
-    row[MISSING + 1] += added(FLOW_2, moved, position, spool, p1, p2, command, par)
+    sums = added(moved, position, spool, p1, p2, command, par)
+    row[MISSING] += sums.flow_1
+    row[MISSING + 1] += sums.flow_2

@@ -15,11 +15,8 @@ from rig.jit import njit
 from rig.lanes import anywhere, select
 from rig.plant import (
     ATMOSPHERE,
-    FLOW_1,
-    FLOW_2,
     LEAKS,
     NOMINAL,
-    SPOOL,
     TICK,
     added,
     chamber_volumes,
@@ -192,9 +189,9 @@ def predict_product(x, command, supply, par, jacobian):
     inflow_1, inflow_2 = 0.0, 0.0
     terms = par.term_1_kind != 0.0
     if terms:
-        steady += added(SPOOL, velocity, position, spool, p1, p2, command, par)
-        inflow_1 = added(FLOW_1, velocity, position, spool, p1, p2, command, par)
-        inflow_2 = added(FLOW_2, velocity, position, spool, p1, p2, command, par)
+        sums = added(velocity, position, spool, p1, p2, command, par)
+        steady += sums.spool
+        inflow_1, inflow_2 = sums.flow_1, sums.flow_2
 
     for i in range(DYNAMIC):
         for j in range(STATE_COUNT):

@@ -17,7 +17,7 @@ from rig.configuration.campaigns import (
     read_campaign,
     read_schedule,
 )
-from rig.configuration.models import ModelFile, read_model
+from rig.configuration.models import ModelFile, read_model, term_lines
 from rig.configuration.reading import (
     FOLDERS,
     ConfigError,
@@ -178,7 +178,8 @@ def _kind_of(root: Located, problems: Problems) -> Kind | None:
 
 def _report_model(path: Path, model: Model) -> CheckReport:
     effects = [f"  effect {name}: {CATALOGUE[name].equation}" for name in model.effects]
-    return CheckReport("model", path, model.name, tuple(effects) or ("  no effects",))
+    summary = (*(effects or ["  no effects"]), *term_lines(model))
+    return CheckReport("model", path, model.name, summary)
 
 
 def _report_rig(path: Path, rig: Rig) -> CheckReport:

@@ -1,24 +1,31 @@
-"""Terms in symbols: a disturbance of at most three terms that a model may have beside its effects.
+"""Terms that are added to the plant's equations: at most three that a model has beside its effects.
 
 The gap workflow writes such terms where no effect of the catalogue explains a disagreement
-(docs/gap.md). A term such as 180 N sin(2 pi x / 42 mm + 0.4) is added to the force balance, to a
-chamber's flow or to the spool's reference. `Parameters` has four fields for each term: kind, size,
-`at` and `by`. The kind is a number of four digits: 1 + index in PLACES, index in QUANTITIES, index
-in FORMS, and 1 if the sign follows the direction of motion. A kind of 0 means no term.
+(docs/gap.md). A term is a form in symbols, such as 180 N sin(2 pi x / 42 mm + 0.4), or a table,
+which is linear between its knots. It is added to the force balance, to a chamber's flow, to the
+leak across the piston, to the valve's edges or to the spool's reference.
+
+`Parameters` has four fields for each term: kind, size, `at` and `by`. The kind is a number of four
+digits: 1 + index in PLACES, index in QUANTITIES, index in FORMS, and 1 if the sign follows the
+direction of motion. A kind of 0 means no term. The knots of at most two tables are fields besides;
+the first table belongs to the first term and the second to the second, so that tables come before
+all other terms. Knots that a table does not need repeat its last one.
 """
 
+from itertools import pairwise
 from math import exp, floor, pi, sqrt
 from typing import Final, NamedTuple
 
 from rig.lanes import select
 
 from .compiled import inlined, inner
-from .parameters import Parameters
+from .parameters import MOST_KNOTS, MOST_TABLES, Parameters, quantities
 
 MOST_TERMS: Final = 3
 
-PLACES: Final = {"force balance": "N", "flow, chamber 1": "m^3/s", "flow, chamber 2": "m^3/s",
-                 "spool": "m"}  # fmt: skip
+PLACES: Final = {
+    "force balance": "N", "flow, chamber 1": "m^3/s", "flow, chamber 2": "m^3/s", "spool": "m",
+}  # fmt: skip
 """Where a term is added, with its unit: a force against extension, a flow into a chamber, or a
 shift of the spool's reference."""
 QUANTITIES: Final = {
@@ -26,35 +33,45 @@ QUANTITIES: Final = {
     "pressure 2": "Pa", "pressure difference": "Pa", "command": "V",
 }  # fmt: skip
 """Quantities that a term may depend on, with their units; the first one, "", stands for none."""
-FORMS: Final = ("1", "x", "|x|", "x^2", "x |x|", "wave", "bump")
-"""How a term depends on its quantity x. A wave is sin(2 pi x / at + by), and a bump is
-exp(-((x - at) / by)^2)."""
+_NOT_HELD: Final = {
+    "command": "V", "reading of position_m": "m", "reading of pressure_1_Pa": "Pa",
+    "reading of pressure_2_Pa": "Pa", "reading of spool_m": "m",
+    **{f"parameter {name}": quantity.unit for name, quantity in quantities().items()},
+}  # fmt: skip
+"""Other places, with their units, where a model file may add a term. The plant cannot hold it."""
+TIME: Final = "time"
+"""A quantity that a term of a model file may depend on, but not one that the plant holds."""
+FORMS: Final = ("1", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table")
+"""How a term depends on its quantity x. A wave is sin(2 pi x / at + by), a bump is
+exp(-((x - at) / by)^2), and a hinge is max(0, x - at). A table is linear between its knots, and
+constant beyond the first and the last."""
 WAVE: Final = FORMS.index("wave")
 BUMP: Final = FORMS.index("bump")
-POWERS: Final = (0, 1, 1, 2, 2, 0, 0)
+HINGE: Final = FORMS.index("hinge")
+TABLE: Final = FORMS.index("table")
+POWERS: Final = (0, 1, 1, 2, 2, 0, 0, 1, 0)
 """Power of the quantity in each of `FORMS`, from which the unit of a term's size follows."""
 
-FORCE: Final = 1.0
-FLOW_1: Final = 2.0
-FLOW_2: Final = 3.0
-SPOOL: Final = 4.0
 _TURNING: Final = 5e-3
 """Velocity in m/s over which a flow or a spool shift changes its sign with the direction of motion.
-A force that does so is friction and is added to the bristles' level (`added_friction`)."""
+A force that does so is friction and is added to the bristles' level (`Added.friction`)."""
 
 
 class AddedTerm(NamedTuple):
-    """One term in symbols: where it is added, the quantity it depends on, its form and its size.
+    """One term: where it is added, the quantity it depends on, its form and its size.
 
     Attributes:
-        place: a key of `PLACES`.
-        of: a key of `QUANTITIES`.
+        place: a key of `PLACES`, or of `place_units` where the plant does not hold the term.
+        of: a key of `QUANTITIES`, or "time" where the plant does not hold the term.
         form: one of `FORMS`.
         turned: whether the term is multiplied by the sign of the velocity.
-        size: factor on the form, SI, in `size_unit`.
-        at: period of a wave or middle of a bump, in the unit of the quantity; else without effect.
+        size: factor on the form, SI, in `size_unit`; of a table, a plain number, usually 1.
+        at: period of a wave, middle of a bump or position of a hinge, in the unit of the quantity;
+            else without effect.
         by: phase of a wave in rad, or width of a bump in the unit of the quantity; else without
             effect.
+        knots: of a table, 2 to `MOST_KNOTS` pairs of the quantity, strictly ascending, and the
+            term's value there, both SI; else empty.
     """
 
     place: str
@@ -64,36 +81,61 @@ class AddedTerm(NamedTuple):
     size: float
     at: float = 0.0
     by: float = 0.0
+    knots: tuple[tuple[float, float], ...] = ()
 
     @property
     def size_unit(self) -> str:
-        """Return the SI unit of the term's size."""
+        """Return the SI unit of the term's size, or of a table's values."""
         return size_unit(self.place, self.of, self.form)
 
 
+def place_units() -> dict[str, str]:
+    """Return the SI unit of each place that a term of a model may name, held by the plant or not.
+
+    The places are those of `PLACES`, the command, the readings and the parameters of the plant.
+    """
+    return PLACES | _NOT_HELD
+
+
+def quantity_unit(of: str) -> str:
+    """Return the SI unit of a quantity that a term of a model may depend on; "" for none."""
+    return "s" if of == TIME else QUANTITIES[of]
+
+
+def is_held(term: AddedTerm) -> bool:
+    """Return whether the plant can hold a term; it then counts in simulations and filters."""
+    return term.place in PLACES and term.of in QUANTITIES
+
+
 def size_unit(place: str, of: str, form: str) -> str:
-    """Return the SI unit of a term's size, for example "N/(m/s)^2"."""
-    power = POWERS[FORMS.index(form)]
+    """Return the SI unit of a term's size, for example "N/(m/s)^2", or of a table's values."""
+    power, unit = POWERS[FORMS.index(form)], place_units()[place]
     if power == 0:
-        return PLACES[place]
-    return f"{PLACES[place]}/({QUANTITIES[of]})" + ("^2" if power == 2 else "")
+        return unit
+    return f"{unit or '1'}/({quantity_unit(of)})" + ("^2" if power == 2 else "")
 
 
 def fields_of(terms: "tuple[AddedTerm, ...]") -> dict[str, float]:
     """Return the values of all fields of `Parameters` that hold terms, by field name.
 
-    Fields of terms that are not used are 0. This is the inverse of `terms_of`.
+    Tables become the first terms. Fields that are not used are 0. This is the inverse of
+    `terms_of`.
 
     Raises:
-        ValueError: a term's place, quantity or form is not known, or there are too many terms.
+        ValueError: a term's place, quantity or form is not known, a table's knots are not as
+            `AddedTerm` says, or there are too many terms or tables.
     """
+    tables = [term for term in terms if term.form == "table"]
     if len(terms) > MOST_TERMS:
         raise ValueError(f"{len(terms)} terms; a model holds {MOST_TERMS}")
+    if len(tables) > MOST_TABLES:
+        raise ValueError(f"{len(tables)} tables; of its terms a model holds {MOST_TABLES} tables")
+    ordered = [*tables, *(term for term in terms if term.form != "table")]
     found: dict[str, float] = {}
     for number in range(1, MOST_TERMS + 1):
         kind = size = at = by = 0.0
-        if number <= len(terms):
-            term = terms[number - 1]
+        if number <= len(ordered):
+            term = ordered[number - 1]
             digits = (
                 1 + tuple(PLACES).index(term.place), tuple(QUANTITIES).index(term.of),
                 FORMS.index(term.form), int(term.turned),
@@ -104,11 +146,29 @@ def fields_of(terms: "tuple[AddedTerm, ...]") -> dict[str, float]:
             f"term_{number}_kind": kind, f"term_{number}_size": size,
             f"term_{number}_at": at, f"term_{number}_by": by,
         }  # fmt: skip
+    for number in range(1, MOST_TABLES + 1):
+        found |= _table_fields(number, tables[number - 1].knots if number <= len(tables) else None)
     return found
 
 
+def _table_fields(number: int, knots: tuple[tuple[float, float], ...] | None) -> dict[str, float]:
+    """Return the fields of the table with this number; they are 0 without knots."""
+    if knots is None:
+        knots = ((0.0, 0.0),)
+    elif not 2 <= len(knots) <= MOST_KNOTS:
+        raise ValueError(f"{len(knots)} knots; a table has 2 to {MOST_KNOTS}")
+    elif any(not after[0] > before[0] for before, after in pairwise(knots)):
+        raise ValueError("the knots of a table are not in strictly ascending order")
+    whole = [*knots, *[knots[-1]] * (MOST_KNOTS - len(knots))]
+    return {
+        f"table_{number}_{part}_{k}": value
+        for k, knot in enumerate(whole, 1)
+        for part, value in zip(("at", "value"), knot, strict=True)
+    }
+
+
 def terms_of(par: Parameters) -> tuple[AddedTerm, ...]:
-    """Return the terms in symbols that a rig's parameters hold; () if there is none."""
+    """Return the terms that a rig's parameters hold, tables first; () if there is none."""
     found = []
     for number in range(1, MOST_TERMS + 1):
         kind, size, at, by = (
@@ -117,11 +177,41 @@ def terms_of(par: Parameters) -> tuple[AddedTerm, ...]:
         if kind == 0.0:
             continue
         place, of, form, turned = map(int, f"{int(kind):04d}")
+        knots = _knots_of(par, number) if form == TABLE else ()
         found.append(
             AddedTerm(tuple(PLACES)[place - 1], tuple(QUANTITIES)[of], FORMS[form], bool(turned),
-                      size, at, by)
+                      size, at, by, knots)
         )  # fmt: skip
     return tuple(found)
+
+
+def _knots_of(par: Parameters, number: int) -> tuple[tuple[float, float], ...]:
+    """Return the knots of the table with this number, without the repeated ones."""
+    at, values = (
+        [getattr(par, f"table_{number}_{part}_{k}") for k in range(1, MOST_KNOTS + 1)]
+        for part in ("at", "value")
+    )
+    return tuple(
+        (x, y) for k, (x, y) in enumerate(zip(at, values, strict=True)) if k == 0 or x > at[k - 1]
+    )
+
+
+class Added(NamedTuple):
+    """What all terms of a model add up to in one state of the rig, SI; compiled code makes it.
+
+    Attributes:
+        force: force against extension, N, without friction.
+        friction: force against the motion, N, which is added to the friction level.
+        flow_1: flow into chamber 1, m^3/s.
+        flow_2: flow into chamber 2, m^3/s.
+        spool: shift of the spool's reference, m.
+    """
+
+    force: float
+    friction: float
+    flow_1: float
+    flow_2: float
+    spool: float
 
 
 @inlined
@@ -147,13 +237,18 @@ def _sine(turns):
 
 
 @inlined
-def _shape(form, x, at, by):
-    """Return the value of a form, an index into `FORMS`, at the value x of its quantity."""
+def _shape(form, x, at, by, table):
+    """Return the value of a form, an index into `FORMS`, at the value x of its quantity.
+
+    `table` is the value there of the table that belongs to the term.
+    """
     size = abs(x)
     period = select(form == WAVE, at, 1.0)
     away = (x - at) / select(form == BUMP, by, 1.0)
     wave = _sine(x / period + by * (0.5 / pi))
     shape = select(form == WAVE, wave, exp(-min(away * away, 700.0)))
+    shape = select(form == TABLE, table, shape)
+    shape = select(form == HINGE, max(x - at, 0.0), shape)
     shape = select(form == 4.0, x * size, shape)
     shape = select(form == 3.0, x * x, shape)
     shape = select(form == 2.0, size, shape)
@@ -162,11 +257,8 @@ def _shape(form, x, at, by):
 
 
 @inlined
-def _term(kind, size, at, by, place, turned, v, x, spool, p1, p2, command):
-    """Return the value of one term if its place and its last digit are the given ones, else 0.
-
-    The sign of the velocity is not included; the caller multiplies with it if `turned` is 1.
-    """
+def _quantity(kind, v, x, spool, p1, p2, command):
+    """Return the value of the quantity that a term of this kind depends on; 0 for none."""
     of = _digit(kind, 100.0)
     quantity = select(of == 1.0, v, 0.0)
     quantity = select(of == 2.0, x, quantity)
@@ -174,32 +266,69 @@ def _term(kind, size, at, by, place, turned, v, x, spool, p1, p2, command):
     quantity = select(of == 4.0, p1, quantity)
     quantity = select(of == 5.0, p2, quantity)
     quantity = select(of == 6.0, p1 - p2, quantity)
-    quantity = select(of == 7.0, command, quantity)
-    value = size * _shape(_digit(kind, 10.0), quantity, at, by)
-    here = (_digit(kind, 1000.0) == place) & (_digit(kind, 1.0) == turned)
-    return select(here, value, 0.0)
+    return select(of == 7.0, command, quantity)
 
 
 @inlined
-def _terms(place, turned, v, x, spool, p1, p2, command, par):
+def _further(x, knot, piece, after):
+    """Return the ends (x, y, x, y) of the piece from a knot to the one after, if x is beyond it.
+
+    Else return `piece`.
+    """
+    beyond = x > knot[0]
     return (
-        _term(par.term_1_kind, par.term_1_size, par.term_1_at, par.term_1_by, place, turned,
-              v, x, spool, p1, p2, command)
-        + _term(par.term_2_kind, par.term_2_size, par.term_2_at, par.term_2_by, place, turned,
-                v, x, spool, p1, p2, command)
-        + _term(par.term_3_kind, par.term_3_size, par.term_3_at, par.term_3_by, place, turned,
-                v, x, spool, p1, p2, command)
-    )  # fmt: skip
+        select(beyond, knot[0], piece[0]),
+        select(beyond, knot[1], piece[1]),
+        select(beyond, after[0], piece[2]),
+        select(beyond, after[1], piece[3]),
+    )
 
 
 @inner
-def added(place, v, x, spool, p1, p2, command, par):
-    """Return the sum of all terms that are added at a place, in the unit of the place.
+def _table(x, x1, y1, x2, y2, x3, y3, x4, y4, x5, y5, x6, y6, x7, y7, x8, y8, x9, y9):
+    """Return the value at x of a table with the knots (x1, y1) to (x9, y9)."""
+    piece = _further(x, (x2, y2), (x1, y1, x2, y2), (x3, y3))
+    piece = _further(x, (x3, y3), piece, (x4, y4))
+    piece = _further(x, (x4, y4), piece, (x5, y5))
+    piece = _further(x, (x5, y5), piece, (x6, y6))
+    piece = _further(x, (x6, y6), piece, (x7, y7))
+    piece = _further(x, (x7, y7), piece, (x8, y8))
+    left, low, right, high = _further(x, (x8, y8), piece, (x9, y9))
+    # Where the last knot is repeated, the piece beyond it has no length.
+    share = (x - left) / select(right > left, right - left, 1.0)
+    return low + (high - low) * min(max(share, 0.0), 1.0)
 
-    Forces that change sign with the direction of motion are left out; see `added_friction`.
+
+@inner
+def _value(kind, size, at, by, x, table):
+    """Return the value of a term where its quantity is x, in the unit of its place.
+
+    The sign of the velocity is not included.
+    """
+    return size * _shape(_digit(kind, 10.0), x, at, by, table)
+
+
+@inlined
+def _entry(kind):
+    """Return 10 times the first digit of a term's kind plus the last: its place and its turning."""
+    return 10.0 * _digit(kind, 1000.0) + _digit(kind, 1.0)
+
+
+@inlined
+def _sum(entry, entries, values):
+    """Return the sum of the values of those three terms whose `_entry` is the given one."""
+    return (
+        select(entries[0] == entry, values[0], 0.0)
+        + select(entries[1] == entry, values[1], 0.0)
+        + select(entries[2] == entry, values[2], 0.0)
+    )
+
+
+@inner
+def added(v, x, spool, p1, p2, command, par):
+    """Return what all terms add up to, as `Added`.
 
     Args:
-        place: FORCE, FLOW_1, FLOW_2 or SPOOL.
         v: velocity of the ram, m/s.
         x: position of the ram, m.
         spool: displacement of the spool, m.
@@ -208,17 +337,35 @@ def added(place, v, x, spool, p1, p2, command, par):
         command: command that acts on the spool, V.
         par: `Parameters`, which hold the terms.
     """
-    total = _terms(place, 0.0, v, x, spool, p1, p2, command, par)
-    if place != FORCE:
-        turned = _terms(place, 1.0, v, x, spool, p1, p2, command, par)
-        total = total + turned * v / sqrt(v * v + _TURNING * _TURNING)
-    return total
-
-
-@inner
-def added_friction(v, x, spool, p1, p2, command, par):
-    """Return the sum in N of the force terms that change sign with the direction of motion.
-
-    It is added to the friction level. The arguments are as in `added`.
-    """
-    return _terms(FORCE, 1.0, v, x, spool, p1, p2, command, par)
+    kind_1, kind_2, kind_3 = par.term_1_kind, par.term_2_kind, par.term_3_kind
+    q1 = _quantity(kind_1, v, x, spool, p1, p2, command)
+    q2 = _quantity(kind_2, v, x, spool, p1, p2, command)
+    q3 = _quantity(kind_3, v, x, spool, p1, p2, command)
+    table_1 = _table(
+        q1, par.table_1_at_1, par.table_1_value_1, par.table_1_at_2, par.table_1_value_2,
+        par.table_1_at_3, par.table_1_value_3, par.table_1_at_4, par.table_1_value_4,
+        par.table_1_at_5, par.table_1_value_5, par.table_1_at_6, par.table_1_value_6,
+        par.table_1_at_7, par.table_1_value_7, par.table_1_at_8, par.table_1_value_8,
+        par.table_1_at_9, par.table_1_value_9,
+    )  # fmt: skip
+    table_2 = _table(
+        q2, par.table_2_at_1, par.table_2_value_1, par.table_2_at_2, par.table_2_value_2,
+        par.table_2_at_3, par.table_2_value_3, par.table_2_at_4, par.table_2_value_4,
+        par.table_2_at_5, par.table_2_value_5, par.table_2_at_6, par.table_2_value_6,
+        par.table_2_at_7, par.table_2_value_7, par.table_2_at_8, par.table_2_value_8,
+        par.table_2_at_9, par.table_2_value_9,
+    )  # fmt: skip
+    values = (
+        _value(kind_1, par.term_1_size, par.term_1_at, par.term_1_by, q1, table_1),
+        _value(kind_2, par.term_2_size, par.term_2_at, par.term_2_by, q2, table_2),
+        _value(kind_3, par.term_3_size, par.term_3_at, par.term_3_by, q3, 0.0 * q3),
+    )
+    entries = (_entry(kind_1), _entry(kind_2), _entry(kind_3))
+    speed = sqrt(v * v + _TURNING * _TURNING)
+    return Added(
+        _sum(10.0, entries, values),
+        _sum(11.0, entries, values),
+        _sum(20.0, entries, values) + _sum(21.0, entries, values) * v / speed,
+        _sum(30.0, entries, values) + _sum(31.0, entries, values) * v / speed,
+        _sum(40.0, entries, values) + _sum(41.0, entries, values) * v / speed,
+    )

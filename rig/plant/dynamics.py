@@ -13,7 +13,7 @@ import numpy as np
 from rig.jit import njit
 from rig.lanes import anywhere, select
 
-from .added_terms import FLOW_1, FLOW_2, FORCE, SPOOL, added, added_friction
+from .added_terms import added
 from .compiled import inlined, inner
 from .parameters import KARNOPP, Parameters
 
@@ -384,30 +384,29 @@ def spool_rates(spool, velocity, command, par):
 
 
 @inner
-def slip_level(velocity, direction, x, spool, p1, p2, command, par):
-    """Return the friction level in N: `slip_friction` plus the terms in symbols that add to it."""
-    level = slip_friction(abs(velocity), direction, par)
-    return max(level + added_friction(velocity, x, spool, p1, p2, command, par), LEVEL_FLOOR)
+def slip_level(velocity, x, spool, p1, p2, command, par):
+    """Return the friction level in N of bristles: `slip_friction` and the added friction."""
+    level = slip_friction(abs(velocity), velocity, par)
+    terms = added(velocity, x, spool, p1, p2, command, par)
+    return max(level + terms.friction, LEVEL_FLOOR)
 
 
 @inner
 def _with_terms(s, w, p1, p2, x, v, z, command, inflow_1, inflow_2, par):
-    """Return (dx_sp/dt, dw/dt, dp_1/dt, dp_2/dt, dv/dt, dz/dt) with the model's terms in symbols.
+    """Return (dx_sp/dt, dw/dt, dp_1/dt, dp_2/dt, dv/dt, dz/dt) with the model's added terms.
 
     The arguments are states as in `rates`, the command in V, and the net inflows in m^3/s without
     the terms.
     """
     oil_1, oil_2 = max(p1, 0.0), max(p2, 0.0)
+    terms = added(v, x, s, oil_1, oil_2, command, par)
     direction = z if par.friction_law == KARNOPP else v
-    level = slip_level(v, direction, x, s, oil_1, oil_2, command, par)
+    level = max(slip_friction(abs(v), direction, par) + terms.friction, LEVEL_FLOOR)
     dz, drag = friction_at(level, v, z, par)
-    inflow_1 = inflow_1 + added(FLOW_1, v, x, s, oil_1, oil_2, command, par)
-    inflow_2 = inflow_2 + added(FLOW_2, v, x, s, oil_1, oil_2, command, par)
-    dp1, dp2 = pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par)
+    dp1, dp2 = pressure_rates(p1, p2, x, v, inflow_1 + terms.flow_1, inflow_2 + terms.flow_2, par)
     force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
-    force -= added(FORCE, v, x, s, oil_1, oil_2, command, par)
-    shift = added(SPOOL, v, x, s, oil_1, oil_2, command, par)
-    ds, dw = spool_rates(s, w, command + shift / par.valve_gain, par)
+    force -= terms.force
+    ds, dw = spool_rates(s, w, command + terms.spool / par.valve_gain, par)
     return ds, dw, dp1, dp2, (force - drag) * (1.0 / total_mass(par)), dz
 
 

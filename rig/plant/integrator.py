@@ -107,7 +107,7 @@ def _bristle_weights(y, acceleration, h, command, par):
         if anywhere(fast):
             level = slip_friction(abs(velocity), velocity, par)
             if anywhere(par.term_1_kind != 0.0):
-                level = slip_level(velocity, velocity, y[4], y[0], y[2], y[3], command, par)
+                level = slip_level(velocity, y[4], y[0], y[2], y[3], command, par)
             relaxation = select(fast, stiff / level, 0.0)
     slow = relaxation * h < 1.0
     if everywhere(slow):

@@ -1,21 +1,32 @@
 """A model of one rig: its parameters, the effects that are switched on, and its provenance."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from .added_terms import AddedTerm
 from .effects import CATALOGUE
 from .parameters import Parameters
 
 
 @dataclass(frozen=True)
 class Model:
-    """Parameters of a rig (SI), the names of the effects switched on, and their provenance."""
+    """A model of one rig.
+
+    Attributes:
+        name: name of the model.
+        parameters: parameters of the rig, SI, with the terms that the plant holds.
+        effects: names of the effects switched on.
+        provenance: where the model comes from.
+        discovered: terms that the plant cannot hold (`rig.plant.is_held`); simulator and filters
+            ignore them.
+    """
 
     name: str = "nominal"
     parameters: Parameters = Parameters()
     effects: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    discovered: tuple[AddedTerm, ...] = ()
 
     def with_effect(self, name: str, **values: float) -> "Model":
         """Return a copy of this model with an effect of the catalogue switched on.
@@ -34,4 +45,4 @@ class Model:
         """
         parameters = CATALOGUE[name].applied(self.parameters, **values)
         effects = self.effects if name in self.effects else (*self.effects, name)
-        return Model(self.name, parameters, effects, self.provenance)
+        return replace(self, parameters=parameters, effects=effects)

@@ -12,6 +12,9 @@ LITRE_PER_MINUTE: Final = 1e-3 / 60.0
 
 BRISTLE: Final = 0.0
 KARNOPP: Final = 1.0
+MOST_TABLES: Final = 2
+MOST_KNOTS: Final = 9
+"""Greatest numbers of tables among the added terms, and of knots of a table."""
 FRICTION_LAWS: Final = {"bristle": BRISTLE, "karnopp": KARNOPP}
 
 
@@ -177,8 +180,8 @@ class Parameters(NamedTuple):
     position_backlash: Annotated[
         float, _q("m", 0.0, 5e-3, "b_x", "play between ram and encoder, its full width")
     ] = 0.0
-    # Terms in symbols (rig.plant.added_terms). These fields have no `Quantity`, as their units
-    # depend on the term.
+    # Added terms and the knots of their tables (rig.plant.added_terms). These fields have no
+    # `Quantity`, as their units depend on the term.
     term_1_kind: float = 0.0
     term_1_size: float = 0.0
     term_1_at: float = 0.0
@@ -191,6 +194,42 @@ class Parameters(NamedTuple):
     term_3_size: float = 0.0
     term_3_at: float = 0.0
     term_3_by: float = 0.0
+    table_1_at_1: float = 0.0
+    table_1_value_1: float = 0.0
+    table_1_at_2: float = 0.0
+    table_1_value_2: float = 0.0
+    table_1_at_3: float = 0.0
+    table_1_value_3: float = 0.0
+    table_1_at_4: float = 0.0
+    table_1_value_4: float = 0.0
+    table_1_at_5: float = 0.0
+    table_1_value_5: float = 0.0
+    table_1_at_6: float = 0.0
+    table_1_value_6: float = 0.0
+    table_1_at_7: float = 0.0
+    table_1_value_7: float = 0.0
+    table_1_at_8: float = 0.0
+    table_1_value_8: float = 0.0
+    table_1_at_9: float = 0.0
+    table_1_value_9: float = 0.0
+    table_2_at_1: float = 0.0
+    table_2_value_1: float = 0.0
+    table_2_at_2: float = 0.0
+    table_2_value_2: float = 0.0
+    table_2_at_3: float = 0.0
+    table_2_value_3: float = 0.0
+    table_2_at_4: float = 0.0
+    table_2_value_4: float = 0.0
+    table_2_at_5: float = 0.0
+    table_2_value_5: float = 0.0
+    table_2_at_6: float = 0.0
+    table_2_value_6: float = 0.0
+    table_2_at_7: float = 0.0
+    table_2_value_7: float = 0.0
+    table_2_at_8: float = 0.0
+    table_2_value_8: float = 0.0
+    table_2_at_9: float = 0.0
+    table_2_value_9: float = 0.0
 
 
 NOMINAL: Final = Parameters()

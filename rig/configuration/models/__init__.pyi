@@ -1,3 +1,4 @@
+from .discovered import term_lines as term_lines
 from .model import (
     BELONGS_TO_EFFECT as BELONGS_TO_EFFECT,
     PARAMETERS as PARAMETERS,

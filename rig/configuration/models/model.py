@@ -1,7 +1,7 @@
 """Model files: parameters with units, the effects switched on, and where the model comes from."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -32,7 +32,7 @@ from rig.plant import (
     quantities,
 )
 
-from .unknown_term import KEY, read_terms
+from .discovered import KEY, OLD_KEY, Terms, read_terms
 
 MAX_ANCESTORS: Final = 16
 
@@ -134,6 +134,7 @@ class ModelFile(Schema):
     parameters: Any = None
     friction_law: Literal["bristle", "karnopp"] | None = None
     effects: Any = None
+    discovered: Any = None
     unknown_term: Any = None
     provenance: Any = None
 
@@ -180,7 +181,7 @@ def model_from(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> 
             root.find(("provenance",)).place, "provenance", given, "is not a mapping", "give keys"
         )
         return None
-    return Model(file.name, model.parameters, model.effects, given)
+    return replace(model, name=file.name, provenance=given)
 
 
 def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Model | None:
@@ -196,7 +197,7 @@ def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Mod
 
 
 def override(base: Model, item: Located, sources: Sources) -> Model:
-    """Return `base` changed by the keys parameters, friction_law, effects, unknown_term of `item`.
+    """Return `base` changed by the keys parameters, friction_law, effects, discovered of `item`.
 
     Where a value is wrong, the base's value stays and a problem is recorded. An effect that the
     file sets to nothing or "none" is switched off, and its parameters become those of `NOMINAL`.
@@ -210,17 +211,27 @@ def override(base: Model, item: Located, sources: Sources) -> Model:
     if effects is not None:
         changes.apply_effects(effects)
         changes.let_follow(effects)
-    terms = item.get(KEY)
+    terms = _terms(item, sources)
     if terms is not None:
-        changes.values |= read_terms(terms, sources)
-    model = Model(
-        base.name,
-        base.parameters._replace(**changes.values),
-        tuple(changes.effects),
-        base.provenance,
+        changes.values |= terms.fields
+    model = replace(
+        base,
+        parameters=base.parameters._replace(**changes.values),
+        effects=tuple(changes.effects),
+        discovered=base.discovered if terms is None else terms.others,
     )
     _check_together(model, item, set(changes.values), sources)
     return model
+
+
+def _terms(item: Located, sources: Sources) -> Terms | None:
+    """Return the terms that a file gives; None if it gives none that can be used."""
+    now, older = item.get(KEY), item.get(OLD_KEY)
+    if now is not None and older is not None:
+        limit, remedy = f"is the older name of {KEY}, which is given too", "keep one of them"
+        sources.problems.add(older.place, OLD_KEY, shown(older), limit, remedy)
+    section = now or older
+    return None if section is None else read_terms(section, sources)
 
 
 @dataclass

@@ -15,8 +15,8 @@ import yaml
 from rig.configuration.reading import ConfigError, Problem, QuantityError, display_path
 from rig.plant import CATALOGUE, FRICTION_LAWS, NOMINAL, Model, quantities
 
+from .discovered import written_terms
 from .model import PARAMETERS, SHIFTABLE, physical
-from .unknown_term import written_terms
 
 _QUANTITIES: Final = quantities()
 _COMMENT_COLUMN: Final = 48

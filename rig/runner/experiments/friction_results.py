@@ -78,8 +78,11 @@ def revised_model(experiment: FrictionExperiment, directory: Path, started: str)
     fit, assumed = experiment.fit, experiment.assumed
     if fit is None:
         return None
-    revised = Model(
-        f"{experiment.rig}-friction", fit.parameters(assumed.parameters), assumed.effects
+    revised = replace(
+        assumed,
+        name=f"{experiment.rig}-friction",
+        parameters=fit.parameters(assumed.parameters),
+        provenance={},
     ).with_effect("friction_asymmetry", value=fit.values[PARAMETERS.index("friction_asymmetry")])
     provenance = {
         "made_by": "rig identify friction --rig",

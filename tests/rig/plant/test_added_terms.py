@@ -1,10 +1,10 @@
-"""Terms in symbols: absent to the last bit, and what their formulas say where they are on."""
+"""Added terms: absent to the last bit, and what their formulas say where they are on."""
 
 from math import exp, pi, sin
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rig.plant import KARNOPP, NOMINAL, Model, Parameters
 from rig.plant.added_terms import FORMS, PLACES, QUANTITIES, AddedTerm, fields_of, terms_of
@@ -33,6 +33,61 @@ def test_parameters_hold_terms_and_give_them_back() -> None:
     assert [term.size_unit for term in terms] == ["N", "m/(V)^2", "N"]
     with pytest.raises(ValueError, match="holds 3"):
         fields_of((*terms, terms[0]))
+
+
+def table(of: str, at: ArrayLike, values: ArrayLike, place: str = "force balance") -> AddedTerm:
+    """Return a table as a term."""
+    knots = tuple(zip(np.array(at, float).tolist(), np.array(values, float).tolist(), strict=True))
+    return AddedTerm(place, of, "table", False, 1.0, knots=knots)
+
+
+def test_tables_come_first_and_keep_their_knots() -> None:
+    constant = AddedTerm("force balance", "", "1", True, 30.0)
+    short, whole = (
+        table("position", np.linspace(0.0, 0.4, n) ** 2, np.arange(n) - 3.0) for n in (2, 9)
+    )
+    assert terms_of(model(constant, short, whole).parameters) == (short, whole, constant)
+
+
+@pytest.mark.parametrize(
+    ("terms", "problem"),
+    [
+        ([table("position", np.arange(3), np.ones(3))] * 3, "3 tables; .* holds 2 tables"),
+        ([table("position", np.arange(10), np.ones(10))], "10 knots; a table has 2 to 9"),
+        ([table("position", np.array([0.0, 0.0]), np.ones(2))], "not in strictly ascending"),
+    ],
+)
+def test_tables_that_cannot_be_held_are_refused(terms: list[AddedTerm], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        fields_of(tuple(terms))
+
+
+AT = np.array([-0.6, -0.2, -0.05, 0.0, 0.1, 0.7])
+"""Velocities in m/s between which a table that is linear lies on its line."""
+SYMBOLS = {
+    "x": lambda v: 400.0 * v,
+    "|x|": lambda v: 400.0 * np.abs(v),
+    "hinge": lambda v: 400.0 * np.maximum(v - 0.1, 0.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", SYMBOLS)
+def test_a_table_equals_the_form_in_symbols_that_it_samples(form: str) -> None:
+    at = 0.1 if form == "hinge" else 0.0
+    symbols = run(model(AddedTerm("force balance", "velocity", form, False, 400.0, at)))
+    sampled = run(model(table("velocity", AT, SYMBOLS[form](AT))))
+    plain = run(model())
+    for state in ("velocity", "pressure_1", "pressure_2"):
+        shift = np.abs(symbols[state] - plain[state]).max()
+        assert np.abs(sampled[state] - symbols[state]).max() < 1e-6 * shift
+
+
+def test_two_tables_add_up() -> None:
+    halves = [table("position", np.array([0.0, 0.6]), np.array([0.0, 90.0]))] * 2
+    whole = table("position", np.array([0.0, 0.6]), np.array([0.0, 180.0]))
+    both, one = run(model(*halves)), run(model(whole))
+    for state in ("velocity", "pressure_1"):
+        np.testing.assert_allclose(both[state], one[state], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("law", [0.0, KARNOPP], ids=["bristle", "karnopp"])
@@ -79,7 +134,11 @@ def forms(x: float, at: float, by: float) -> dict[str, float]:
     return {
         "1": 1.0, "x": x, "|x|": abs(x), "x^2": x * x, "x |x|": x * abs(x),
         "wave": sin(2.0 * pi * x / at + by), "bump": exp(-(((x - at) / by) ** 2)),
+        "hinge": max(0.0, x - at), "table": float(np.interp(x, *np.array(KNOTS).T)),
     }  # fmt: skip
+
+
+KNOTS = ((-1.5, 2.0), (-1.0, -1.0), (0.2, 0.5), (0.9, 3.0), (3.0, 4.0))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -88,7 +147,8 @@ def test_a_form_is_its_formula(form: str, command: float) -> None:
     # A shift of the spool's reference that hangs on the command shows where the spool comes to.
     at, by, size = 0.9, 0.6, 3e-6
     of = "" if form == "1" else "command"
-    tested = model(AddedTerm("spool", of, form, False, size, at, by))
+    knots = KNOTS if form == "table" else ()
+    tested = model(AddedTerm("spool", of, form, False, size, at, by, knots))
     # The spool has settled by a second and a half.
     reached = simulate(tested, np.full(1500, command), position=0.3)["spool"][-1]
     expected = NOMINAL.valve_gain * command + size * forms(command, at, by)[form]
@@ -107,4 +167,5 @@ def test_a_tight_place_holds_the_ram_without_pushing_it() -> None:
 
 def test_every_place_form_and_quantity_has_a_digit() -> None:
     assert max(len(PLACES), len(QUANTITIES), len(FORMS)) < 10
-    assert Parameters._fields[-12] == "term_1_kind"
+    assert Parameters._fields[-48] == "term_1_kind"
+    assert Parameters._fields[-1] == "table_2_value_9"

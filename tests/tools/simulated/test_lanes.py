@@ -30,7 +30,25 @@ TERMS: Final = (
         AddedTerm("force balance", "position", "bump", True, 300.0, 0.3, 0.05),
         AddedTerm("spool", "command", "x |x|", False, 1e-7),
     ),
-    (),
+    (
+        AddedTerm("spool", "command", "hinge", False, 1e-6, 0.5),
+        AddedTerm(
+            "force balance",
+            "velocity",
+            "table",
+            False,
+            1.0,
+            knots=((-0.3, -90.0), (0.0, 0.0), (0.05, 40.0), (0.4, 60.0)),
+        ),
+        AddedTerm(
+            "flow, chamber 1",
+            "pressure 1",
+            "table",
+            False,
+            1.0,
+            knots=tuple((1e6 * k, -1e-8 * k * k) for k in range(9)),
+        ),
+    ),
     (
         AddedTerm("flow, chamber 1", "pressure difference", "|x|", True, 1e-12),
         AddedTerm("flow, chamber 2", "velocity", "x^2", False, 1e-4),

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from rig.configuration import ConfigError
+from rig.configuration import ConfigError, check
 from rig.configuration.models.model import SHIFTABLE, load_model
 from rig.configuration.models.model_writing import dump_model
 from rig.plant.added_terms import (
@@ -21,7 +21,14 @@ from rig.plant.added_terms import (
 )
 from rig.plant.effects import CATALOGUE, PlantEffect
 from rig.plant.model import Model
-from rig.plant.parameters import FRICTION_LAWS, KARNOPP, NOMINAL, quantities
+from rig.plant.parameters import (
+    FRICTION_LAWS,
+    KARNOPP,
+    MOST_KNOTS,
+    MOST_TABLES,
+    NOMINAL,
+    quantities,
+)
 
 
 def write(folder: Path, text: str, name: str = "model.yaml") -> Path:
@@ -241,17 +248,32 @@ def test_a_model_replaces_its_old_file_whole(tmp_path: Path) -> None:
 
 
 @st.composite
-def terms(draw: st.DrawFn) -> tuple[AddedTerm, ...]:
+def terms(draw: st.DrawFn, others: bool = False) -> tuple[AddedTerm, ...]:
+    """Draw terms that a model holds, or others that it only keeps."""
     number = st.floats(-1e12, 1e12)
     found = []
     for _ in range(draw(st.integers(1, MOST_TERMS))):
-        form = draw(st.sampled_from(FORMS))
+        form = draw(st.sampled_from([form for form in FORMS if others or form != "table"]))
         of = "" if form == "1" else draw(st.sampled_from(tuple(QUANTITIES)[1:]))
-        at = draw(st.floats(1e-3, 10.0)) if form in ("wave", "bump") else 0.0
-        by = draw(st.floats(1e-3, 10.0)) if at else 0.0
+        at = draw(st.floats(1e-3, 10.0)) if form in ("wave", "bump", "hinge") else 0.0
+        by = draw(st.floats(1e-3, 10.0)) if form in ("wave", "bump") else 0.0
         place = draw(st.sampled_from(tuple(PLACES)))
-        found.append(AddedTerm(place, of, form, draw(st.booleans()), draw(number), at, by))
+        if others:
+            place = draw(
+                st.sampled_from(["command", "parameter viscous", "parameter pressure_1_gain"])
+            )
+            of = of and draw(st.sampled_from([of, "time"]))
+        table = form == "table"
+        size, knots = (1.0, draw(tables())) if table else (draw(number), ())
+        found.append(AddedTerm(place, of, form, draw(st.booleans()), size, at, by, knots))
     return tuple(found)
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> tuple[tuple[float, float], ...]:
+    number = st.floats(-1e12, 1e12)
+    at = sorted(draw(st.sets(number, min_size=2, max_size=MOST_KNOTS)))
+    return tuple((x, draw(number)) for x in at)
 
 
 @given(added=terms())
@@ -264,23 +286,93 @@ def test_terms_in_symbols_are_written_and_read_without_a_bit_lost(
     assert terms_of(load_model(path).parameters) == added
 
 
+@given(knots=st.lists(tables(), min_size=1, max_size=MOST_TABLES), others=terms(others=True))
+def test_tables_and_terms_that_the_plant_cannot_hold_are_written_and_read_without_a_bit_lost(
+    tmp_path_factory: pytest.TempPathFactory,
+    knots: list[tuple[tuple[float, float], ...]],
+    others: tuple[AddedTerm, ...],
+) -> None:
+    held = (
+        *(AddedTerm("spool", "velocity", "table", True, 1.0, knots=each) for each in knots),
+        AddedTerm("force balance", "pressure 1", "hinge", False, 2e-5, 5e6),
+    )
+    model = Model("with tables", NOMINAL._replace(**fields_of(held)), discovered=others)
+    path = tmp_path_factory.mktemp("models") / "tables.yaml"
+    dump_model(model, path)
+    assert load_model(path) == model
+
+
+def test_the_older_name_of_discovered_is_still_read(tmp_path: Path) -> None:
+    lines = "[{to: spool, of: command, form: x, size: 1e-6 m/(V)}]"
+    old, new = (
+        load_model(write(tmp_path, f"name: x\n{key}: {lines}\n", f"{key}.yaml"))
+        for key in ("unknown_term", "discovered")
+    )
+    assert old == new
+    assert old != Model("x")
+    both = write(tmp_path, f"name: x\nunknown_term: {lines}\ndiscovered: {lines}\n")
+    (problem,) = problems_of(both)
+    assert "unknown_term: [a mapping] is the older name of discovered" in problem
+
+
+def test_a_check_says_what_simulator_and_filters_ignore(tmp_path: Path) -> None:
+    table = "form: table, at: [0 s, 40 s], values: [0 N, 30 N]"
+    path = write(tmp_path, f"name: x\ndiscovered: [{{to: force balance, of: time, {table}}}]\n")
+    assert "added to force balance: table of time; simulator and filters ignore it" in str(
+        check(path)
+    )
+
+
+def test_all_that_is_wrong_with_tables_is_told_at_once(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        """\
+name: x
+discovered:
+  - {to: spool, of: velocity, form: table, at: [0 m/s, -1 m/s, 2 N], values: [0 m, 1 m]}
+  - {to: spool, of: velocity, form: table, values: 3 m, size: 1 m}
+  - {to: spool, of: velocity, form: table, at: [0 m/s, 0 m/s, 1 m/s], values: [0 m, 1 m]}
+""",
+    )
+    assert sorted(problem.partition(" ")[2] for problem in problems_of(path)) == [
+        "at[1]: 0 m/s is not above the one before it; write them in ascending order",
+        "at[2]: 2 N is not a velocity; write a velocity, such as 0.04 m/s",
+        "discovered[1]: lacks the key at; write `at: [-0.2 m/s, 0 m/s, 0.2 m/s]` and as many "
+        "values, `values: [-30 N, 0 N, 45 N]`",
+        "size: is not of form table; leave it out",
+        "values: 3 m is not a list of 2 to 9 quantities; write `at: [-0.2 m/s, 0 m/s, 0.2 m/s]` "
+        "and as many values, `values: [-30 N, 0 N, 45 N]`",
+        "values: has 2 entries, but `at` has 3; give one value for each position",
+    ]
+
+
+@pytest.mark.parametrize(("form", "most"), [("x, size: 1 m/(V)", 3), ("table", 2)])
+def test_more_terms_than_a_model_holds_are_refused(tmp_path: Path, form: str, most: int) -> None:
+    line = f"  - {{to: spool, of: command, form: {form}"
+    line += ", at: [0 V, 1 V], values: [0 m, 1e-6 m]}\n" if form == "table" else "}\n"
+    path = write(tmp_path, "name: x\ndiscovered:\n" + line * (most + 1))
+    (problem,) = problems_of(path)
+    assert f"model.yaml:{most + 3}:" in problem
+    assert f"a model holds at most {most}" in problem
+
+
 @pytest.mark.parametrize(
     ("lines", "problem"),
     [
-        ("{}", "unknown_term: a mapping is not a list of at most 3 terms"),
+        ("{}", "discovered: a mapping is not a list of at most 3 terms"),
         ("[{to: force, form: constant, size: 1 N}]", "to: force is not a choice here"),
         ("[{to: spool, form: constant, size: 1 N}]", "size: 1 N is not a length"),
         ("[{to: spool, form: x, size: 1}]", "of: is what form x is of"),
         ("[{to: spool, form: constant, of: command, size: 1 m}]", "of: command does not go"),
         ("[{to: spool, form: constant, size: 1 m, pitch: 1 m}]", "pitch: is not of form"),
         ("[{to: spool, form: wave, of: position, size: 1 m, phase: 1 rad}]",
-         "unknown_term[0]: lacks the key pitch"),
-        ("[{to: spool, form: constant}]", "unknown_term[0]: lacks the key size"),
+         "discovered[0]: lacks the key pitch"),
+        ("[{to: spool, form: constant}]", "discovered[0]: lacks the key size"),
         ("[{to: spool, form: constant, size: 1 m, sise: 2}]", "sise: is not a known key"),
     ],
 )  # fmt: skip
 def test_a_term_that_cannot_be_is_reported(tmp_path: Path, lines: str, problem: str) -> None:
-    path = write(tmp_path, f"name: x\nunknown_term: {lines}\n")
+    path = write(tmp_path, f"name: x\ndiscovered: {lines}\n")
     found = problems_of(path)
     assert len(found) == 1, found
     assert problem in found[0]

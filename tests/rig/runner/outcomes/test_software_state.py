@@ -1,9 +1,12 @@
+import hashlib
+import json
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from rig.plant import Model
+from rig.plant import NOMINAL, Model
+from rig.plant.added_terms import AddedTerm, fields_of
 from rig.runner.outcomes.software_state import git_state, model_sha256
 
 
@@ -67,3 +70,27 @@ def test_a_model_s_hash_follows_its_parameters_and_not_its_name() -> None:
     biased = Model().with_effect("spool_null_bias", value=0.0)
     assert model_sha256(Model()) == model_sha256(renamed)
     assert len({model_sha256(model) for model in (Model(), changed, biased)}) == 3
+
+
+def test_terms_and_tables_count_in_the_hash_of_a_model() -> None:
+    knots = ((0.0, 0.0), (0.1, 30.0))
+    tables = [
+        AddedTerm("force balance", "velocity", "table", False, 1.0, knots=(*knots, last))
+        for last in ((0.2, 40.0), (0.2, 50.0))
+    ]
+    held = [Model(parameters=NOMINAL._replace(**fields_of((table,)))) for table in tables]
+    others = [Model(discovered=(table._replace(of="time"),)) for table in tables]
+    assert len({model_sha256(model) for model in (Model(), *held, *others)}) == 5
+
+
+def test_the_hash_of_a_model_without_tables_is_that_from_before_there_were_tables() -> None:
+    content = {
+        "parameters": {
+            name: value
+            for name, value in NOMINAL._asdict().items()
+            if not name.startswith("table_")
+        },
+        "effects": [],
+    }
+    before = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    assert model_sha256(Model()) == before

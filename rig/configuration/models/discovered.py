@@ -1,0 +1,260 @@
+"""The key `discovered` of a model file gives terms that are added to the plant's equations.
+
+Such a term is a disturbance that a search found, or that a user gives, for example:
+
+discovered:
+  - {to: force balance, of: position, form: wave, size: 180 N, pitch: 42 mm, phase: 0.4 rad}
+  - {to: force balance, of: velocity, form: x |x|, size: 9.1e3 N/(m/s)^2}
+  - {to: force balance, of: position, form: bump, against_motion: true, size: 600 N,
+     middle: 0.3 m, width: 20 mm}
+  - {to: force balance, of: pressure 1, form: hinge, size: 2e-5 N/(Pa), at: 5 MPa}
+  - {to: force balance, of: velocity, form: table, at: [-0.2 m/s, 0 m/s, 0.2 m/s],
+     values: [-30 N, 0 N, 45 N]}
+
+Older files have the key `unknown_term` for it. An entry that the plant cannot hold, such as one
+that is added to a parameter or depends on the time, is kept with the model and written back.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any, Final, Literal, NamedTuple
+
+from rig.configuration.reading import (
+    Located,
+    Physical,
+    Problems,
+    Schema,
+    Sources,
+    quantity_in,
+    read_mapping,
+    shown,
+    suggestion,
+)
+from rig.plant import (
+    FORMS,
+    MOST_KNOTS,
+    MOST_TABLES,
+    MOST_TERMS,
+    PLACES,
+    QUANTITIES,
+    AddedTerm,
+    Model,
+    fields_of,
+    is_held,
+    place_units,
+    quantity_unit,
+    size_unit,
+    terms_of,
+)
+
+KEY: Final = "discovered"
+OLD_KEY: Final = "unknown_term"
+_CONSTANT: Final = "constant"
+_LEAST: Final = 1e-9
+"""Smallest allowed value of a pitch or a width, SI."""
+_FORMS: Final = {_CONSTANT if form == "1" else form: form for form in FORMS}
+_OF: Final = (*tuple(QUANTITIES)[1:], "time")
+_EXAMPLE: Final = "write `- {to: force balance, form: constant, size: 100 N}`"
+_TABLE_EXAMPLE: Final = (
+    "write `at: [-0.2 m/s, 0 m/s, 0.2 m/s]` and as many values, `values: [-30 N, 0 N, 45 N]`"
+)
+
+
+class _Term(Schema):
+    """Keys of a term."""
+
+    to: str
+    of: Literal[_OF] | None = None  # type: ignore[valid-type]
+    form: Literal[tuple(_FORMS)]  # type: ignore[valid-type]
+    against_motion: bool = False
+    size: Any = None
+    pitch: Any = None
+    phase: Any = None
+    middle: Any = None
+    width: Any = None
+    at: Any = None
+    values: Any = None
+
+
+_OF_FORMS: Final = ("size", "pitch", "phase", "middle", "width", "at", "values")
+
+
+class Terms(NamedTuple):
+    """The terms of a model file.
+
+    Attributes:
+        fields: field -> value of `Parameters` for the terms that the plant holds.
+        others: the terms that it cannot hold.
+    """
+
+    fields: dict[str, float]
+    others: tuple[AddedTerm, ...]
+
+
+def _numbers(form: str, of: str) -> dict[str, Physical]:
+    """Return the keys, with units and limits, that locate a form along its quantity; {} for others.
+
+    Their order is that of `at` and `by` of `AddedTerm`.
+    """
+    unit = quantity_unit(of)
+    if form == "wave":
+        return {"pitch": Physical(unit, _LEAST), "phase": Physical("rad")}
+    if form == "bump":
+        return {"middle": Physical(unit), "width": Physical(unit, _LEAST)}
+    if form == "hinge":
+        return {"at": Physical(unit)}
+    return {}
+
+
+def read_terms(section: Located, sources: Sources) -> Terms | None:
+    """Return the terms of a model file; record the problems.
+
+    A term with a mistake is left out; fields of unused terms are neutral. None if the section is
+    neither "none" nor a list of terms, or has more of them than the plant holds.
+    """
+    problems = sources.problems
+    if section.value == "none":
+        return Terms(fields_of(()), ())
+    if not isinstance(section.value, list):
+        limit = f"is not a list of at most {MOST_TERMS} terms"
+        problems.add(section.place, section.name, shown(section), limit, _EXAMPLE)
+        return None
+    read = [(entry, _term(entry, problems)) for entry in section.elements()]
+    found = [(entry, term) for entry, term in read if term is not None]
+    held = [(entry, term) for entry, term in found if is_held(term)]
+    tables = [(entry, term) for entry, term in held if term.form == "table"]
+    for kept, most, what in ((held, MOST_TERMS, "terms"), (tables, MOST_TABLES, "tables")):
+        for entry, _ in kept[most:]:
+            limit = f"is one of {len(kept)} {what}; a model holds at most {most} {what}"
+            problems.add(entry.place, entry.name, "", limit, f"keep the {most} that explain most")
+    if len(held) > MOST_TERMS or len(tables) > MOST_TABLES:
+        return None
+    others = tuple(term for _, term in found if not is_held(term))
+    return Terms(fields_of(tuple(term for _, term in held)), others)
+
+
+def _term(entry: Located, problems: Problems) -> AddedTerm | None:
+    """Return the term that an entry describes; None if it has a mistake."""
+    before = len(problems.found)
+    term = read_mapping(_Term, entry, problems)
+    if term is None:
+        return None
+    form, of = _FORMS[term.form], term.of or ""
+    units = place_units()
+    if term.to not in units:
+        remedy = suggestion(term.to, list(PLACES), "places")
+        problems.add(entry.find(("to",)).place, "to", term.to, "is not a choice here", remedy)
+    if (form == "1") != (of == ""):
+        limit = f"does not go with form {term.form}" if of else f"is what form {term.form} is of"
+        remedy = "leave it out" if of else f"name one of {', '.join(_OF)}"
+        problems.add(entry.find(("of",)).place, "of", of, limit, remedy)
+    if len(problems.found) > before:
+        return None
+    value = Physical(size_unit(term.to, of, form))
+    wanted = {} if form == "table" else {"size": value, **_numbers(form, of)}
+    known = {*wanted, *(("at", "values") if form == "table" else ())}
+    for key in _OF_FORMS:
+        if entry.get(key) is not None and key not in known:
+            place = entry.find((key,)).place
+            problems.add(place, key, "", f"is not of form {term.form}", "leave it out")
+    given = [_number(entry, key, kind, problems) for key, kind in wanted.items()]
+    numbers = [number for number in given if number is not None]
+    knots: tuple[tuple[float, float], ...] = ()
+    if form == "table":
+        numbers, knots = [1.0], _knots(entry, Physical(quantity_unit(of)), value, problems)
+    if len(problems.found) > before:
+        return None
+    size, at, by = [*numbers, 0.0, 0.0][:3]
+    return AddedTerm(term.to, of, form, term.against_motion, size, at, by, knots)
+
+
+def _given(entry: Located, key: str, problems: Problems, remedy: str = "") -> Located | None:
+    """Return the value of a key; if it is missing, record a problem and return None."""
+    item = entry.get(key)
+    if item is None:
+        remedy = remedy or f"add `{key}: ...`"
+        problems.add(entry.place, entry.name, "", f"lacks the key {key}", remedy)
+    return item
+
+
+def _number(entry: Located, key: str, kind: Physical, problems: Problems) -> float | None:
+    item = _given(entry, key, problems)
+    return None if item is None else quantity_in(item, lambda: kind.parse(item.plain()), problems)
+
+
+def _knots(
+    entry: Located, along: Physical, size: Physical, problems: Problems
+) -> tuple[tuple[float, float], ...]:
+    """Return the knots of a table, with all its problems recorded; () if it has any."""
+    before = len(problems.found)
+    at, values = (
+        _quantities(entry, key, kind, problems) for key, kind in (("at", along), ("values", size))
+    )
+    if len(problems.found) > before:
+        return ()
+    if len(at) != len(values):
+        limit = f"has {len(values)} entries, but `at` has {len(at)}"
+        place = entry.find(("values",)).place
+        problems.add(place, "values", "", limit, "give one value for each position")
+    for index, (left, right) in enumerate(pairwise(at), 1):
+        if not right > left:
+            item = entry.find(("at", index))
+            limit = "is not above the one before it"
+            problems.add(item.place, item.name, shown(item), limit, "write them in ascending order")
+    return tuple(zip(at, values, strict=False))
+
+
+def _quantities(entry: Located, key: str, kind: Physical, problems: Problems) -> list[float]:
+    """Return the quantities in a table's list; record its problems."""
+    item = _given(entry, key, problems, _TABLE_EXAMPLE)
+    if item is None:
+        return []
+    count = len(item.value) if isinstance(item.value, list) else 0
+    if not 2 <= count <= MOST_KNOTS:
+        limit = f"is not a list of 2 to {MOST_KNOTS} quantities"
+        problems.add(item.place, item.name, shown(item), limit, _TABLE_EXAMPLE)
+    parsed = [
+        quantity_in(each, lambda each=each: kind.parse(each.plain()), problems)  # type: ignore[misc]
+        for each in item.elements()
+    ]
+    return [value for value in parsed if value is not None]
+
+
+def written_terms(model: Model) -> Iterator[str]:
+    """Yield the lines of a model file that give its terms; none if the model has none."""
+    terms = (*terms_of(model.parameters), *model.discovered)
+    if not terms:
+        return
+    yield f"{KEY}:"
+    for term in terms:
+        yield f"  - to: {term.place}"
+        if term.of:
+            yield f"    of: {term.of}"
+        yield f"    form: {_CONSTANT if term.form == '1' else repr(term.form)}"
+        if term.turned:
+            yield "    against_motion: true"
+        along = quantity_unit(term.of)
+        if term.form == "table":
+            at = ", ".join(_text(x, along) for x, _ in term.knots)
+            yield f"    at: [{at}]"
+            values = ", ".join(_text(term.size * y, term.size_unit) for _, y in term.knots)
+            yield f"    values: [{values}]"
+            continue
+        yield f"    size: {_text(term.size, term.size_unit)}"
+        numbers = zip(_numbers(term.form, term.of).items(), (term.at, term.by), strict=False)
+        for (key, kind), value in numbers:
+            yield f"    {key}: {_text(value, kind.unit)}"
+
+
+def _text(value: float, unit: str) -> str:
+    return f"{float(value)!r} {unit}".rstrip()
+
+
+def term_lines(model: Model) -> Iterator[str]:
+    """Yield a line about each term of a model, for a person who checks its file."""
+    for term in (*terms_of(model.parameters), *model.discovered):
+        form = _CONSTANT if term.form == "1" else term.form
+        of = f" of {term.of}" if term.of else ""
+        times = " times the direction of motion" if term.turned else ""
+        ignored = "" if is_held(term) else "; simulator and filters ignore it"
+        yield f"  added to {term.place}: {form}{of}{times}{ignored}"
