@@ -71,7 +71,7 @@ def found_by(asked: Asked) -> int:
         if asked.outside is None:
             tested = load_model(asked.model)
         else:
-            own = load_plant(asked.outside, asked.model)
+            own = load_plant(asked.outside, asked.model, (*asked.recordings, *asked.holdout))
     if asked.outside is not None and own is None:
         # Only the plant says which channels a recording must have.
         return problems.report()
