@@ -165,13 +165,25 @@ class _Grid:
         made = np.full(count, np.nan)
         filled = np.flatnonzero(number)
         value, at = mean[filled], self.time_s[filled] + taken[filled]
-        rate = np.zeros(len(filled))
-        if len(filled) > 2:
-            apart = at[2:] - at[:-2]
-            near = apart <= _NEIGHBOURS * max(self.period, self.own)
-            rate[1:-1][near] = ((value[2:] - value[:-2]) / apart)[near]
+        rate = self._rates(at, value)
         made[filled] = value - taken[filled] * rate
         return made
+
+    def _rates(self, at: FloatArray, value: FloatArray) -> FloatArray:
+        """Return the rates of change of values (k,) at times (k,), from both neighbours if near.
+
+        Where one is further than `_NEIGHBOURS` periods, as at a gap, the other counts alone.
+        """
+        if len(at) < 2:
+            return np.zeros(len(at))
+        longest = _NEIGHBOURS * max(self.period, self.own)
+        apart = np.diff(at)
+        near = apart <= longest
+        risen = np.where(near, np.diff(value), 0.0)
+        passed = np.where(near, apart, 0.0)
+        risen = np.append(risen, 0.0) + np.append(0.0, risen)
+        passed = np.append(passed, 0.0) + np.append(0.0, passed)
+        return np.divide(risen, passed, out=np.zeros(len(at)), where=passed > 0.0)
 
     def _known(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return times and values of a command's rows, with rows put evenly into each gap."""

@@ -6,12 +6,11 @@ itself, with its equations and effects, is a Python module (`plant_loading`).
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import yaml
-from pydantic import create_model
 
 from estimator.gap import (
     Parameter,
@@ -31,13 +30,12 @@ from rig.configuration.reading import (
     read_mapping,
     shown,
     suggestion,
-    unit_factor,
 )
 from rig.recording import Column, Recording, RecordingError, read_measured, read_sampling
 
+from .columns import TIME, checked, column_in
 from .model_writing import plain_provenance
 
-TIME: Final = "time_s"
 ALIKE: Final = 0.1
 """Greatest difference of a recording's period from that of the others, as a part of it."""
 REVISED: Final = "revised"
@@ -204,14 +202,7 @@ class _Reading:
     def _checked(
         self, item: Located, fields: Mapping[str, Any], hints: dict[str, str] | None = None
     ) -> dict[str, Any]:
-        """Return the values of a mapping for the keys of `fields`; None where absent or wrong.
-
-        `fields` gives the type of each key's value, `hints` the remedy for misplaced keys.
-        """
-        definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
-        made = create_model("Section", __base__=Schema, **definitions)
-        file = read_mapping(made, item, self.problems, hints)
-        return {key: getattr(file, key, None) for key in fields}
+        return checked(item, fields, self.problems, hints)
 
     def _input_units(self) -> dict[str, str]:
         """Return the unit of each input by its channel; empty if the unit is not known."""
@@ -303,45 +294,20 @@ class _Reading:
         self._checked(section, dict.fromkeys((TIME, *inputs, *outputs), Any))
         columns: dict[str, Column] = {}
         for name, entry in section.items():
-            if isinstance(entry.value, str):
-                columns[name] = Column(entry.value)
-            elif name in outputs:
+            if name in outputs:
                 unit = outputs[name].unit
                 kinds = {
                     key: Annotated[Any, Physical(unit, lower)]
                     for key, lower in (("noise", 1e-300), ("resolution", 0.0), ("lower", -inf),
                                        ("upper", -inf))
                 }  # fmt: skip
-                found = self._column(columns, name, entry, unit, kinds)
+                columns[name], found = column_in(name, entry, unit, self.problems, kinds)
                 given = {key: found[key] for key in kinds if found.get(key) is not None}
                 outputs[name] = replace(outputs[name], **given)
             elif name == TIME or name in inputs:
                 unit = "s" if name == TIME else inputs[name]
-                self._column(columns, name, entry, unit, {})
+                columns[name], _ = column_in(name, entry, unit, self.problems, {})
         return columns, tuple(outputs.values())
-
-    def _column(
-        self, columns: dict[str, Column], name: str, entry: Located, unit: str,
-        kinds: dict[str, Any],
-    ) -> dict[str, Any]:  # fmt: skip
-        fields = {"column": str | None, "unit": str | None, "scale": float | None} | kinds
-        found = self._checked(entry, fields)
-        factor = 1.0
-        if found["unit"] is not None and found["scale"] is not None:
-            place = entry.find(("scale",)).place
-            self.problems.add(place, "scale", found["scale"], "is given beside unit", "keep one")
-        elif found["unit"] is not None:
-            item = entry.find(("unit",))
-            read = quantity_in(item, lambda: unit_factor(found["unit"], unit), self.problems)
-            factor = 1.0 if read is None else float(read)
-        elif found["scale"] is not None:
-            factor = found["scale"]
-            if not isfinite(factor) or factor == 0.0:
-                item = entry.find(("scale",))
-                limit = f"must be how many {unit or 'SI units'} one unit of the column is"
-                self.problems.add(item.place, "scale", shown(item), limit, "give a number")
-        columns[name] = Column(found["column"] or name, factor)
-        return found
 
     # Allowed errors
 
