@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,10 @@ from rig.recording import Recording
 from .detection import SILENT, Decision, Detector, OilAccountDetector, Samples
 from .found import Found, found_in
 from .pattern import PatternDetector
+
+_JUDGED: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
+_LONGEST_S: Final = 5.05e-3
+"""Longest period of the rows of a recording, s: the account bridges 5 ms."""
 
 DetectorFactory = Callable[[Model], Detector]
 
@@ -27,18 +32,40 @@ class ReplayResult:
         detected_at_s: sample time at which the detector first gave the verdict that is also the
             final one, from earlier samples alone; None if that is healthy or inconclusive.
         history: pairs of time in s and decision, one for every half second and one for a shorter
-            piece at the end.
+            piece at the end; only a last one if the recording cannot be judged.
+        unfit: why the recording cannot be judged, in words; empty if it can.
     """
 
     run: FilterRun
     decision: Decision
     detected_at_s: float | None
     history: tuple[tuple[float, Decision], ...]
+    unfit: str = ""
 
     @property
     def found(self) -> tuple[Found, ...]:
         """Return all faults that were named at any time, including those that ended."""
         return found_in(self.history)
+
+
+def why_unfit(recording: Recording) -> str:
+    """Return in words why no leak can be told from how a recording was sampled; else "".
+
+    Readings that were interpolated have neither the noise nor the changes that the detector weighs.
+    Over more than 5 ms without a reading the oil's flow is not known (`FlowAccount.add`).
+    """
+    sampling = recording.sampling
+    if sampling is None:
+        return ""
+    for name in _JUDGED:
+        if name in sampling.interpolated:
+            return f"{name} {sampling.interpolated[name].words}; record every reading as it is"
+    if sampling.period > _LONGEST_S:
+        return (
+            f"a row every {sampling.period * 1e3:.4g} ms is too slow for the flow of the oil; "
+            f"record one every {_LONGEST_S * 1e3:.0f} ms or more often, best every ms"
+        )
+    return ""
 
 
 def samples_of(recording: Recording) -> Samples:
@@ -79,7 +106,7 @@ def replay(
     """Run a filter and its detector over a recording; return the estimates and all decisions.
 
     Args:
-        recording: recording at 1 kHz with command, position and both pressures.
+        recording: recording with command, position and both pressures, in samples of 1 ms.
         model: model of the rig that filter and detector assume.
         filter_name: a name in `estimator.filters.registry.FILTERS`.
         false_alarms_per_day: rate of the built-in detectors; without effect if `detector` is given.
@@ -92,6 +119,10 @@ def replay(
             and at most 10000.
     """
     run = filter_recording(recording, model, filter_name, sensors)
+    if unfit := why_unfit(recording):
+        unjudged = Decision("inconclusive")
+        last_s = float(recording.time_s[-1])
+        return ReplayResult(run, unjudged, None, ((last_s, unjudged),), unfit)
     judge = detector or detector_for(filter_name, model, false_alarms_per_day)
     history = list(judged(samples_of(recording), run, judge))
     final = history[-1][1]

@@ -12,6 +12,7 @@ from .checking import check as check
 from .models import (
     PlantModel as PlantModel,
     dump_model as dump_model,
+    load_columns as load_columns,
     load_model as load_model,
     load_plant as load_plant,
 )

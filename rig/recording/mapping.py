@@ -37,7 +37,7 @@ def mapped(table: Table, columns: Mapping[str, Column], needed: Sequence[str]) -
                 RecordingProblem(
                     table.path, None, column.name, f"missing column, which is to be {channel}",
                     f"columns present: {', '.join(table.columns)}",
-                    "name the column of this file in the model file, under channels",
+                    "name the column of this file where the columns are named",
                 )
             )  # fmt: skip
     unread = {

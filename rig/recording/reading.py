@@ -4,19 +4,26 @@ import difflib
 import json
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from . import formats
 from .errors import RecordingError
+from .interpolation import without_interpolated
 from .mapping import Column, mapped
 from .metadata import events_from
 from .recording import REPLAY_CHANNELS, Recording
+from .sampling import LONGEST_S, SAMPLE_PERIOD_S, Sampling, on_grid, sampling_of
 from .table import Table
 from .validation import problems_of
 
 EXTENSIONS: Final = (".mcap", ".csv", ".csv.gz", ".parquet")
+LONGEST_OF_RIG_S: Final = 0.1
+"""Longest period, s, of recordings of the servo-hydraulic rig; with times in ms it seems longer."""
 SIDECAR: Final = ".json"
 """Suffix to a CSV file's name; the file of that name holds the CSV's metadata and events."""
 
@@ -51,7 +58,78 @@ def read_recording(
     Raises:
         RecordingError: lists every problem of the file, each with remedy and, if it has one, line.
     """
-    name = fspath(path)
+    return _checked(fspath(path), required, columns, of_rig, None)
+
+
+def read_measured(
+    path: str | PathLike[str],
+    *,
+    held: Sequence[str] = ("command_V",),
+    measured: Sequence[str] = ("position_m", "pressure_1_Pa", "pressure_2_Pa"),
+    optional: Sequence[str] = (),
+    period: float = SAMPLE_PERIOD_S,
+    columns: Mapping[str, Column] | None = None,
+    of_rig: bool = True,
+) -> Recording:
+    """Return the recording in a file of any period, with gaps, as samples of one period.
+
+    Rows may be 0.1 ms to 1 s apart (0.1 s of a rig), uneven and with gaps of 10 minutes at most;
+    `on_grid` says what becomes of them. NaN is a missing value in any channel. Rows of a channel
+    that are no readings, because it was sampled more slowly and interpolated, become NaN too.
+    `Recording.sampling` says what was found. Otherwise this is as `read_recording`.
+
+    Args:
+        path: the file.
+        held: channels that are commanded and act from their row to the next.
+        measured: channels that the file must have.
+        optional: measured channels that it may have; one that it lacks is NaN throughout.
+        period: period of the samples, s.
+        columns: channel -> column of the file, for channels that have another name or unit there.
+        of_rig: whether values that no servo-hydraulic rig shows are refused.
+
+    Raises:
+        RecordingError: lists every problem of the file, each with remedy and, if it has one, line.
+    """
+    longest = LONGEST_OF_RIG_S if of_rig else LONGEST_S
+    rows = _checked(fspath(path), (*held, *measured), columns, of_rig, longest)
+    tried = [name for name in (*measured, *optional) if name in rows]
+    channels, interpolated = without_interpolated(rows.channels, tried)
+    lacking = tuple(name for name in optional if name not in rows)
+    channels |= {name: np.full(len(rows), np.nan) for name in lacking}
+    recording = on_grid(replace(rows, channels=channels), period, held)
+    assert recording.sampling is not None
+    unrecorded = tuple(name for name in optional if not np.isfinite(channels[name]).any())
+    sampling: Sampling = replace(
+        recording.sampling, interpolated=interpolated, unrecorded=unrecorded
+    )
+    return replace(recording, sampling=sampling)
+
+
+def read_sampling(
+    path: str | PathLike[str], columns: Mapping[str, Column] | None = None
+) -> Sampling | None:
+    """Return how a file's rows are sampled; None if the file cannot be read as a recording.
+
+    `read_measured` tells what is wrong with such a file.
+    """
+    try:
+        return sampling_of(_checked(fspath(path), (), columns, False, LONGEST_S).time_s)
+    except RecordingError:
+        return None
+
+
+def _checked(
+    name: str,
+    required: Sequence[str],
+    columns: Mapping[str, Column] | None,
+    of_rig: bool,
+    longest_s: float | None,
+) -> Recording:
+    """Return the rows of a file as a recording, after checking them (`problems_of`).
+
+    Raises:
+        RecordingError: lists every problem of the file.
+    """
     extension = extension_of(name)
     _check_path(name, extension)
     try:
@@ -62,7 +140,7 @@ def read_recording(
     needed = tuple(dict.fromkeys(("time_s", *required)))
     missing = mapped(table, columns or {}, needed)
     needed = tuple(name for name in needed if name not in missing)
-    problems = problems_of(table, needed, of_rig=of_rig)
+    problems = problems_of(table, needed, of_rig=of_rig, longest_s=longest_s)
     if problems:
         raise RecordingError(problems)
     channels = {"time_s": table.columns["time_s"]} | table.columns
@@ -120,7 +198,7 @@ def _with_sidecar(recording: Recording) -> Recording:
     if not belongs:
         warnings.warn(
             f"{sidecar}: describes other data than {recording.source} has now; ignored",
-            stacklevel=3,
+            stacklevel=4,
         )
         return recording
     return Recording(recording.channels, metadata, events, recording.source)

@@ -3,12 +3,15 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .units import unit_of
+
+if TYPE_CHECKING:
+    from .sampling import Sampling
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +34,8 @@ class Recording:
 
     `channels` maps names to float64 arrays of shape (n,), in the unit of the name's suffix, with
     `time_s` first. command_V of row k acts from time_s[k] to time_s[k + 1]. A missing sample is
-    NaN. `source` is the path that the recording was read from; empty if it was not.
+    NaN. `source` is the path that the recording was read from; empty if it was not. `sampling` says
+    how the rows of a file became the samples, if it was read by `read_measured`.
 
     Raises:
         ValueError: a channel is not float64 of shape (n,), or the first is not `time_s`.
@@ -41,6 +45,7 @@ class Recording:
     metadata: dict[str, Any] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     source: str = ""
+    sampling: "Sampling | None" = None
 
     def __post_init__(self) -> None:
         if next(iter(self.channels), None) != "time_s":

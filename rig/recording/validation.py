@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from .errors import RecordingProblem
 from .plausibility import implausible_values
 from .recording import FloatArray
+from .sampling import GAP, PERIOD_TOLERANCE, SAMPLE_PERIOD_S, SHORTEST_S, period_of
 from .table import Table
 from .units import CONVERSIONS
 
-SAMPLE_PERIOD_S: Final = 1e-3
-PERIOD_TOLERANCE: Final = 0.01
+LONGEST_GAP_S: Final = 600.0
+"""Longest gap, s, within a recording whose rows need not be even; it fills memory with NaN."""
 MIN_DURATION_S: Final = 1.0
 
 MISSED: Final = "exchange_status"
@@ -37,15 +38,19 @@ _ALIASES: Final = {
 
 
 def problems_of(
-    table: Table, required: Sequence[str], *, of_rig: bool = True
+    table: Table, required: Sequence[str], *, of_rig: bool = True, longest_s: float | None = None
 ) -> list[RecordingProblem]:
     """Return all problems of a table: those of the whole file first, then line by line.
+
+    With `longest_s` the rows may be of any period from 0.1 ms to that, and need not be even; then
+    gaps between rows and missing values are no problems, as long as a channel has any value.
 
     Args:
         table: the table, with the problems that its reader found.
         required: channels that must be there, with a finite value in every row. A measured value
             may be NaN where `MISSED` says that no sample came.
         of_rig: whether values that no servo-hydraulic rig shows are problems too.
+        longest_s: longest period of the rows, s; None if they must be 1 ms apart.
     """
     if not len(table):
         remedy = "record again; a recording is one line a millisecond"
@@ -54,12 +59,18 @@ def problems_of(
     problems = list(table.problems)
     problems += _missing_columns(table, required)
     if "time_s" in table.columns:
-        problems += _time_problems(table)
+        problems += (
+            _time_problems(table) if longest_s is None else _uneven_problems(table, longest_s)
+        )
     if of_rig:
         problems += implausible_values(table)
     for name in required:
         if name in table.columns:
-            problems += _missing_values(table, name)
+            problems += (
+                _missing_values(table, name)
+                if longest_s is None or name == "time_s"
+                else _unknown_values(table, name)
+            )
     return sorted(problems, key=lambda problem: (problem.line is not None, problem.line or 0))
 
 
@@ -120,6 +131,65 @@ def _missing_values(table: Table, name: str) -> Iterator[RecordingProblem]:
         yield RecordingProblem(table.path, table.line_of(first), name, value, limit, remedy)
 
 
+def _unknown_values(table: Table, name: str) -> Iterator[RecordingProblem]:
+    """Yield the problems of a channel that may lack values: infinite ones, or none at all."""
+    values = table.columns[name]
+    limit = f"{name} must have a number or nothing in every row"
+    for first, last in runs(np.isinf(values)):
+        value = f"{values[first]:g}"
+        if last > first:
+            value += f" in {last - first + 1} rows up to {table.line_of(last)}"
+        remedy = "find out what overflowed, and record again"
+        yield RecordingProblem(table.path, table.line_of(first), name, value, limit, remedy)
+    if not np.isfinite(values).any() and not table.unread(name).any():
+        remedy = "record it, or name another column"
+        yield RecordingProblem(table.path, None, name, "has no values at all", "", remedy)
+
+
+def _uneven_problems(table: Table, longest_s: float) -> list[RecordingProblem]:
+    """Return the problems of times that need not be even."""
+    known = np.flatnonzero(np.isfinite(table.columns["time_s"]))
+    if len(known) < 2:
+        return [_too_short(table, 0.0)]
+    time_s = table.columns["time_s"][known]
+    steps = np.diff(time_s)
+    if float(np.median(steps)) <= 0.0:
+        return [_not_advancing(table, steps, known)]
+    back = [_backwards(table, known, k) for k in np.flatnonzero(steps <= 0.0).tolist()]
+    if back:
+        return back
+    period = period_of(time_s)
+    slack = 1.0 + PERIOD_TOLERANCE
+    if not SHORTEST_S / slack <= period <= longest_s * slack:
+        return [_wrong_period(table, period, longest_s)]
+    problems = [_long_gap(table, known, k) for k in np.flatnonzero(steps > LONGEST_GAP_S).tolist()]
+    duration = float(time_s[-1] - time_s[0]) + period
+    if duration < MIN_DURATION_S - 0.5 * period:
+        problems.append(_too_short(table, duration))
+    return problems
+
+
+def _wrong_period(table: Table, period: float, longest_s: float) -> RecordingProblem:
+    value = f"a row every {period * 1e3:.6g} ms"
+    limit = f"must be {SHORTEST_S * 1e3:g} ms to {longest_s * 1e3:g} ms"
+    remedy = "average the rows of each ms" if period < SHORTEST_S else "record more often"
+    for unit, unit_s in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if _is_right(period, unit_s):
+            remedy = f"the time looks like {unit}: multiply it by {unit_s:g}"
+    return RecordingProblem(table.path, None, "time_s", value, limit, remedy)
+
+
+def _long_gap(table: Table, known: NDArray[np.intp], k: int) -> RecordingProblem:
+    time_s = table.columns["time_s"]
+    before, after = float(time_s[known[k]]), float(time_s[known[k + 1]])
+    value = f"gap of {after - before:.6g} s, {before:.9g} s to {after:.9g} s"
+    limit = f"must be at most {LONGEST_GAP_S:g} s"
+    remedy = "split the recording here"
+    return RecordingProblem(
+        table.path, table.line_of(int(known[k + 1])), "time_s", value, limit, remedy
+    )
+
+
 def _time_problems(table: Table) -> list[RecordingProblem]:
     # Rows without a time are reported elsewhere; steps between the others allow for rows between.
     known = np.flatnonzero(np.isfinite(table.columns["time_s"]))
@@ -137,7 +207,7 @@ def _time_problems(table: Table) -> list[RecordingProblem]:
     if not _is_right(period):
         problems = [_wrong_rate(table, period)]
     else:
-        gaps = np.diff(time_s) > (rows_apart + 0.5) * period
+        gaps = np.diff(time_s) > (rows_apart + GAP - 1.0) * period
         problems = [_backwards(table, known, k) for k in np.flatnonzero(steps <= 0.0).tolist()]
         problems += [_gap(table, known, k) for k in np.flatnonzero(gaps).tolist()]
         if not problems and not _is_right(mean):

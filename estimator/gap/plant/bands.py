@@ -11,6 +11,8 @@ EDGES_HZ: Final = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 the sampling rate."""
 _SEGMENT_S: Final = 1.0
 """Length of a segment, s. Segments of 1 s can separate 1 Hz from 2 Hz."""
+_LEAST: Final = 20
+"""Least number of samples in a segment."""
 
 
 def edges(period: float) -> tuple[float, ...]:
@@ -25,15 +27,15 @@ def edges(period: float) -> tuple[float, ...]:
 def band_powers(innovations: Array, period: float) -> Array:
     """Return the mean square of innovations in each frequency band, float64 (bands, outputs).
 
-    The innovations are cut into segments of 1 s that overlap by half, under Hann's window. A
-    shorter record is one segment.
+    The innovations are cut into segments of 1 s, or of 20 samples if these last longer. The
+    segments overlap by half, under Hann's window. A shorter record is one segment.
 
     Args:
         innovations: (n, outputs), divided by their standard deviations; those that are not finite
             count as 0.
         period: sampling period, s.
     """
-    length = min(round(_SEGMENT_S / period), len(innovations))
+    length = min(max(round(_SEGMENT_S / period), _LEAST), len(innovations))
     window = np.hanning(length + 1)[:length]
     finite = np.nan_to_num(innovations, nan=0.0, posinf=0.0, neginf=0.0)
     starts = range(0, len(finite) - length + 1, max(length // 2, 1))

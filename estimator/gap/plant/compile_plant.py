@@ -36,9 +36,17 @@ from .interface import (
 )
 
 PERIOD: Final = 1e-3
-"""Sampling period, s: that of the recordings that `rig.recording` reads."""
+"""Time, s, for which a description states its errors and substeps; also the sampling period of
+recordings at 1 kHz."""
+_HORIZON_S: Final = 0.02
+"""How far ahead predictions are judged, s, at least."""
+_SAMPLES: Final = 20
+"""Least number of samples in the horizon, and in the time within which steering acts."""
 _STEERED_S: Final = 0.5
-"""Time within which steering brings a simulation back to its course, s."""
+"""Time within which steering brings a simulation back to its course, s, at least."""
+_SLOPE_S: Final = 0.02
+_SLOPE_SAMPLES: Final = 5
+"""The rate of a channel at the start is fitted to 20 ms of samples, but to 5 samples at least."""
 _SMALL: Final = 0.01
 """Change of a state by which derivatives are taken by differences, as a part of the state's
 spread."""
@@ -62,10 +70,18 @@ class Views:
         return self.parameters(**{name: float(values[name]) for name in self.parameters._fields})
 
 
-def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
+def build(
+    description: PlantDescription,
+    values: Mapping[str, float],
+    period: float = PERIOD,
+    row_s: float = 0.0,
+) -> Plant:
     """Return the plant of a description, with given values of all its parameters (by name, SI).
 
-    This takes two to three seconds, most of them for compiling.
+    It is compiled for samples of one period (s). Predictions are judged over 20 ms, or over 20
+    samples or rows if these last longer: `row_s` is the period of the recordings' rows (s), if only
+    some samples have one. This takes two to three seconds, most of them for
+    compiling.
 
     Raises:
         PlantError: the tables of the description do not fit together, its functions fail, or numba
@@ -77,11 +93,11 @@ def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
     views = Views(description)
     par = views.given(values)
     check_functions(description, views, par)
-    drive, step, read = _compiled(description, views)
+    drive, step, read = _compiled(description, views, period)
     nominal = dict(zip(par._fields, par, strict=True))
     plant = Plant(
         name=description.name,
-        states=_states(description, views, par),
+        states=_states(description, views, par, period),
         inputs=tuple(each.channel for each in description.inputs),
         input_units=tuple(each.unit for each in description.inputs),
         outputs=tuple(
@@ -92,10 +108,12 @@ def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
         nominal=nominal,
         step=step,
         read=read,
-        start=_start(description),
+        start=_start(description, period),
         effects={each.name: effect(description, each, nominal) for each in description.effects},
         nuisances=nuisances(description.parameters, description.tolerances, nominal),
-        equations=tuple(_equation(each, description, views) for each in description.equations),
+        equations=tuple(
+            _equation(each, description, views, period) for each in description.equations
+        ),
         regions={
             each.name: Region(
                 each.name, each.unit, _region(each.value, views), each.shown or (each.unit, 1.0)
@@ -104,8 +122,9 @@ def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
         },
         steering=_stated_steering(description),
         drive=drive,
-        begin=_begin(description),
-        period=PERIOD,
+        begin=_begin(description, period),
+        period=period,
+        horizon=max(_HORIZON_S, _SAMPLES * max(period, row_s)),
         not_told_apart=description.not_told_apart,
     )
     return plant if description.steering is not None else _steered(plant, description)
@@ -154,8 +173,14 @@ def effect(description: PlantDescription, row: MayLack, nominal: Mapping[str, fl
 # States
 
 
-def _states(description: PlantDescription, views: Views, par: Any) -> tuple[State, ...]:
-    """Return the states, with a noise that includes the errors of the equations for their rates."""
+def _states(
+    description: PlantDescription, views: Views, par: Any, period: float
+) -> tuple[State, ...]:
+    """Return the states, with a noise that includes the errors of the equations for their rates.
+
+    The errors are white noise over 1 ms each, so that the variance of a state grows with the time
+    that passes, whatever the sampling period.
+    """
     rest = views.state(*(np.zeros(1) for _ in description.states))
     made = []
     for each in description.states:
@@ -164,12 +189,13 @@ def _states(description: PlantDescription, views: Views, par: Any) -> tuple[Stat
             if equation.state == each.name:
                 per = float(np.max(np.abs(equation.per(rest, par))))
                 variance += (equation.error * per * PERIOD) ** 2
+        variance *= period / PERIOD
         made.append(State(each.name, each.unit, _SMALL * each.spread, variance**0.5))
     return tuple(made)
 
 
 def _start(
-    description: PlantDescription,
+    description: PlantDescription, period: float
 ) -> Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]:
     channels = [output.channel for output in description.outputs]
     spread = np.array([each.spread for each in description.states])
@@ -181,21 +207,23 @@ def _start(
                 state[index] = each.start
                 continue
             read = readings[:, channels.index(each.start.channel)]
-            state[index] = _rate(read) if each.start.rate else read[0]
+            state[index] = _rate(read, period) if each.start.rate else read[0]
         return state, spread
 
     return start
 
 
-def _rate(values: Array) -> float:
-    """Return the slope per s of a straight line through samples (m,), by least squares.
+def _rate(values: Array, period: float) -> float:
+    """Return the slope per s of a straight line through the first samples, by least squares.
 
+    `values` (m,) are samples at the sampling period; those of 20 ms count, at least the first 5.
     Samples that are not finite are left out; with fewer than two others the slope is 0.
     """
+    values = values[: max(round(_SLOPE_S / period), _SLOPE_SAMPLES)]
     known = np.flatnonzero(np.isfinite(values))
     if len(known) < 2:
         return 0.0
-    time = (known - known.mean()) * PERIOD
+    time = (known - known.mean()) * period
     return float(time @ values[known] / (time @ time))
 
 
@@ -210,10 +238,12 @@ def _region(value: Callable[[Any, Any], Any], views: Views) -> Callable[[Array, 
     return of
 
 
-def _equation(each: EquationOf, description: PlantDescription, views: Views) -> Equation:
+def _equation(
+    each: EquationOf, description: PlantDescription, views: Views, period: float
+) -> Equation:
     def rate(states: Array, values: Mapping[str, float]) -> Array:
         per = each.per(views.state(*states.T), views.given(values))
-        return np.array(np.broadcast_to(np.asarray(per) * PERIOD, len(states)), dtype=np.float64)
+        return np.array(np.broadcast_to(np.asarray(per) * period, len(states)), dtype=np.float64)
 
     index = [state.name for state in description.states].index(each.state)
     shown = each.shown or (each.unit, 1.0)
@@ -255,21 +285,23 @@ def read(state, memory, parameters, outputs):
 """
 
 
-def _compiled(description: PlantDescription, views: Views) -> tuple[Any, Any, Any]:
+def _compiled(description: PlantDescription, views: Views, period: float) -> tuple[Any, Any, Any]:
     """Return the compiled functions drive, step and read of a description.
 
     Their sources are generated: they unpack arrays into the named tuples of the views. Each substep
-    of step is one of Runge and Kutta (4th order), with the inputs held.
+    of step is one of Runge and Kutta (4th order), with the inputs held. The substeps of a sample
+    are no longer than those that the description states for 1 ms.
     """
     states, outputs = range(len(description.states)), range(len(description.outputs))
-    h = PERIOD / description.substeps
+    substeps = max(ceil(description.substeps * (period / PERIOD) - 1e-9), 1)
+    h = period / substeps
     unpacked = {
         "par": _listed("parameters[{}]", range(len(description.parameters))),
         "inputs": _listed("memory[{}]", range(len(description.inputs))),
         "loaded": _listed("state[{}]", states),
     }
     step = _STEP_SOURCE.format(
-        **unpacked, substeps=description.substeps,
+        **unpacked, substeps=substeps,
         **{name: _listed(name + "{}", states) for name in "xabcd"},
         xa=_listed(f"x{{0}} + {0.5 * h!r} * a{{0}}", states),
         xb=_listed(f"x{{0}} + {0.5 * h!r} * b{{0}}", states),
@@ -288,36 +320,36 @@ def _compiled(description: PlantDescription, views: Views) -> tuple[Any, Any, An
         "rates": _jitted(description.rates), "readings": _jitted(description.readings),
     }  # fmt: skip
     return (
-        _drive(description),
+        _drive(description, period),
         _made("step", step, STEP, names, "rates"),
         _made("read", read, READ, names, "readings"),
     )
 
 
-def _longest(description: PlantDescription) -> int:
+def _longest(description: PlantDescription, period: float) -> int:
     """Return the greatest delay of the inputs, in samples, rounded up; 0 without a delay."""
     upper = {each.name: each.upper for each in description.parameters}
     delay = description.input_delay
-    return 0 if delay is None else ceil(upper[delay] / PERIOD - 1e-9)
+    return 0 if delay is None else ceil(upper[delay] / period - 1e-9)
 
 
-def _drive(description: PlantDescription) -> Any:
+def _drive(description: PlantDescription, period: float) -> Any:
     """Return the compiled drive, which copies the inputs to the memory, if need be with a delay.
 
     The delay need not be a whole number of samples.
     """
     if description.input_delay is None:
         return hold
-    most = _longest(description)
+    most = _longest(description, period)
     source = _DRIVE_SOURCE.format(
         delay=[each.name for each in description.parameters].index(description.input_delay),
-        period=PERIOD, most=float(most), count=len(description.inputs), length=most + 2,
+        period=period, most=float(most), count=len(description.inputs), length=most + 2,
     )  # fmt: skip
     return _made("drive", source, DRIVE, {}, "input_delay")
 
 
 def _begin(
-    description: PlantDescription,
+    description: PlantDescription, period: float
 ) -> Callable[[Array, Array, Mapping[str, float], float], Array]:
     """Return the function that makes the memory at the first sample (`Plant.begin`).
 
@@ -326,7 +358,7 @@ def _begin(
     """
     if description.input_delay is None:
         return begin_held
-    length = _longest(description) + 2
+    length = _longest(description, period) + 2
 
     def begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
         return np.concatenate([inputs[0], np.repeat(inputs[0], length)])
@@ -376,8 +408,9 @@ def _stated_steering(description: PlantDescription) -> tuple[tuple[int, int, flo
 def _steered(plant: Plant, description: PlantDescription) -> Plant:
     """Return the plant, with its first input steered by the first output that follows that input.
 
-    The gain is the input, per unit of the output, that moves the output by that unit within
-    _STEERED_S. If no output follows the input, the plant is returned as it is.
+    The gain is the input, per unit of the output, that moves the output by that unit within half a
+    second, or within 20 samples if these last longer. If no output follows the input, the plant is
+    returned as it is.
     """
     par = plant.vector(plant.nominal)
     ends = []
@@ -387,7 +420,7 @@ def _steered(plant: Plant, description: PlantDescription) -> Plant:
         )
         memory = np.zeros(len(plant.inputs))
         memory[0] = sign * description.inputs[0].size
-        for _ in range(round(_STEERED_S / plant.period)):
+        for _ in range(max(round(_STEERED_S / plant.period), _SAMPLES)):
             plant.step(state, memory, par)
         readings = np.empty(len(plant.outputs))
         plant.read(state, memory, par, readings)

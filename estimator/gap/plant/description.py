@@ -35,9 +35,10 @@ def reading(channel: str) -> Start:
 
 
 def slope(channel: str) -> Start:
-    """Return a `Start` at the slope of a channel, per s, fitted to its first 20 samples.
+    """Return a `Start` at the slope of a channel, per s, fitted to its first 20 ms.
 
-    Readings that cannot be used are left out; with fewer than two others the slope is 0.
+    It is fitted to at least 5 samples and at most 20. Readings that cannot be used are left out;
+    with fewer than two others the slope is 0.
     """
     return Start(channel, rate=True)
 
@@ -52,8 +53,9 @@ class StateOf:
         start: value at the first sample, SI, or how it follows from a channel.
         spread: standard deviation of that start value, SI, greater than 0. Derivatives by the state
             are taken by changes of a 100th of it.
-        error: standard deviation, SI, of the error that the model makes in this state over one
-            sample, in addition to the error of the equations (`EquationOf.error`).
+        error: standard deviation, SI, of the error that the model makes in this state over 1 ms, in
+            addition to the error of the equations (`EquationOf.error`); over n ms it is n^0.5 times
+            as large.
     """
 
     name: str
@@ -136,7 +138,7 @@ class EquationOf:
         per: (state, parameters) -> change of that rate by one unit of disturbance; `state` holds
             arrays (n,).
         error: standard deviation, in `unit`, of the disturbance that the model allows for at all
-            times, white from sample to sample (docs/another_plant.md explains how to choose it).
+            times, white from one ms to the next (docs/another_plant.md explains how to choose it).
         of: names of the regions that the disturbance may depend on, besides time.
         shown: unit used in reports, and the number of such units in one SI unit; None for the SI
             unit.
@@ -193,7 +195,8 @@ class PlantDescription:
         regions: quantities that a disturbance may depend on.
         input_delay: name of the parameter by which all inputs act later, in s from 0 to its upper
             bound; None if there is none.
-        substeps: number of integration steps (Runge-Kutta, 4th order) in one sample.
+        substeps: number of integration steps (Runge-Kutta, 4th order) in 1 ms; a sample of another
+            period gets as many, in proportion, rounded up.
         steering: (input, output) -> gain of a feedback, in the input's unit per the output's, that
             keeps a simulation on the course of a recording. With None, one is chosen from the first
             input to the first output that follows it; with an empty mapping there is none.

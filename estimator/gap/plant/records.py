@@ -25,8 +25,9 @@ LONGEST_DWELL = 100
 TIMES_OF_EXCHANGE = ("sent_s", "exchange_s")
 """Columns of a loop on hardware: when in its tick the exchange was, and how long it took, s."""
 BLIND_S = 0.05
-"""s. If two readings are missing for longer, the filter does not know the plant's state any
-more."""
+BLIND_SAMPLES = 5
+"""If two readings are missing for longer than 50 ms and than 5 samples, the filter does not know
+the plant's state any more."""
 UNTIMELY_S = 1.5e-4
 """s. A sample that comes later or earlier than usual by more is not used. At 0.2 m/s the ram moves
 by one count of the encoder in this time."""
@@ -62,6 +63,8 @@ class Record:
         variances: float64 (n, outputs), of the readings' noise and rounding; infinite where a
             reading is missing or saturated.
         first: number of the recording's samples that come before this record.
+        unread: bool (n, outputs), whether the recording has no reading, as between the rows of a
+            slower one; None if it has all of them.
     """
 
     source: str
@@ -69,6 +72,11 @@ class Record:
     readings: Array
     variances: Array
     first: int = 0
+    unread: BoolArray | None = None
+
+    def lacks(self, output: int) -> bool:
+        """Return whether an output, given by its index, was not recorded at all."""
+        return self.unread is not None and bool(self.unread[:, output].all())
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -98,15 +106,19 @@ def seen_parts(record: Record, period: float) -> list[Record]:
     """Return the parts of a record in which the filter can follow the plant's state.
 
     The state is unknown where two or more readings, or the only one of a plant, are missing or
-    saturated for longer than `BLIND_S`; these stretches are left out. For example, the vapour in
-    two empty chambers may have any volume, and the errors when they fill again are not the model's
-    fault. A record without such a stretch is returned whole. Otherwise each part begins at the
-    first sample in which all readings can be used; a part without such a sample is left out.
+    saturated for longer than `BLIND_S` and `BLIND_SAMPLES`; these stretches are left out. For
+    example, the vapour in two empty chambers may have any volume, and the errors when they fill
+    again are not the model's fault. A record without such a stretch is returned whole. Otherwise
+    each part begins at the first sample in which all readings can be used; a part without such a
+    sample is left out. A channel that was never recorded is not asked for.
     """
     unused = ~np.isfinite(record.variances)
+    if record.unread is not None:
+        unused = unused[:, ~record.unread.all(0)]
+    longest = max(BLIND_S, BLIND_SAMPLES * period)
     blind = unused.sum(1) >= min(2, unused.shape[1])
     edges = np.flatnonzero(np.diff(np.r_[False, blind, False])).reshape(-1, 2)
-    lost = [(int(a), int(b)) for a, b in edges if (b - a) * period > BLIND_S]
+    lost = [(int(a), int(b)) for a, b in edges if (b - a) * period > longest]
     if not lost:
         return [record]
     parts: list[tuple[int, int]] = []
@@ -120,6 +132,7 @@ def seen_parts(record: Record, period: float) -> list[Record]:
             record.source, np.ascontiguousarray(record.inputs[a:b]),
             np.ascontiguousarray(record.readings[a:b]),
             np.ascontiguousarray(record.variances[a:b]), record.first + a,
+            None if record.unread is None else record.unread[a:b],
         )
         for a, b in parts
     ]  # fmt: skip
@@ -177,14 +190,18 @@ def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record
         values = held[:, index]
         variances[:, index] = output.noise**2
         if output.resolution > 0.0:
-            variances[:, index] += output.resolution**2 / 12.0 * _dwell(values)
+            known = ~missing[:, index]
+            variances[known, index] += output.resolution**2 / 12.0 * _dwell(values[known])
         unusable = missing[:, index] | ~((values > output.lower) & (values < output.upper))
         # The mean decides, not the reading: those readings that noise keeps off the limit are too
         # high.
         mean, margin = smoothed(values), _MARGIN * output.noise
         unusable |= (mean < output.lower + margin) | (mean > output.upper - margin)
         variances[unusable, index] = np.inf
-    return Record(source, np.ascontiguousarray(inputs), np.ascontiguousarray(held), variances)
+    unread = missing if missing.any() else None
+    return Record(
+        source, np.ascontiguousarray(inputs), np.ascontiguousarray(held), variances, unread=unread
+    )
 
 
 def _held(readings: Array, missing: BoolArray) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.gap.plant import Array, Record, band_powers, edges
 
-from .linear import SETTLING_S, mean_squares
+from .linear import mean_squares, settling
 from .predictor import Predictor
 from .results import Band, ChannelGap
 from .variables import Values
@@ -30,7 +30,7 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
     of innovations one sample apart. The power of the innovations in frequency bands is (bands,
     outputs).
     """
-    settled = slice(round(SETTLING_S / predictor.plant.period), None)
+    settled = slice(settling(predictor.plant.period), None)
     errors, e = (each[settled] for each in filtered_errors(predictor, record, values))
     products = (e[1:] * e[:-1]).sum(0)
     with np.errstate(all="ignore"):
@@ -56,8 +56,8 @@ def channel_gaps(
 ) -> list[ChannelGap]:  # fmt: skip
     """Return the gap of each channel over all records, for the model as given and as written.
 
-    The floor is the mean over `FLOOR_TWINS` twins of each record, made and predicted with the
-    values of `after`. The filter's settling is left out.
+    A channel that no record has is left out. The floor is the mean over `FLOOR_TWINS` twins of each
+    record, made and predicted with the values of `after`. The filter's settling is left out.
 
     Args:
         predictor: predictor of the plant.
@@ -94,6 +94,8 @@ def channel_gaps(
     ends = edges(predictor.plant.period)
     gaps: list[ChannelGap] = []
     for k, output in enumerate(outputs):
+        if all(record.lacks(k) for record in records):
+            continue
         square, white = ({name: float(mean[name][i][k]) for name in mean} for i in (0, 1))
         gaps.append(
             ChannelGap(

@@ -20,6 +20,9 @@ BLOCK_S: Final = 0.5
 shorter."""
 SETTLING_S: Final = 0.5
 """Time at the start of a record in which the filter settles, s."""
+LEAST_SAMPLES: Final = 20
+"""Least number of samples in a block and in the settling. Where samples are more than 25 ms apart,
+both are longer than half a second."""
 HUBER: Final = 5.0
 """Standard deviations. Larger innovations count in proportion and not squared, because a ram that
 breaks away is nowhere near linear."""
@@ -51,9 +54,14 @@ def mean_squares(errors: Array) -> Array:
         return np.asarray(np.square(np.where(known, errors, 0.0)).sum(0) / known.sum(0))
 
 
+def settling(period: float) -> int:
+    """Return the number of samples, of this period (s), in which the filter settles."""
+    return max(round(SETTLING_S / period), LEAST_SAMPLES)
+
+
 def slices_of(record: Record, period: float) -> list[slice]:
     """Return a record's blocks as slices, without the settling and an incomplete last block."""
-    first, length = round(SETTLING_S / period), round(BLOCK_S / period)
+    first, length = settling(period), max(round(BLOCK_S / period), LEAST_SAMPLES)
     return [slice(k, k + length) for k in range(first, len(record) - length + 1, length)]
 
 

@@ -11,10 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Gains, Output, Plant, Record, seen_parts
+from estimator.gap.plant import Array, BoolArray, Gains, Output, Plant, Record, seen_parts
 
 from .fit import Fitter
-from .linear import BLOCK_S, SETTLING_S, mean_squares, slices_of
+from .linear import BLOCK_S, LEAST_SAMPLES, mean_squares, settling, slices_of
 from .predictor import Predictor
 from .variables import Values
 
@@ -24,9 +24,10 @@ JUDGED_BLOCKS: Final = 4
 """Least number of half-second blocks in the held-out recordings."""
 MOVES: Final = 10.0
 """Least distance that a channel must move, in multiples of its noise, between readings averaged
-over 50 samples. An effect of a tenth of that is then as large as the noise of one reading."""
+over 50 ms. An effect of a tenth of that is then as large as the noise of one reading."""
 SATURATED: Final = 0.5
-"""Greatest share of a channel's readings that may be missing or at an end of its range."""
+"""Greatest share of a channel's readings that may be missing or at an end of its range, among the
+samples of which the recording has any reading."""
 NOISIER: Final = 10.0
 """Greatest noise that readings may have, in multiples of the stated noise. The oscillation of the
 oil, curved over 3 samples, looks like 4 at most."""
@@ -37,8 +38,10 @@ WORSE: Final = 4.0
 """A prediction says nothing of the rig if its squared error is more than this many times that of
 "nothing changes", plus the noise variance. In a slow motion a missing effect may well cost more
 than predicting that nothing changes; another rig costs far more."""
-_AVERAGED: Final = 50
-"""Number of readings that are averaged to measure how far a channel moves."""
+_RESOLVED_S: Final = 1.01e-3
+"""s. With this period or a shorter one, the motion of a rig is far smoother than its noise."""
+_AVERAGED_S: Final = 0.05
+"""s. Readings are averaged over this time to measure how far a channel moves."""
 
 
 def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
@@ -73,7 +76,7 @@ def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
         return reasons
     reasons += _commands(fitter.records, plant)
     for index, output in enumerate(plant.outputs):
-        reasons += _readings(fitter.records, index, output)
+        reasons += _readings(fitter.records, index, output, plant.period)
     if reasons:
         return reasons
     return [*_lost(fitter), *_lost(judged)]
@@ -84,9 +87,11 @@ def _too_short(records: Sequence[Record], plant: Plant, least: int, which: str) 
     if blocks >= least:
         return []
     seconds = sum(len(record) for record in records) * plant.period
+    block = max(BLOCK_S, LEAST_SAMPLES * plant.period)
+    settled = settling(plant.period) * plant.period
     return [
         f"the recordings {which} are too short: {seconds:.1f} s make {blocks} blocks of "
-        f"{BLOCK_S:g} s once the filter has settled ({SETTLING_S:g} s each), {least} are needed"
+        f"{block:g} s once the filter has settled ({settled:g} s each), {least} are needed"
     ]
 
 
@@ -99,9 +104,20 @@ def _commands(records: Sequence[Record], plant: Plant) -> list[str]:
     return [f"{', '.join(plant.inputs)} never changes: nothing was asked of the rig"]
 
 
-def _readings(records: Sequence[Record], index: int, output: Output) -> list[str]:
-    """Return what is wrong with the readings of one channel, in words; empty if nothing is."""
-    usable_samples = np.concatenate([np.isfinite(r.variances[:, index]) for r in records])
+def _readings(records: Sequence[Record], index: int, output: Output, period: float) -> list[str]:
+    """Return what is wrong with the readings of one channel, in words; empty if nothing is.
+
+    Nothing is wrong with a channel that was not recorded at all.
+    """
+    if all(record.lacks(index) for record in records):
+        return []
+    known = [np.isfinite(r.variances[:, index]) for r in records]
+    usable_samples = np.concatenate(
+        [
+            good if r.unread is None else good[~r.unread.all(1)]
+            for r, good in zip(records, known, strict=True)
+        ]
+    )
     name = output.channel
     saturated = 1.0 - float(usable_samples.mean())
     if saturated > SATURATED:
@@ -110,13 +126,16 @@ def _readings(records: Sequence[Record], index: int, output: Output) -> list[str
             f"(range {output.lower:g} to {output.upper:g} {output.unit}; is it in {output.unit}?)"
         ]
     noise = output.variance**0.5
-    travel = max(_travel(r.readings[:, index], np.isfinite(r.variances[:, index])) for r in records)
+    count = max(round(_AVERAGED_S / period), 1)
+    travel = max(
+        _travel(r.readings[:, index], good, count) for r, good in zip(records, known, strict=True)
+    )
     if travel < MOVES * noise:
         return [
             f"{name} hardly moves: {travel:.3g} {output.unit}, and its noise is {noise:.3g} "
             f"{output.unit}; {MOVES * noise:.3g} {output.unit} are needed (is it in {output.unit}?)"
         ]
-    seen = max(_noise(r.readings[:, index]) for r in records)
+    seen = max(_noise(r.readings[:, index], period) for r in records)
     if seen > NOISIER * noise:
         return [
             f"{name} is mostly noise: {seen:.3g} {output.unit} from sample to sample, and "
@@ -125,17 +144,23 @@ def _readings(records: Sequence[Record], index: int, output: Output) -> list[str
     return []
 
 
-def _travel(readings: Array, good: Array) -> float:
-    """Return how far the averages of the good readings (n,) lie apart, each over 50 readings."""
+def _travel(readings: Array, good: BoolArray, count: int) -> float:
+    """Return how far averages of `count` good readings (n,) each lie apart; 0 without any."""
     kept = readings[good]
-    whole = len(kept) // _AVERAGED * _AVERAGED
-    return float(np.ptp(kept[:whole].reshape(-1, _AVERAGED).mean(1))) if whole else 0.0
+    whole = len(kept) // count * count
+    return float(np.ptp(kept[:whole].reshape(-1, count).mean(1))) if whole else 0.0
 
 
-def _noise(readings: Array) -> float:
-    """Return the standard deviation of white noise in readings (n,), from second differences."""
-    curved = np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2])
-    return float(np.median(curved)) / (0.6745 * 6.0**0.5)
+def _noise(readings: Array, period: float) -> float:
+    """Return the standard deviation of white noise in readings (n,), from second differences.
+
+    Where samples are more than 1 ms apart, a motion may bend as much. It bends less than it moves
+    from sample to sample, and white noise more; the result is 0 if the readings do the former.
+    """
+    curved = np.median(np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2]))
+    if period > _RESOLVED_S and curved < np.median(np.abs(np.diff(readings))):
+        return 0.0
+    return float(curved) / (0.6745 * 6.0**0.5)
 
 
 def _lost(fitter: Fitter) -> list[str]:
@@ -174,7 +199,7 @@ def worse_than_resting(
     from_ = np.arange(len(record)) // horizon * horizon
     resting = record.readings - record.readings[from_]
     resting[~np.isfinite(errors)] = np.nan
-    settled = slice(round(SETTLING_S / plant.period), None)
+    settled = slice(settling(plant.period), None)
     used = np.isfinite(record.variances[settled]).sum(axis=0) > 0
     # A channel that is not read is left out, because there is nothing to predict.
     model, rest = mean_squares(errors[settled]), mean_squares(resting[settled])

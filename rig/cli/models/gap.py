@@ -61,11 +61,17 @@ class ManyHeldOut(click.Command):
     metavar="DIR",
     help="Folder for model.yaml, report.html and gap.json; made if missing.",
 )
+@click.option(
+    "--columns",
+    type=click.Path(path_type=Path),
+    help="YAML: how the files name each channel of the rig, and in which unit.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One object instead of a table.")
 def command(**options: Any) -> int:
     """Find where a model and recordings disagree, name what the model lacks, and add it.
 
-    Recordings are .mcap, .csv, .csv.gz or .parquet, 1 kHz. The model is a shipped name or a file.
+    Recordings are .mcap, .csv, .csv.gz or .parquet, a row every 0.1 ms to 1 s (0.1 s of the rig);
+    gaps, uneven rows and empty cells are missing readings. The model is a shipped name or a file.
     Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
     their tolerances first. DIR/model.yaml is the model with the missing effects added, or the given
     model where the additions would predict worse; DIR/report.html is one page with the whole story,

@@ -2,9 +2,10 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -16,19 +17,11 @@ from estimator.gap import GapResult, Plant, find_gap
 from rig.cli.application import EXIT_STOPPED
 from rig.cli.problems import Problems
 from rig.cli.screen import Screen, table_of
-from rig.configuration import PlantModel, load_model, load_plant, load_rig
-from rig.recording import Recording, read_recording, replacing
+from rig.configuration import PlantModel, load_columns, load_model, load_plant, load_rig
+from rig.recording import Column, Recording, read_measured, replacing
 from rig.report.gap import estimated, gap_page, gap_words, headline, in_words, where_words
 from rig.runner.campaign import Pace
-from rig.runner.experiments import (
-    CHANNELS,
-    ROUNDS,
-    answer,
-    gap_figures,
-    provenance_of,
-    rig_plant,
-    room_of,
-)
+from rig.runner.experiments import ROUNDS, answer, gap_figures, provenance_of, rig_plant, room_of
 from rig.runner.outcomes import sensors_of
 
 from .gap_live import close_on_rig, experiment_file, show_motions
@@ -56,6 +49,7 @@ class Asked:
     model: str
     outside: str | None
     out: Path | None
+    columns: Path | None
     as_json: bool
 
 
@@ -71,7 +65,7 @@ def found_by(asked: Asked) -> int:
         if asked.outside is None:
             tested = load_model(asked.model)
         else:
-            own = load_plant(asked.outside, asked.model)
+            own = load_plant(asked.outside, asked.model, (*asked.recordings, *asked.holdout))
     if asked.outside is not None and own is None:
         # Only the plant says which channels a recording must have.
         return problems.report()
@@ -95,7 +89,14 @@ def found_by(asked: Asked) -> int:
             "name a folder for what is found" if out is None else f"{out} is a file; name a folder"
         )
         problems.add(f"--out: {what}")
-    read = own.read if own is not None else _read_of_rig
+    columns = None
+    if asked.columns is not None and (asked.outside is not None or asked.live):
+        limit = "is for recordings of a rig; a plant's model file names them under channels"
+        problems.add(f"--columns: {limit}")
+    elif asked.columns is not None:
+        with problems.collected():
+            columns = load_columns(asked.columns)
+    read = own.read if own is not None else partial(_read_of_rig, columns=columns)
     fitted, judged = _read(asked.recordings, read, problems), _read(asked.holdout, read, problems)
     _refuse_repeated(fitted, judged, problems)
     if problems.found or out is None:
@@ -111,6 +112,7 @@ def found_by(asked: Asked) -> int:
         else:
             plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
         result = find_gap(fitted, judged, plant)
+        result.reasons += _noted([*fitted, *judged])
     command = ("rig", *sys.argv[1:])
     _write(result, plant, name, command, out, (asked.rig or "simulated", asked.model))
     if asked.as_json:
@@ -140,8 +142,19 @@ def _code(result: GapResult) -> int:
     return EXIT_STOPPED
 
 
-def _read_of_rig(name: str) -> Recording:
-    return read_recording(name, required=CHANNELS)
+def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:
+    return read_measured(name, optional=("spool_m",), columns=columns)
+
+
+def _noted(recordings: Sequence[Recording]) -> Iterator[str]:
+    """Yield in words what is unusual about how the recordings were sampled, each thing once."""
+    notes: dict[str, list[str]] = {}
+    for recording in recordings:
+        for note in () if recording.sampling is None else recording.sampling.notes():
+            notes.setdefault(note, []).append(Path(recording.source).name)
+    for note, names in notes.items():
+        every = len(names) == len(recordings)
+        yield note if every else f"{', '.join(names)}: {note}"
 
 
 def _read(

@@ -18,9 +18,9 @@ from rig.cli.campaigns import leak
 from rig.cli.option_types import Range
 from rig.cli.problems import Problems
 from rig.cli.screen import Screen, table_of
-from rig.configuration import load_model
+from rig.configuration import load_columns, load_model
 from rig.plant import LEAKS, Model
-from rig.recording import Recording, read_recording
+from rig.recording import Recording, read_measured
 from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
 from rig.runner.run_folder import findings, leak_figures
 
@@ -41,6 +41,10 @@ class Replayed:
     """Times in s at which the filter had diverged and was started anew."""
     found: tuple[Found, ...] = ()
     """All faults that the detector named, including those that ended again."""
+    unfit: str = ""
+    """Why the recording cannot be judged, in words; empty if it can."""
+    notes: tuple[str, ...] = ()
+    """What is unusual about how the recording was sampled, in words."""
 
 
 @click.command()
@@ -67,6 +71,12 @@ class Replayed:
     type=click.Path(path_type=Path),
     help="What is known of this healthy rig (rig baseline).",
 )
+@click.option(
+    "--columns",
+    "columns_file",
+    type=click.Path(path_type=Path),
+    help="YAML: how the files name each channel, and in which unit.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One object a line instead of a table.")
 def command(
     recordings: tuple[str, ...],
@@ -74,15 +84,21 @@ def command(
     filter_name: str,
     false_alarms_per_day: float,
     baseline_file: Path | None,
+    columns_file: Path | None,
     as_json: bool,
 ) -> int:
     """Run filter and detector over recordings (.mcap, .csv, .csv.gz, .parquet).
+
+    Rows may be 0.1 to 5 ms apart, uneven and with gaps; quicker ones are averaged to 1 kHz. What
+    cannot show a leak, such as slower or interpolated rows, is inconclusive, with the reason.
 
     The model is a shipped name or a file. The exit code is 0 for any verdicts, and 2 if any input
     is bad: then every problem of every file is on stderr, and nothing on stdout.
     """
     problems = Problems()
-    baseline = None
+    baseline, columns = None, None
+    with problems.collected():
+        columns = None if columns_file is None else load_columns(columns_file)
     with problems.collected():
         assumed = load_model(model)
         baseline = None if baseline_file is None else load_baseline(baseline_file, assumed.name)
@@ -93,7 +109,7 @@ def command(
     replayed = []
     for recording in recordings:
         with problems.collected():
-            content = read_recording(recording)
+            content = read_measured(recording, optional=("spool_m",), columns=columns)
             # Once any input is bad, the others are only read to report their problems too.
             if not problems.found:
                 replayed.append(
@@ -134,7 +150,10 @@ def _replay(
     )
     resets = tuple(result.run.reset_times_s.tolist())
     detected_at_s = result.detected_at_s
-    return Replayed(name, filter_name, result.decision, detected_at_s, resets, result.found)
+    notes = () if recording.sampling is None else tuple(recording.sampling.notes())
+    return Replayed(
+        name, filter_name, result.decision, detected_at_s, resets, result.found, result.unfit, notes
+    )
 
 
 def json_object(replayed: Replayed) -> dict[str, Any]:
@@ -154,6 +173,8 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         "threshold": decision.threshold,
         "probabilities": dict(decision.probabilities) or None,
         "findings": findings(replayed.found),
+        "reason": replayed.unfit or None,
+        "sampling": list(replayed.notes),
         "filter": replayed.filter,
         "filter_resets_s": list(replayed.filter_resets_s),
     }
@@ -173,7 +194,9 @@ def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
         verdict = Text(decision.verdict, _style(decision.verdict))
         if probable := chance(decision):
             verdict.append(f" {probable}", "default")
-        if decision.verdict == Verdict.INCONCLUSIVE:
+        if each.unfit:
+            verdict.append(f": {each.unfit}", "default")
+        elif decision.verdict == Verdict.INCONCLUSIVE:
             verdict.append(f": {advice(decision)}", "default")
         for line in in_passing(decision, each.found):
             verdict.append(f"; {line}", "yellow")

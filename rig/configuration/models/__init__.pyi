@@ -1,3 +1,4 @@
+from .columns import load_columns as load_columns
 from .discovered import term_lines as term_lines
 from .model import (
     BELONGS_TO_EFFECT as BELONGS_TO_EFFECT,

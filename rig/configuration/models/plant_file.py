@@ -4,14 +4,13 @@ Such a file has the plant's values, its channels, and by how much the model may 
 itself, with its equations and effects, is a Python module (`plant_loading`).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import yaml
-from pydantic import create_model
 
 from estimator.gap import (
     Parameter,
@@ -31,16 +30,17 @@ from rig.configuration.reading import (
     read_mapping,
     shown,
     suggestion,
-    unit_factor,
 )
-from rig.recording import Column, Recording, read_recording
+from rig.recording import Column, Recording, RecordingError, read_measured, read_sampling
 
+from .columns import TIME, checked, column_in
 from .model_writing import plain_provenance
 
-TIME: Final = "time_s"
+ALIKE: Final = 0.1
+"""Greatest difference of a recording's period from that of the others, as a part of it."""
 REVISED: Final = "revised"
 _COMMENT_COLUMN: Final = 48
-_CARRIED: Final = ("channels", "tolerances", "model_error", "steering")
+_CARRIED: Final = ("period", "channels", "tolerances", "model_error", "steering")
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ class PlantModel:
             there.
         effects: names of the effects that the model file switches on.
         content: the model file as plain values.
+        row_s: period of the rows of its recordings, s; None if any will do.
     """
 
     name: str
@@ -61,16 +62,32 @@ class PlantModel:
     columns: Mapping[str, Column]
     effects: tuple[str, ...]
     content: Mapping[str, Any] = field(repr=False)
+    row_s: float | None = None
 
     def read(self, path: str | Path) -> Recording:
-        """Return the recording in a file, with the plant's channel names and in SI.
+        """Return the recording in a file, with the plant's channel names, in SI, at its period.
 
         Raises:
             RecordingError: lists every problem of the file.
             PlantError: the plant's states do not stay finite along this recording.
         """
-        needed = (*self.plant.inputs, *(output.channel for output in self.plant.outputs))
-        recording = read_recording(path, required=needed, columns=self.columns, of_rig=False)
+        period = self.plant.period
+        recording = read_measured(
+            path,
+            held=self.plant.inputs,
+            measured=[output.channel for output in self.plant.outputs],
+            period=period,
+            columns=self.columns,
+            of_rig=False,
+        )
+        assert recording.sampling is not None
+        own = recording.sampling.period
+        if self.row_s is not None and abs(own / self.row_s - 1.0) > ALIKE:
+            raise RecordingError.of_file(
+                str(path), f"has a row every {own * 1e3:.4g} ms",
+                "give recordings of one period, or add `period` to the model file",
+                f"the first recording, or the plant, has one every {self.row_s * 1e3:.4g} ms",
+            )  # fmt: skip
         check_course(recording, self.plant)
         return recording
 
@@ -78,6 +95,7 @@ class PlantModel:
 class _File(Schema):
     name: str
     description: str = ""
+    period: Annotated[Any, Physical("s", 1e-4, 1.0)] = None
     parameters: Any
     effects: Any = None
     channels: Any = None
@@ -111,8 +129,13 @@ def own_parameters(thing: PlantDescription | Plant) -> list[Parameter]:
     return [p for p in thing.parameters if p.neutral is None or p.name not in moved]
 
 
-def read_plant_file(path: Path, thing: PlantDescription | Plant) -> PlantModel:
+def read_plant_file(
+    path: Path, thing: PlantDescription | Plant, recordings: Sequence[str | Path] = ()
+) -> PlantModel:
     """Return a plant, or the plant of a description, with the values of a model file.
+
+    A description becomes a plant of the period that the file gives, else of one that fits the first
+    of the recordings that can be read, else of 1 ms.
 
     Raises:
         ConfigError: lists every problem of the file.
@@ -133,7 +156,13 @@ def read_plant_file(path: Path, thing: PlantDescription | Plant) -> PlantModel:
     steering = reading.steering(root)
     sources.problems.raise_if_any()
     assert file is not None
+    rows = None
     if isinstance(thing, Plant):
+        if file.period is not None and abs(file.period / thing.period - 1.0) > 1e-6:
+            place = root.find(("period",))
+            limit = f"the module has the plant in full, for {thing.period * 1e3:g} ms"
+            sources.problems.add(place.place, "period", shown(place), limit, "delete it")
+            sources.problems.raise_if_any()
         changed: Any = {"nuisances": nuisances(thing.parameters, tolerances, values)}
         plant = replace(
             thing, nominal=values, outputs=outputs, **(changed if tolerances else {}),
@@ -152,9 +181,14 @@ def read_plant_file(path: Path, thing: PlantDescription | Plant) -> PlantModel:
             ),
             steering=thing.steering if steering is None else steering,
         )
-        plant = build(described, values)
+        rows = next(filter(None, (read_sampling(each, columns) for each in recordings)), None)
+        period = file.period or (1e-3 if rows is None else rows.grid)
+        plant = build(described, values, period, period if rows is None else rows.period)
     effects = tuple(name for name, _ in reading.switched_on(root))
-    return PlantModel(file.name, plant, columns, effects, root.plain())
+    row_s = None
+    if file.period is None and not isinstance(thing, Plant):
+        row_s = plant.period if rows is None else rows.period
+    return PlantModel(file.name, plant, columns, effects, root.plain(), row_s)
 
 
 class _Reading:
@@ -168,14 +202,7 @@ class _Reading:
     def _checked(
         self, item: Located, fields: Mapping[str, Any], hints: dict[str, str] | None = None
     ) -> dict[str, Any]:
-        """Return the values of a mapping for the keys of `fields`; None where absent or wrong.
-
-        `fields` gives the type of each key's value, `hints` the remedy for misplaced keys.
-        """
-        definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
-        made = create_model("Section", __base__=Schema, **definitions)
-        file = read_mapping(made, item, self.problems, hints)
-        return {key: getattr(file, key, None) for key in fields}
+        return checked(item, fields, self.problems, hints)
 
     def _input_units(self) -> dict[str, str]:
         """Return the unit of each input by its channel; empty if the unit is not known."""
@@ -267,45 +294,20 @@ class _Reading:
         self._checked(section, dict.fromkeys((TIME, *inputs, *outputs), Any))
         columns: dict[str, Column] = {}
         for name, entry in section.items():
-            if isinstance(entry.value, str):
-                columns[name] = Column(entry.value)
-            elif name in outputs:
+            if name in outputs:
                 unit = outputs[name].unit
                 kinds = {
                     key: Annotated[Any, Physical(unit, lower)]
                     for key, lower in (("noise", 1e-300), ("resolution", 0.0), ("lower", -inf),
                                        ("upper", -inf))
                 }  # fmt: skip
-                found = self._column(columns, name, entry, unit, kinds)
+                columns[name], found = column_in(name, entry, unit, self.problems, kinds)
                 given = {key: found[key] for key in kinds if found.get(key) is not None}
                 outputs[name] = replace(outputs[name], **given)
             elif name == TIME or name in inputs:
                 unit = "s" if name == TIME else inputs[name]
-                self._column(columns, name, entry, unit, {})
+                columns[name], _ = column_in(name, entry, unit, self.problems, {})
         return columns, tuple(outputs.values())
-
-    def _column(
-        self, columns: dict[str, Column], name: str, entry: Located, unit: str,
-        kinds: dict[str, Any],
-    ) -> dict[str, Any]:  # fmt: skip
-        fields = {"column": str | None, "unit": str | None, "scale": float | None} | kinds
-        found = self._checked(entry, fields)
-        factor = 1.0
-        if found["unit"] is not None and found["scale"] is not None:
-            place = entry.find(("scale",)).place
-            self.problems.add(place, "scale", found["scale"], "is given beside unit", "keep one")
-        elif found["unit"] is not None:
-            item = entry.find(("unit",))
-            read = quantity_in(item, lambda: unit_factor(found["unit"], unit), self.problems)
-            factor = 1.0 if read is None else float(read)
-        elif found["scale"] is not None:
-            factor = found["scale"]
-            if not isfinite(factor) or factor == 0.0:
-                item = entry.find(("scale",))
-                limit = f"must be how many {unit or 'SI units'} one unit of the column is"
-                self.problems.add(item.place, "scale", shown(item), limit, "give a number")
-        columns[name] = Column(found["column"] or name, factor)
-        return found
 
     # Allowed errors
 

@@ -4,7 +4,7 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,9 @@ from .plant_file import PlantModel, read_plant_file, write_plant_file
 _EXAMPLE = "give a module and an object of it, as in axis:axis (docs/another_plant.md)"
 
 
-def load_plant(reference: str, model: str | Path | None) -> PlantModel:
+def load_plant(
+    reference: str, model: str | Path | None, recordings: Sequence[str | Path] = ()
+) -> PlantModel:
     """Return a plant that a user describes in Python, with the values of a model file.
 
     The plant's `write` writes a model file of the same form; `PlantModel.read` reads a recording.
@@ -27,6 +29,8 @@ def load_plant(reference: str, model: str | Path | None) -> PlantModel:
     Args:
         reference: `module:object`, looked for in the working folder first, or `path.py:object`.
         model: path of the model file; None is reported as a problem.
+        recordings: paths of the recordings that it is for. If the model file gives no period, the
+            plant has one that fits the first of them that can be read; without any, 1 ms.
 
     Raises:
         PlantError: the module, or the plant it describes, cannot be used.
@@ -40,7 +44,7 @@ def load_plant(reference: str, model: str | Path | None) -> PlantModel:
         limit = "" if path is None else "is not a file" if path.exists() else "does not exist"
         raise ConfigError([Problem("--model", 0, 0, given, "", limit, remedy)])
     try:
-        read = read_plant_file(path, thing)
+        read = read_plant_file(path, thing, recordings)
     except PlantError as error:
         raise PlantError([f"--plant {reference}: {each}" for each in error.problems]) from None
 

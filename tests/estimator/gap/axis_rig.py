@@ -63,7 +63,13 @@ def _run(reference, voltage, closed, par, delay, noise, period, substeps):  # ty
 
 
 def recorded(
-    motion: str, seed: int, seconds: float = 12.0, resolution: float = 1e-6, **hidden: float
+    motion: str,
+    seed: int,
+    seconds: float = 12.0,
+    resolution: float = 1e-6,
+    period: float = 1e-3,
+    rows: Any = None,
+    **hidden: float,
 ) -> dict[str, Array]:
     """Return the channels of a recording of an axis, by name.
 
@@ -72,13 +78,16 @@ def recorded(
         seed: draws motion and noise.
         seconds: length of the recording.
         resolution: of the encoder, m; 0 means no rounding.
+        period: of the samples, s.
+        rows: samples (m,), ascending from 0, that are recorded; in open loop the voltage changes at
+            these only. None for all.
         hidden: values of the axis that replace those in `TRUE`.
     """
     values = {**TRUE, **hidden}
     assert set(values) == set(TRUE)
     generator = np.random.default_rng(seed)
-    n = round(seconds * 1e3)
-    time = np.arange(n, dtype=np.float64) * 1e-3
+    n = round(seconds / period)
+    time = np.arange(n, dtype=np.float64) * period
     reference, voltage = np.full(n, 0.1), np.zeros(n)
     if motion == "strokes":
         reference = _strokes(time, generator)
@@ -97,19 +106,22 @@ def recorded(
             )
     else:
         raise ValueError(motion)
+    kept = np.arange(n) if rows is None else rows
+    voltage = voltage[kept][np.searchsorted(kept, np.arange(n), side="right") - 1]
     order = ("gain", "mass", "viscous", "coulomb", "contact", "offset", "coulomb_asymmetry",
              "viscous_asymmetry", "stribeck_force", "stribeck_velocity", "cogging", "phase",
              "pitch")  # fmt: skip
     par = tuple(float(values[key]) for key in order)
     noise = 0.7e-6 * generator.standard_normal(n)
     position, commanded = _run(
-        reference, voltage, motion != "open loop", par, values["delay"], noise, 1e-3,
-        round(1e-3 / STEP_S),
+        reference, voltage, motion != "open loop", par, values["delay"], noise, period,
+        round(period / STEP_S),
     )  # fmt: skip
     read = position + noise
     if resolution > 0.0:
         read = np.floor(read / resolution + 0.5) * resolution
-    return {"time_s": time, "motor_V": commanded, "position_m": read}
+    channels = {"time_s": time, "motor_V": commanded, "position_m": read}
+    return {name: values[kept] for name, values in channels.items()}
 
 
 def _strokes(time: NDArray[Any], generator: np.random.Generator) -> NDArray[Any]:
