@@ -1,4 +1,5 @@
 from .plant import (
+    Addition as Addition,
     Array as Array,
     Motion as Motion,
     Parameter as Parameter,
@@ -16,6 +17,7 @@ from .prediction import (
     Check as Check,
     Curve as Curve,
     DetectionLimit as DetectionLimit,
+    Discovered as Discovered,
     Estimate as Estimate,
     FreeRun as FreeRun,
     GapResult as GapResult,
@@ -33,6 +35,7 @@ from .servo import servo_actuator as servo_actuator
 from .verdict import (
     NOWHERE as NOWHERE,
     SURE as SURE,
+    Wanted as Wanted,
     find_gap as find_gap,
     growth as growth,
     take_back as take_back,

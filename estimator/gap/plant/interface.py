@@ -186,6 +186,9 @@ class Effect:
         propose: (recordings as predicted, values of all parameters by name) -> further starts, for
             an effect whose starts depend on the recorded motion. It returns an empty tuple if the
             recordings show nothing of the effect.
+        own: pairs of a place that a disturbance may enter and a quantity that it may depend on, in
+            which the effect's formula is a curve. A disturbance found there, beside the effect,
+            corrects its formula.
     """
 
     name: str
@@ -195,6 +198,7 @@ class Effect:
     starts: tuple[Mapping[str, float], ...] = ()
     unseen: str = ""
     propose: Proposal | None = None
+    own: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,12 +19,12 @@ from .linear import (
 )
 from .predictor import Predictor as Predictor
 from .results import (
-    AddedDisturbance as AddedDisturbance,
     Band as Band,
     ChannelGap as ChannelGap,
     Check as Check,
     Curve as Curve,
     DetectionLimit as DetectionLimit,
+    Discovered as Discovered,
     Estimate as Estimate,
     FreeRun as FreeRun,
     GapResult as GapResult,

@@ -7,8 +7,10 @@ from typing import Any, Literal
 from estimator.gap.plant import Array
 
 Verdict = Literal["adequate", "missing_effect", "unknown_effect", "inconclusive"]
-Written = Literal["as given", "refitted", "with effects"]
-"""Which model is written: the model as given, the refitted one, or one with effects added."""
+Written = Literal["as given", "refitted", "with effects", "with discovered"]
+"""Which model is written: the model as given, the refitted one, one with effects added, or one with
+discovered disturbances added and no effects."""
+Form = Literal["catalogue", "corrected"]
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class NamedEffect:
         unseen: what recordings cannot show of the effect on principle, in words.
         held_out_z: normal deviate of the effect's gain on the held-out recordings; NaN where these
             hardly show what it acts on.
+        correction: disturbance by which the effect's formula is corrected; None if it needs none.
     """
 
     name: str
@@ -86,6 +89,64 @@ class NamedEffect:
     excluded: tuple[Rival, ...] = ()
     unseen: str = ""
     held_out_z: float = float("nan")
+    correction: "Discovered | None" = None
+
+    @property
+    def form(self) -> Form:
+        """Return whether the effect's formula is the catalogue's, or was corrected by a curve."""
+        return "catalogue" if self.correction is None else "corrected"
+
+
+@dataclass(frozen=True)
+class Discovered:
+    """A disturbance that no catalogue holds, as it was found.
+
+    Attributes:
+        name: its shape in the lexicon (`estimator.gap.verdict.lexicon`), such as "threshold".
+        place: equation, reading or parameter that it enters.
+        of: quantity that it depends on; "" for none.
+        times: quantity that it is multiplied by; "" for none.
+        form: "table", or its form in symbols.
+        text: what it is, in one sentence with units.
+        estimates: of a form in symbols, its size and places with intervals; of a table none.
+        at: float64 (knots,), of a table, SI; else empty.
+        values: float64 (knots,), of a table, SI; else empty.
+        errors: float64 (knots,), standard errors of the values, SI; else empty.
+        unit: SI unit of the disturbance.
+        of_unit: SI unit of the quantity.
+        gain: by how much it lowered the cost when it was added.
+        z: normal deviate of the gain, by the scatter of half-second blocks that it was not fitted
+            to.
+        share: part of the excess over the noise floor that it takes away.
+        gap: mean of the channels' excess over the floor on held-out recordings, in noise variances,
+            of the model before it was added and of that with it; NaN if it was not measured.
+        could_also_be: at most two other explanations that these recordings do not exclude, in
+            words.
+        suspected_leak: whether it takes oil out of a chamber and grows with the pressure.
+        in_model: whether the model written has it.
+        experiment: what to run to confirm it, in words.
+    """
+
+    name: str
+    place: str
+    of: str
+    times: str
+    form: str
+    text: str
+    estimates: tuple[Estimate, ...]
+    at: Array
+    values: Array
+    errors: Array
+    unit: str
+    of_unit: str
+    gain: float
+    z: float
+    share: float
+    gap: tuple[float, float] = (float("nan"), float("nan"))
+    could_also_be: tuple[str, ...] = ()
+    suspected_leak: bool = False
+    in_model: bool = True
+    experiment: str = ""
 
 
 @dataclass(frozen=True)
@@ -286,30 +347,6 @@ class Round:
     check: Check | None = None
 
 
-@dataclass(frozen=True)
-class AddedDisturbance:
-    """An unknown disturbance in symbols that was added to the model.
-
-    Attributes:
-        equation: name of the equation to which it was added.
-        text: its terms in symbols with units, refitted together with the nuisances.
-        estimates: estimates of its sizes and places, SI.
-        values: values of all parameters of the model with the disturbance.
-        explained: part of the excess over the floor that it explains in the recordings fitted to.
-        gap: mean of the channels' excess over the floor on held-out recordings, in noise variances,
-            for the model with the disturbance; NaN until it is measured.
-        channels: gap of each channel with this model; `before` is that of the model as given.
-    """
-
-    equation: str
-    text: str
-    estimates: tuple[Estimate, ...]
-    values: dict[str, float]
-    explained: float
-    gap: float = float("nan")
-    channels: tuple[ChannelGap, ...] = ()
-
-
 @dataclass
 class GapResult:
     """What the workflow found.
@@ -329,10 +366,9 @@ class GapResult:
             share.
         rest: disturbances that would explain what is left after all named effects were added;
             `where` if none is named.
-        term: an unknown effect in symbols with units, with the equation that it enters; empty if
-            there is none.
-        added: that effect as part of a second model, if a model can represent it and is better with
-            it; else None. The model written does not have it.
+        discovered: disturbances that no catalogue holds, in the order in which they were found.
+        accounted: part of the excess over the floor that effects and discovered disturbances take
+            away together in the recordings fitted to; NaN if there is neither.
         limits: for each effect the smallest size that the recorded motions would show.
         experiments: experiments that would settle which effects are the causes.
         free_runs: short free simulations, for the eye.
@@ -357,8 +393,8 @@ class GapResult:
     explained: float = float("nan")
     where: list[Curve] = field(default_factory=list)
     rest: list[Curve] = field(default_factory=list)
-    term: str = ""
-    added: AddedDisturbance | None = None
+    discovered: list[Discovered] = field(default_factory=list)
+    accounted: float = float("nan")
     limits: list[DetectionLimit] = field(default_factory=list)
     experiments: list[Separation] = field(default_factory=list)
     free_runs: list[FreeRun] = field(default_factory=list)
@@ -373,7 +409,9 @@ class GapResult:
 
     @property
     def written(self) -> Written:
-        """Return which model is written: as given, refitted, or with effects; without `added`."""
+        """Return which model is written."""
         if self.as_given:
             return "as given"
-        return "with effects" if self.effects else "refitted"
+        if self.effects:
+            return "with effects"
+        return "with discovered" if any(d.in_model for d in self.discovered) else "refitted"

@@ -1,3 +1,10 @@
+from .discovery import (
+    DiscoveredModel as DiscoveredModel,
+    Discovering as Discovering,
+    Discovery as Discovery,
+    Explanation as Explanation,
+    addition_variables as addition_variables,
+)
 from .disturbances import (
     TIME as TIME,
     Attribution as Attribution,

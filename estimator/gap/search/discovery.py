@@ -95,7 +95,10 @@ class Discovery:
         addition: the disturbance as fitted in the plant.
         errors: standard errors of its values, in their order.
         rivals: explanations that these recordings do not tell from it, at most two.
-        share: part of the excess before it that it takes away, cross-validated.
+        share: part of the excess at the beginning that it takes away.
+        before: values of all parameters before it was added.
+        after: values of all parameters with it.
+        reach: least and greatest value of its quantity in the recordings, SI.
     """
 
     explanation: Explanation
@@ -103,10 +106,13 @@ class Discovery:
     errors: tuple[float, ...]
     rivals: tuple[Explanation, ...]
     share: float
+    before: Values
+    after: Values
+    reach: tuple[float, float]
 
 
 @dataclass
-class Discovered:
+class DiscoveredModel:
     """A model with what was discovered.
 
     Attributes:
@@ -148,7 +154,7 @@ class Explaining:
     ) -> None:
         self.plant = filtered.predictor.plant
         period = self.plant.period
-        self.parts = (
+        self.parts: list[Excerpt] = (
             excerpts(filtered.records, period, filtered.costs(values))
             if like is None
             else like.parts
@@ -186,6 +192,13 @@ class Explaining:
             value = addition.shape(self._along[addition.of][k] if addition.of else ones)
             found.append(value * (self._along[addition.times][k] if addition.times else ones))
         return found
+
+    def reach(self, of: str) -> tuple[float, float]:
+        """Return the 1 % and the 99 % quantile of a quantity, SI; zeros for none."""
+        if not of:
+            return 0.0, 0.0
+        low, high = np.quantile(self._together[of], (0.01, 0.99))
+        return float(low), float(high)
 
     def again(self, explanations: Sequence[Explanation]) -> list[Explanation]:
         """Return explanations of the same shapes, fitted to what is to be explained here."""
@@ -325,7 +338,7 @@ def _changes_out_of_fold(
     products: Array, slopes: Array, bounds: tuple[Array, Array], penalty: Array
 ) -> Array:
     """Return by how much a fit to all other folds changes the cost of each block, (blocks,)."""
-    blocks, count = slopes.shape
+    blocks = len(slopes)
     total, slope = products.sum(0), slopes.sum(0)
     total = total + penalty + 1e-9 * np.diag(np.maximum(np.diag(total), 1e-300))
     folds = _folds(blocks)
@@ -369,11 +382,16 @@ class Discovering:
     Args:
         refits: refits of the records.
         twins: makes twins of the records.
+
+    Attributes:
+        plant: plant of the records.
+        nuisances: variables of the plant's nuisances.
     """
 
     def __init__(self, refits: Refits, twins: Twins) -> None:
         self._refits, self._twins = refits, twins
         self.plant: Plant = refits.plant
+        self.nuisances = refits.nuisances
 
     def run(
         self,
@@ -381,7 +399,7 @@ class Discovering:
         variables: tuple[Variable, ...],
         floor: float,
         most: int = MOST,
-    ) -> Discovered:
+    ) -> DiscoveredModel:
         """Return the model with all disturbances that earn their place.
 
         Args:
@@ -392,7 +410,7 @@ class Discovering:
         """
         filtered = self._refits.fitter.filtered(fitted.values)
         present = Fitted(fitted.values, filtered.costs(fitted.values))
-        found = Discovered(present, filtered, variables)
+        found = DiscoveredModel(present, filtered, variables)
         layout = self.plant.layout
         if layout is None:
             return found
@@ -404,11 +422,18 @@ class Discovering:
             found.near = ranked[:8]
             if not self._add(found, explaining, ranked, first):
                 break
+        if found.discoveries:
+            found.fitted, found.filtered = self._refits.settled(
+                found.fitted.values, found.variables, rounds=3
+            )
+            found.filtered = found.filtered.at(found.fitted.values)
+            costs = found.filtered.costs(found.fitted.values)
+            found.fitted = Fitted(found.fitted.values, costs)
         return found
 
     def _add(
         self,
-        found: Discovered,
+        found: DiscoveredModel,
         explaining: Explaining,
         ranked: Sequence[Explanation],
         first: float,
@@ -454,8 +479,12 @@ class Discovering:
                 continue
             share = float(gained.sum()) / first if first > 0.0 else 0.0
             found.discoveries.append(
-                Discovery(added.explanation, added.addition, added.errors, rivals, share)
-            )
+                Discovery(
+                    added.explanation, added.addition, added.errors, rivals, share,
+                    found.fitted.values, added.fitted.values,
+                    explaining.reach(added.addition.of),
+                )
+            )  # fmt: skip
             found.fitted, found.filtered = added.fitted, added.filtered
             found.variables = added.variables
             return True
@@ -463,7 +492,7 @@ class Discovering:
 
     def _settled(
         self,
-        found: Discovered,
+        found: DiscoveredModel,
         explaining: Explaining,
         added: "_InPlant",
         ranked: Sequence[Explanation],
@@ -501,7 +530,7 @@ class Discovering:
         return added, rivals
 
     def _in_plant(
-        self, found: Discovered, each: Explanation, start: Values | None = None, rounds: int = 3
+        self, found: DiscoveredModel, each: Explanation, start: Values | None = None, rounds: int = 3
     ) -> "_InPlant | None":
         """Return the model with an explanation in the plant; None if that does not lower the cost.
 

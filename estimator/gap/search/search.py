@@ -9,9 +9,7 @@ extension, prediction error). Its gain, by which it lowers the cost, must exceed
   that is exactly the present model on the same course (`Predictor.twin`), are searched in the same
   way, and the gain must be well above what the candidate gains there.
 
-When nothing more matters in the recordings fitted to, held-out recordings may still be predicted
-worse than the noise allows. Then an effect that passes the second bar is named as well if its fit,
-made without the held-out recordings, takes away most of their excess: it matters in their motion.
+Held-out recordings are not looked at.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,17 +18,7 @@ from typing import Final
 from estimator.gap.plant import Effect
 from estimator.gap.prediction import Filtered, Fitted, Fitter, Values, freed
 
-from .findings import (
-    CHANCE,
-    HELD_OUT,
-    MATERIAL,
-    MOST_EFFECTS,
-    Found,
-    Named,
-    Screened,
-    deviate,
-    earns,
-)
+from .findings import CHANCE, MATERIAL, MOST_EFFECTS, Found, Named, Screened, deviate, earns
 from .refits import Refits
 from .rivals import Rivals
 from .screening import Screening
@@ -38,8 +26,9 @@ from .twins import FEW, Twins
 
 OVER_TWIN: Final = 5.0
 """Least gain of an effect, in multiples of its greatest gain on a twin."""
-MOST: Final = 0.5
-"""An effect that takes away at least this part of the held-out excess is named for that alone."""
+CERTAIN: Final = 4.0
+"""Least normal deviate, by the blocks' scatter, of what each of several named effects gains: an
+effect whose interval holds its neutral value gains nothing that is certain."""
 _TRIED: Final = 5
 """Greatest number of candidates that are fitted at one stage."""
 _TRIED_AGAIN: Final = 2
@@ -63,20 +52,20 @@ class Search:
     Args:
         fitter: fitter of the records.
         seed: seed of the twins' sensor noise.
-        judged: fitter of the held-out recordings; None without such recordings.
 
     Attributes:
         plant: plant of the fitter.
         refits: refits of the fitter's records.
         rivals: tries other effects in the place of those named.
+        twins_of: makes twins of the fitter's records.
     """
 
-    def __init__(self, fitter: Fitter, seed: int = 1, judged: Fitter | None = None) -> None:
-        self.fitter, self.judged = fitter, judged
+    def __init__(self, fitter: Fitter, seed: int = 1) -> None:
+        self.fitter = fitter
         self.plant = fitter.predictor.plant
         self.refits = Refits(fitter)
         self._seed = seed
-        self._twins = Twins(fitter, seed)
+        self.twins_of = Twins(fitter, seed)
         self._screening = Screening(self.plant)
         self.rivals = Rivals(self.refits, self._screening)
 
@@ -110,7 +99,7 @@ class Search:
             screened = self._screening.screen(found.filtered, found.fitted.values, found.variables)
             for candidate in screened:
                 seen.setdefault(candidate.effect, []).append(candidate)
-            added = self._next(found, screened) or self._next_held_out(found, screened)
+            added = self._next(found, screened)
             if added is None:
                 found.rejected = screened
                 break
@@ -171,45 +160,21 @@ class Search:
                 best = (effect, fitted, bar)
         return best or first
 
-    def _next_held_out(
-        self, found: Found, screened: Sequence[Screened]
-    ) -> tuple[Effect, Fitted, float] | None:
-        """Return, as `_next` does, an effect that matters in the held-out recordings only."""
-        before = found.fitted
-        excess = self.held_out_excess(before.values)
-        if self.judged is None or excess <= HELD_OUT:
-            return None
-        taken = {named.effect for named in found.named}
-        hopeful = [c for c in screened if c.effect not in taken and c.gain > 0.5 * CHANCE][:_TRIED]
-        chance = self._chance(found, [c.effect for c in hopeful]) if hopeful else {}
-        best: tuple[Effect, Fitted, float] | None = None
-        least = (1.0 - MOST) * excess
-        for candidate in hopeful:
-            fitted = self.refits.with_effect(
-                found.filtered, before.values, found.variables, candidate
-            )
-            bar = self._bar(candidate, chance, 0.0)
-            if not earns(before, fitted, bar):
-                continue
-            left = self.held_out_excess(fitted.values)
-            if left < least:
-                best, least = (self.plant.effects[candidate.effect], fitted, bar), left
-        return best
-
-    def held_out_excess(self, values: Values) -> float:
+    def held_out_excess(self, judged: Fitter, values: Values) -> float:
         """Return by how much held-out recordings are predicted worse than a twin of them would be.
 
-        Both are predicted with `values` of all parameters. The result is a cost per reading; it is
-        NaN if the search has no fitter of held-out recordings.
+        Both are predicted with `values` of all parameters. The result is a cost per reading.
+
+        Args:
+            judged: fitter of the held-out recordings.
+            values: values of all parameters.
         """
-        if self.judged is None:
-            return float("nan")
-        predictor = self.judged.predictor
+        predictor = judged.predictor
         twins = [
             predictor.twin(record, values, self._seed + 500 + index)
-            for index, record in enumerate(self.judged.records)
+            for index, record in enumerate(judged.records)
         ]
-        both = (self.judged, Fitter(predictor, twins, self.judged.pool))
+        both = (judged, Fitter(predictor, twins, judged.pool))
         filtered = [fitter.filtered(values) for fitter in both]
         costs = [each.costs(values).sum() / each.samples for each in filtered]
         return float(costs[0] - costs[1])
@@ -237,7 +202,7 @@ class Search:
 
     def twins(self, values: Values, count: int = FEW) -> list[Filtered]:
         """Return `count` sets of twins of all records for these values, filtered with them."""
-        return self._twins.of(values, count)
+        return self.twins_of.of(values, count)
 
     # After the search
 
@@ -247,7 +212,8 @@ class Search:
             if len(found.named) < 2:
                 return
             variables, without = self.refits.without(found, named.effect, exact=True)
-            if without.cost - found.fitted.cost < named.bar:
+            gains = without.costs - found.fitted.costs
+            if gains.sum() < named.bar or deviate(gains) < CERTAIN:
                 found.named.remove(named)
                 found.variables = variables
                 found.fitted, found.filtered = self.refits.settled(without.values, variables)

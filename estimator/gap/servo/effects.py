@@ -37,8 +37,9 @@ def _effect(
     propose: Proposal | None = None,
 ) -> Effect:  # fmt: skip
     return Effect(
-        name, CATALOGUE[name].equation, where, knobs, starts, _UNSEEN.get(name, ""), propose
-    )
+        name, CATALOGUE[name].equation, where, knobs, starts, _UNSEEN.get(name, ""), propose,
+        _OWN.get(name, ()),
+    )  # fmt: skip
 
 
 def _one(
@@ -79,6 +80,81 @@ _UNSEEN: Final = {
     "position_gain": "a wrong zero: a shift of the whole stroke changes volumes alone",
     "position_backlash": "a play that no reversal crosses",
 }
+
+_FRICTION: Final = (
+    ("friction level", "velocity"), ("force balance", "velocity"), ("friction level", ""),
+    ("viscous friction", "position"), ("force balance", "direction"), ("force balance", ""),
+)  # fmt: skip
+_EDGES: Final = tuple(
+    (place, "spool opening")
+    for place in (
+        "valve edges", "flow, chamber 1", "flow, chamber 2", "leak across the piston",
+        "discharge coefficient", "reading of spool_m",
+    )
+)  # fmt: skip
+_PATH: Final = (
+    ("spool", "command"), ("spool", "spool opening"), ("spool per volt", "command"), ("spool", ""),
+)  # fmt: skip
+_OIL: Final = tuple(
+    (place, f"pressure {i}")
+    for i in (1, 2)
+    for place in ("bulk modulus", f"flow, chamber {i}")
+)  # fmt: skip
+_LINES_OWN: Final = tuple(
+    (place, of)
+    for place in ("supply pressure", "return pressure", "discharge coefficient")
+    for of in ("", "velocity", "spool opening")
+)
+_LEAKS: Final = (
+    ("leak across the piston", ""), ("leak across the piston", "pressure difference"),
+    ("flow, chamber 1", "pressure 1"), ("flow, chamber 2", "pressure 2"),
+)  # fmt: skip
+_RAM: Final = (("force balance", "position"), ("force balance", ""))
+_SEEN_AT: Final = tuple(
+    ("reading of position_m", of) for of in ("", "position", "velocity", "direction")
+)
+_OWN: Final[dict[str, tuple[tuple[str, str], ...]]] = {
+    "spool_null_bias": (("null of the spool", ""), *_EDGES),
+    "valve_deadband": _EDGES,
+    "valve_underlap_leakage": _EDGES,
+    "valve_flow_asymmetry": _EDGES,
+    "valve_hysteresis": _PATH,
+    "valve_bandwidth": _PATH,
+    "valve_rate_limit": _PATH,
+    "command_delay": _PATH,
+    "entrained_air": _OIL,
+    "bulk_modulus": _OIL,
+    "supply_pressure": _LINES_OWN,
+    "supply_droop": _LINES_OWN,
+    "supply_ripple": _LINES_OWN,
+    "return_back_pressure": _LINES_OWN,
+    "friction_asymmetry": _FRICTION,
+    "stiction_level": _FRICTION,
+    "coulomb_level": _FRICTION,
+    "stribeck_velocity": _FRICTION,
+    "viscous_friction": _FRICTION,
+    "presliding_compliance": _FRICTION,
+    "internal_leakage": _LEAKS,
+    "external_leakage_1": _LEAKS,
+    "external_leakage_2": _LEAKS,
+    "spring_load": _RAM,
+    "constant_force": _RAM,
+    "end_stop": _RAM,
+    **{
+        f"pressure_{i}_{what}": (
+            (f"reading of pressure_{i}_Pa", f"pressure {i}"), (f"reading of pressure_{i}_Pa", ""),
+        )
+        for i in (1, 2)
+        for what in ("bias", "gain")
+    },
+    "pressure_lag": tuple(
+        (f"reading of pressure_{i}_Pa", of) for i in (1, 2) for of in (f"pressure {i}", "velocity")
+    ),
+    "position_gain": _SEEN_AT,
+    "position_delay": _SEEN_AT,
+    "position_backlash": _SEEN_AT,
+}  # fmt: skip
+"""Places and quantities in which an effect's formula is a curve (`Effect.own`)."""
 
 _N: Final = NOMINAL
 EFFECTS: Final = {

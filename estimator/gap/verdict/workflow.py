@@ -1,7 +1,7 @@
 """This module runs the whole workflow, from recordings to the verdict and the model written."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -10,9 +10,9 @@ import numpy as np
 
 from estimator.gap.plant import Plant, Record, record_of
 from estimator.gap.prediction import (
-    AddedDisturbance,
     Curve,
     DetectionLimit,
+    Discovered,
     Estimate,
     Filtered,
     Fitter,
@@ -34,6 +34,7 @@ from estimator.gap.prediction import (
 from estimator.gap.search import (
     ENDLESS,
     MATERIAL,
+    Discovering,
     Found,
     Named,
     Search,
@@ -45,13 +46,13 @@ from estimator.gap.search import (
 )
 from rig.recording import Recording
 
-from .confirming import confirm
+from .choosing import choose
+from .confirming import held_out_deviates
+from .describing import Wanted, described_as, kept_of, measured
 from .experiments import separations
-from .judging import EXPLAINED, Evidence, judge
+from .judging import Evidence, judge
 from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
-from .unknown import Unknown, find_unknown
 from .unsettled import compared, unsettled
-from .with_term import with_term
 
 _NORMAL_95: Final = 1.96
 _FORM: Final = 5e-3
@@ -74,7 +75,12 @@ class _Seen:
 
 
 def find_gap(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], plant: Plant, seed: int = 1
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    plant: Plant,
+    seed: int = 1,
+    wanted: Wanted | None = None,
+    said: Callable[[str], None] | None = None,
 ) -> GapResult:
     """Return where a plant's model and its recordings disagree, and what the model lacks.
 
@@ -82,10 +88,12 @@ def find_gap(
     the reasons. That is so without held-out recordings, too.
 
     Args:
-        recordings: recordings to fit to, at 1 kHz.
+        recordings: recordings to fit to.
         holdout: recordings to judge with; nothing is fitted to them.
         plant: plant with the model to be tested.
         seed: seed of the twins' sensor noise.
+        wanted: what the model written may hold; None for all but suspected leaks.
+        said: is told in words what is being done.
 
     Raises:
         KeyError: a recording lacks a channel of the plant.
@@ -102,14 +110,16 @@ def find_gap(
         [record_of(recording, plant) for recording in each] for each in (recordings, holdout)
     )
     records, judged = usable(whole, plant), usable(whole_judged, plant)
+    tell = said or _silent
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         fitter, judge_with = (Fitter(predictor, each, pool) for each in (records, judged))
         result.reasons = unsuitable(fitter, judge_with)
         if not result.reasons:
             try:
-                _search(result, Search(fitter, seed, judge_with), judge_with)
+                _search(result, Search(fitter, seed), judge_with, wanted or Wanted(), tell)
             except np.linalg.LinAlgError:
                 result.verdict, result.effects, result.channels = "inconclusive", [], []
+                result.discovered = []
                 result.values, result.names, result.as_given = dict(plant.nominal), (), True
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
         _show(result, predictor, judged, pool)
@@ -123,93 +133,107 @@ def find_gap(
     return result
 
 
-def _search(result: GapResult, search: Search, judged: Fitter) -> None:
+def _silent(words: str) -> None:
+    """Tell nobody what is being done."""
+
+
+def _search(
+    result: GapResult,
+    search: Search,
+    judged: Fitter,
+    wanted: Wanted,
+    said: Callable[[str], None],
+) -> None:
     """Run the search, and set its findings and the verdict in the result."""
     fitter, plant = search.fitter, search.plant
+    said("trying the effects of the catalogue")
     found = search.run()
     _floor(search, found)
     seen = _Seen()
-    seen.held_out, dropped = confirm(search.refits, found, judged)
-    weak = not found.named or found.explained < EXPLAINED
-    known = None if weak else _known(search, found, seen)
-    left = unsettled(found.filtered, search.twins(found.fitted.values), found.fitted.values)
-    if found.named:
+    said("looking for what the catalogue does not have")
+    discovering = Discovering(search.refits, search.twins_of)
+    choice = choose(discovering, found, MATERIAL)
+    model = choice.model
+    said("looking where the model was wrong, and what is left")
+    refitted = found.filtered.at(found.refitted.values)
+    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
+    result.where = result.rest = _ranked(
+        before.curves(found.floor),
+        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
+    )
+    if not choice.named:
+        found.named = []
+    found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
+    if choice.named or choice.discovered:
         after = attribution(found.filtered, found.fitted.values, found.variables)
         result.rest = _ranked(
             after.curves(found.floor),
             drifts(found.filtered, found.fitted.values, found.variables, found.floor),
         )
-    resting = [] if weak else _resting(found.filtered, judged)
-    refitted = found.filtered.at(found.refitted.values)
+    twins = search.twins(found.fitted.values)
+    left = unsettled(found.filtered, twins, found.fitted.values)
     left = compared(left, refitted, found.refitted.values)
-    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
-    result.where = _ranked(
-        before.curves(found.floor),
-        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
+    judgement = judge(
+        Evidence(
+            found=found,
+            discovered=choice.discovered,
+            rest=result.rest,
+            located=_located(plant, result.where),
+            resting=_resting(found.filtered, judged),
+            unsettled=left,
+            held_out=search.held_out_excess(judged, found.fitted.values),
+        )
     )
-    result.rest = result.rest if found.named else result.where
-    unknown = None
-    if weak:
-        # Named effects that explain too little are not part of the model that is judged.
-        resting = _resting(refitted, judged)
-        if found.refitted.cost / found.samples - found.floor > MATERIAL:
-            unknown = find_unknown(before, result.where, found.floor)
-    excess = search.held_out_excess(found.fitted.values)
-    without = search.held_out_excess(found.refitted.values) if found.named else excess
-    worse = _compare(result, fitter, judged, found) if found.named else None
-    evidence = Evidence(
-        found=found,
-        rest=result.rest,
-        located=_located(plant, result.where if weak else result.rest, unknown),
-        resting=resting,
-        unsettled=left,
-        held_out=excess,
-        held_out_before=without,
-        ahead=(result.gap_before, result.gap_after),
-        scatter=float(np.mean([gap.scatter for gap in result.channels])) if found.named else 0.0,
-        worse=worse.words if worse is not None and worse.beyond_chance else None,
-    )
-    judgement = judge(evidence)
-    result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
+    result.verdict, result.reasons = judgement.verdict, list(judgement.reasons)
     if result.verdict == "inconclusive":
         result.rest, result.channels = result.where, []
         result.reasons += ends_in_words(search.refits.nuisances, found.refitted.values)
         return
-    if result.verdict == "unknown_effect":
-        # An effect that explains too little would be named wrongly, so that the model is only
-        # refitted.
-        found.fitted, found.filtered = found.refitted, refitted
-        found.named, found.variables = [], search.refits.nuisances
-        known = None
-        result.rest = result.where
     result.reasons += ends_in_words(found.variables, found.fitted.values)
-    result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
+    if found.named or choice.discovered:
+        result.accounted = found.explained
+    result.explained = found.explained if found.named else float("nan")
+    seen.held_out = held_out_deviates(search.refits, found, judged)
+    known = _known(search, found, seen)
+    described = {
+        id(each): described_as(each, plant)
+        for each in (*choice.discovered, *choice.corrections.values())
+    }
+    # Everything is told of the whole model, and then what is not wanted is left out of that written.
+    kept = kept_of(search, found, choice, described, wanted)
+    result.values, result.names = dict(kept.values), tuple(n.effect for n in found.named)
     result.as_given = False
-    if not found.named:
-        worse = _compare(result, fitter, judged, found)
+    result.discovered = [
+        measured(replace(described[id(each)], in_model=kept.has(each)), each, fitter, judged)
+        for each in choice.discovered
+    ]
+    result.reasons += [
+        f"{each.text} It is suspected to be a leak, so that the model written does not have it: the "
+        "leak detector would not see it; --accept-leaks adds it"
+        for each in result.discovered
+        if each.suspected_leak and not each.in_model and wanted.discovered
+    ]
+    worse = _compare(result, fitter, judged, kept.values, named=bool(found.named))
+    result.effects = [
+        _named(
+            plant, found, named, known.errors, seen,
+            described[id(choice.corrections[named.effect])]
+            if named.effect in choice.corrections
+            else None,
+        )
+        for named in found.named
+    ]  # fmt: skip
+    result.refitted = [
+        _estimate(plant, found, v, known.errors)
+        for v in found.variables
+        if not v.key
+    ]
     if worse is not None:
         names = " and ".join(named.effect for named in found.named)
         take_back(result, plant, names or "the refit", worse)
-    if result.verdict == "unknown_effect":
-        if unknown is None:
-            unknown = find_unknown(before, result.where, found.floor)
-        if unknown is not None:
-            result.term = f"{unknown.place.name}: {unknown.text(plant)}"
-            result.reasons.append(
-                f"in symbols, to be added to the {unknown.place.name}: {unknown.text(plant)}; it "
-                f"takes away {min(unknown.share, 1.0):.0%} of the excess"
-            )
-            result.added, said = with_term(search.refits, found, unknown)
-            result.reasons += said
-    if known is None:
-        known = _known(search, found, seen)
+        result.discovered = [replace(each, in_model=False) for each in result.discovered]
     if result.verdict != "unknown_effect":
         result.reasons += known.absorbed
-    result.explained = found.explained if found.named else float("nan")
-    result.effects = [_named(plant, found, named, known.errors, seen) for named in found.named]
-    result.refitted = [
-        _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
-    ]
     result.limits = known.limits
     result.experiments = separations(plant, found, fitter.pool)
 
@@ -259,7 +283,7 @@ def _ranked(*curves: list[Curve]) -> list[Curve]:
     return sorted((c for part in curves for c in part), key=lambda curve: -curve.share)
 
 
-def _located(plant: Plant, curves: Sequence[Curve], unknown: Unknown | None) -> float:
+def _located(plant: Plant, curves: Sequence[Curve]) -> float:
     """Return the part of the excess that the best disturbance of one equation explains.
 
     A disturbance of a reading does not count, because it explains much even of another rig, or of
@@ -267,8 +291,6 @@ def _located(plant: Plant, curves: Sequence[Curve], unknown: Unknown | None) -> 
     """
     places = {equation.name for equation in plant.equations}
     shares = [curve.share for curve in curves if curve.equation in places]
-    if unknown is not None and unknown.place.equation is not None:
-        shares.append(unknown.share)
     return max(shares, default=0.0)
 
 
@@ -305,8 +327,6 @@ def _show(
         _measure(result, predictor, judged, result.values, pool)
     if result.channels:
         result.free_runs = free_runs(predictor, judged, predictor.plant.nominal, result.values)
-    if result.added is not None:
-        _show_added(result, result.added, predictor, judged, pool)
 
 
 def _measure(
@@ -324,45 +344,19 @@ def _measure(
     result.gap_before, result.gap_after = (before, after) if finite else (np.nan, np.nan)
 
 
-def _compare(result: GapResult, fitter: Fitter, judged: Fitter, found: Found) -> Worse | None:
-    """Set the held-out gap with all that was found; return why that is worse, else None."""
+def _compare(
+    result: GapResult, fitter: Fitter, judged: Fitter, values: Values, *, named: bool
+) -> Worse | None:
+    """Set the held-out gap of a model with these values; return why it is worse, else None."""
     predictor, pool = fitter.predictor, fitter.pool
-    given, values = predictor.plant.nominal, found.fitted.values
+    given = predictor.plant.nominal
     _measure(result, predictor, judged.records, values, pool)
     held_out, fitted_to = (
         growth(predictor, records, given, values, pool)
         for records in (judged.records, fitter.records)
     )
     gap = (result.gap_before, result.gap_after)
-    return why_worse(held_out, gap, fitted_to, named=bool(found.named))
-
-
-def _show_added(
-    result: GapResult, added: AddedDisturbance, predictor: Predictor, judged: Sequence[Record],
-    pool: ThreadPoolExecutor,
-) -> None:  # fmt: skip
-    """Set the held-out gap with the unknown term, and drop the term if it does not lower the gap.
-
-    The gap with the term must be lower than that of the model written, and not above that of the
-    model as given.
-    """
-    gaps = channel_gaps(predictor, judged, predictor.plant.nominal, added.values, pool)
-    given, after = mean_gap(gaps)
-    term = f"{added.equation}: {added.text}"
-    # `result.gap_after` is above the floor of the model written, the two others above that of the
-    # model with the term.
-    if not after < result.gap_after or after > given:
-        result.added = None
-        result.reasons.append(
-            f"refitted in the model ({term}) the term does not lower the error held out: it was "
-            "not added"
-        )
-        return
-    result.added = replace(added, gap=after, channels=tuple(gaps))
-    result.reasons.append(
-        f"refitted in the model ({term}) it takes away {added.explained:.0%} of the excess fitted "
-        f"to, and held out the gap falls from {result.gap_after:.3g} to {after:.3g} noise variances"
-    )
+    return why_worse(held_out, gap, fitted_to, named=named)
 
 
 def _floor(search: Search, found: Found) -> None:
@@ -422,8 +416,9 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
 
 
 def _named(
-    plant: Plant, found: Found, named: Named, errors: dict[str, float], seen: _Seen
-) -> NamedEffect:
+    plant: Plant, found: Found, named: Named, errors: dict[str, float], seen: _Seen,
+    correction: Discovered | None,
+) -> NamedEffect:  # fmt: skip
     effect = plant.effects[named.effect]
     alike = seen.cosines[named.effect]
     possible = {a.effect for a in named.indistinguishable}
@@ -441,4 +436,5 @@ def _named(
         tuple(r for r in rivals if r.effect not in possible),
         effect.unseen,
         seen.held_out[named.effect],
+        correction,
     )  # fmt: skip

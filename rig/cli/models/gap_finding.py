@@ -30,7 +30,7 @@ MODEL_FILE: Final = "model.yaml"
 REPORT_FILE: Final = "report.html"
 FIGURES_FILE: Final = "gap.json"
 EXPERIMENT_FILE: Final = "experiment.yaml"
-WITH_TERM_FILE: Final = "model_with_term.yaml"
+OLD_TERM_FILE: Final = "model_with_term.yaml"
 
 _STYLES: Final = {"adequate": "green", "missing_effect": "red", "unknown_effect": "red"}
 
@@ -124,8 +124,8 @@ def found_by(asked: Asked) -> int:
     screen.print(_table(result, plain=not screen.is_terminal))
     screen.print(f"report: {out / REPORT_FILE}")
     screen.print(f"model: {out / MODEL_FILE}")
-    if (out / WITH_TERM_FILE).is_file():
-        screen.print(f"model with the unknown term: {out / WITH_TERM_FILE}")
+    if (out / OLD_TERM_FILE).is_file():
+        screen.print(f"model with the unknown term: {out / OLD_TERM_FILE}")
     if (out / EXPERIMENT_FILE).is_file():
         screen.print(f"experiment: {out / EXPERIMENT_FILE}")
     return _code(result)
@@ -215,19 +215,13 @@ def _write(
     out.mkdir(parents=True, exist_ok=True)
     if campaign is None:
         (out / EXPERIMENT_FILE).unlink(missing_ok=True)
-    if result.added is None:
-        (out / WITH_TERM_FILE).unlink(missing_ok=True)
+    (out / OLD_TERM_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
         written, drawn, listed = (
             stack.enter_context(replacing(out / name))
             for name in (MODEL_FILE, REPORT_FILE, FIGURES_FILE)
         )
         plant.write(result.values, result.names, provenance_of(result, command), written)
-        if result.added is not None:
-            also = stack.enter_context(replacing(out / WITH_TERM_FILE))
-            plant.write(
-                result.added.values, (), provenance_of(result, command, with_term=True), also
-            )
         drawn.write_text(page, encoding="utf-8")
         listed.write_text(figures + "\n", encoding="utf-8")
         if campaign is not None:

@@ -12,6 +12,7 @@ import numpy as np
 import rig
 from estimator.gap import (
     Curve,
+    Discovered,
     Estimate,
     FreeRun,
     GapResult,
@@ -26,6 +27,7 @@ from rig.configuration import dump_model
 from rig.plant import CATALOGUE, DATA_SHEET, Model, Parameters, SensorParameters
 from rig.runner.outcomes import git_state, model_sha256, versions
 
+from .gap_additions import slots_of, with_terms
 from .gap_motions import EXPERIMENT_S, MARGIN_M, Room, motions
 
 REVISED: Final = "revised"
@@ -50,8 +52,10 @@ def rig_plant(
     par = model.parameters
     space = room or Room(par.stroke_min + MARGIN_M, par.stroke_max - MARGIN_M)
     middle = 0.5 * (par.supply_pressure + par.return_pressure)
+    plant = servo_actuator(model, sensors)
     return replace(
-        servo_actuator(model, sensors),
+        plant,
+        nominal={**plant.nominal, **slots_of(plant, model.discovered)},
         write=partial(_write_model, model),
         motions=partial(motions, space, middle, experiment_s),
         loop=((0, 0, space.gain),),
@@ -82,29 +86,29 @@ def _write_model(
     """
     kept = [name for name in parent.effects if name not in effects]
     added = [name for name in effects if name in CATALOGUE]
-    parameters = Parameters(**{field: values[field] for field in Parameters._fields})
-    same = parameters == parent.parameters and not added
+    parameters, others = with_terms(values)
+    same = (
+        parameters == parent.parameters and not added and others == parent.discovered
+    )
     revised = same or parent.name.endswith(f" {REVISED}")
     name = parent.name if revised else f"{parent.name} {REVISED}"
     parents: dict[str, Any] = {"name": parent.name, "sha256": model_sha256(parent)}
     if parent.provenance:
         parents["provenance"] = dict(parent.provenance)
-    dump_model(Model(name, parameters, (*kept, *added), {"parent": parents, **provenance}), path)
+    origin = {"parent": parents, **provenance}
+    dump_model(Model(name, parameters, (*kept, *added), origin, others), path)
 
 
 def provenance_of(
-    result: GapResult, command: tuple[str, ...] = (), *, with_term: bool = False
+    result: GapResult, command: tuple[str, ...] = ()
 ) -> dict[str, Any]:
     """Return the provenance of a model that the gap workflow writes, as plain values.
 
     Args:
         result: result of the gap search.
         command: the command line; if empty, the key `command` is left out.
-        with_term: whether this is the model that has the unknown term added.
     """
     origin: dict[str, Any] = {"command": list(command)} if command else {}
-    if result.added is not None:
-        origin["unknown_term"] = _term(result)
     return {
         "written_by": "rig gap",
         **origin,
@@ -113,7 +117,8 @@ def provenance_of(
         "recordings": _recordings(result.identification),
         "holdout": _recordings(result.holdout),
         "effects": {effect.name: _provenance_of(effect) for effect in result.effects},
-        "written": "with the unknown term" if with_term else result.written,
+        "discovered": [discovered_figures(each) for each in result.discovered],
+        "written": result.written,
         "refitted": _refitted(result),
         "gap": _gap(result.gap_before, result.gap_after),
         "versions": versions(),
@@ -144,7 +149,8 @@ def answer(result: GapResult) -> dict[str, Any]:
         "gap": _gap(result.gap_before, result.gap_after),
         "where": [where_figures(curve) for curve in result.where[:3]],
         "experiment": _first_experiment(result),
-        "term": _term(result),
+        "discovered": [discovered_figures(each) for each in result.discovered],
+        "accounted": _plain(result.accounted),
     }
 
 
@@ -157,18 +163,53 @@ def _refitted(result: GapResult) -> dict[str, Any]:
     }
 
 
-def _term(result: GapResult) -> dict[str, Any] | None:
-    """Return the unknown term that was added to `model_with_term.yaml`; None if there is none."""
-    added = result.added
-    if added is None:
-        return None
-    return {
-        "equation": added.equation,
-        "text": added.text,
-        "parameters": {each.key: estimate_figures(each) for each in added.estimates},
-        "explained": _plain(added.explained),
-        "gap": _gap(result.gap_before, added.gap),
+def discovered_figures(each: Discovered) -> dict[str, Any]:
+    """Return a discovered disturbance, JSON-able (docs/gap.md lists the keys)."""
+    parameters: dict[str, Any] = {
+        estimate.key: {
+            key: value for key, value in estimate_figures(estimate).items() if key != "before"
+        }
+        for estimate in each.estimates
     }
+    if len(each.at):
+        parameters["table"] = table_figures(each)
+    return {
+        "name": each.name,
+        "equation": each.place,
+        "of": f"{each.of} x {each.times}" if each.times else each.of,
+        "form": each.form,
+        "text": each.text,
+        "parameters": parameters,
+        "evidence": {
+            "gain": _plain(each.gain), "z": _plain(each.z), "share": _plain(each.share),
+        },
+        "gap": _gap(*each.gap),
+        "could_also_be": list(each.could_also_be),
+        "in_model": each.in_model,
+        "suspected_leak": each.suspected_leak,
+        "experiment": each.experiment,
+    }  # fmt: skip
+
+
+def table_figures(each: Discovered) -> dict[str, Any]:
+    """Return the table of a discovered disturbance, SI, JSON-able."""
+    return {
+        "at": [_plain(float(x)) for x in each.at],
+        "values": [_plain(float(y)) for y in each.values],
+        "errors": [_plain(float(e)) for e in each.errors],
+        "unit": each.unit,
+        "of_unit": each.of_unit,
+    }
+
+
+def correction_figures(each: Discovered | None) -> dict[str, Any] | None:
+    """Return the curve that corrects an effect's formula, JSON-able; None if there is none."""
+    if each is None:
+        return None
+    found = {"equation": each.place, "of": each.of, "form": each.form, **table_figures(each)}
+    if not len(each.at):
+        found["parameters"] = {e.key: estimate_figures(e) for e in each.estimates}
+    return found
 
 
 def _first_experiment(result: GapResult) -> dict[str, Any] | None:
@@ -182,7 +223,7 @@ def _first_experiment(result: GapResult) -> dict[str, Any] | None:
 
 def _short(effect: NamedEffect) -> dict[str, Any]:
     figures = effect_figures(effect)
-    keys = ("name", "parameters", "evidence", "indistinguishable_from")
+    keys = ("name", "parameters", "evidence", "indistinguishable_from", "form", "correction")
     return {key: figures[key] for key in keys}
 
 
@@ -228,7 +269,11 @@ def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
         },
         "experiments": [experiment_figures(each) for each in result.experiments],
         "free_runs": [_free_run(run) for run in result.free_runs],
-        "parameters": {name: _plain(value) for name, value in result.values.items()},
+        "parameters": {
+            name: _plain(value)
+            for name, value in result.values.items()
+            if not name.startswith("added_")
+        },
         "names": list(result.names),
         "recordings": _recordings(result.identification),
         "holdout": _recordings(result.holdout),
@@ -261,6 +306,8 @@ def effect_figures(effect: NamedEffect) -> dict[str, Any]:
             "held_out_z": _plain(effect.held_out_z),
         },
         "indistinguishable_from": [rival.effect for rival in effect.indistinguishable],
+        "form": effect.form,
+        "correction": correction_figures(effect.correction),
         "rivals": [_rival(each, True) for each in effect.indistinguishable]
         + [_rival(each, False) for each in effect.excluded],
         "unseen": effect.unseen,
