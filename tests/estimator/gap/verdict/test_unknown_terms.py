@@ -42,7 +42,7 @@ def test_terms_in_the_model_read_as_they_were_found() -> None:
     [
         ("flow, chamber 1", Term("", "1", "time"), "time since the recording began"),
         ("reading of position_m", Term("position", "wave", "", (0.02,)), "an error of the reading"),
-        ("leak across the piston", Term("position", "bump", "", (0.3, 0.02)), "two equations"),
+        ("parameter viscous", Term("position", "x"), "do not enter the parameter viscous"),
     ],
 )
 def test_what_a_simulation_cannot_know_is_told_and_not_left_out_in_silence(
