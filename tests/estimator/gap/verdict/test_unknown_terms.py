@@ -5,6 +5,7 @@ import pytest
 
 from estimator.gap.plant.interface import Plant
 from estimator.gap.plant.terms import Term
+from estimator.gap.prediction.variables import Values
 from estimator.gap.search.disturbances import places_of
 from estimator.gap.search.findings import Found
 from estimator.gap.search.refits import Refits
@@ -74,6 +75,21 @@ def test_a_drag_in_symbols_is_refitted_in_the_model_and_explains_the_recording()
     assert size.unit == "N/(m/s)^2"
     assert size.value == pytest.approx(9e3, rel=0.1)
     assert added.explained > 0.9
+
+
+def test_a_filter_whose_model_has_the_hidden_table_of_force_follows_the_rig() -> None:
+    plant = rig(())
+    knots = ((-0.2, -400.0), (-0.1, -60.0), (0.0, 0.0), (0.05, 150.0), (0.2, 250.0))
+    table = AddedTerm(FORCE, "velocity", "table", False, 1.0, knots=knots)
+    informed = {**plant.nominal, **fields_of((table,))}
+
+    def cost(truth: Values, assumed: Values) -> float:
+        with fitter(plant, recorded(plant, truth)) as of_record:
+            return float(of_record.filtered(assumed).costs(assumed).sum())
+
+    usual = cost(plant.nominal, plant.nominal)
+    assert cost(informed, informed) < 1.1 * usual
+    assert cost(informed, plant.nominal) > 1.5 * usual
 
 
 def test_a_fitted_parameter_without_effect_does_not_keep_terms_from_being_chosen() -> None:
