@@ -1,8 +1,9 @@
 """This module gives numba's `njit`, after the folder for compiled code has been set.
 
 Named tuples are passed whole from one compiled function to another. Numba would pass each of their
-fields as an argument of its own. As most functions take the rig's parameters, of which there are
-more than a hundred, the calls would be most of the code to be compiled.
+fields as an argument of its own, and read each from Python by code of its own. As most functions
+take the rig's parameters, of which there are more than a hundred, this would be most of the code to
+be compiled.
 """
 
 from .compile_cache import use_compile_cache
@@ -11,9 +12,13 @@ use_compile_cache()
 
 from typing import Any  # noqa: E402 (numba reads at its import where compiled code is kept)
 
+from llvmlite import ir  # noqa: E402
 from numba import njit as njit, types  # noqa: E402
+from numba.core import cgutils  # noqa: E402
+from numba.core.boxing import unbox_tuple  # noqa: E402
 from numba.core.datamodel import models  # noqa: E402
 from numba.core.datamodel.registry import default_manager  # noqa: E402
+from numba.core.pythonapi import NativeValue, unbox  # noqa: E402
 
 
 class _Whole:
@@ -39,3 +44,20 @@ class _WholeUniTuple(_Whole, models.UniTupleModel):
 
 default_manager.register(types.NamedTuple, _WholeTuple)
 default_manager.register(types.NamedUniTuple, _WholeUniTuple)
+
+
+@unbox(types.NamedUniTuple)
+def _read(kind: Any, given: Any, c: Any) -> Any:
+    """Read a named tuple of floats from Python in a loop, others as numba does."""
+    if kind.dtype != types.float64:
+        return unbox_tuple(kind, given, c)
+    size = c.context.get_value_type(types.intp)
+    fields = cgutils.alloca_once(c.builder, c.context.get_value_type(kind))
+    item = cgutils.get_or_insert_function(
+        c.builder.module, ir.FunctionType(c.pyapi.pyobj, [c.pyapi.pyobj, size]), "PyTuple_GetItem"
+    )
+    with cgutils.for_range(c.builder, ir.Constant(size, len(kind))) as loop:
+        number = c.pyapi.float_as_double(c.builder.call(item, [given, loop.index]))
+        c.builder.store(number, cgutils.gep_inbounds(c.builder, fields, 0, loop.index))
+    failed = cgutils.is_not_null(c.builder, c.pyapi.err_occurred())
+    return NativeValue(c.builder.load(fields), is_error=failed)

@@ -154,7 +154,7 @@ def _accumulate(samples, null, par, last, row, rows):
             middle = 0.5 * (position + last[4])
             add_motion(middle, moved, oil_1, oil_2, rise_1, rise_2, par, row)
             if par.term_1_kind != 0.0:
-                add_terms(shown, middle, moved, oil_1, oil_2, par, row)
+                add_terms(shown, shown + null[0], middle, moved, oil_1, oil_2, par, row)
             row[BRIDGED] += bridged
             supply = samples[6, k]
             if not np.isnan(supply):

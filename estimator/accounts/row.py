@@ -16,6 +16,7 @@ from rig.plant import (
     FAULTS,
     NO_FAULT,
     added,
+    added_inflows,
     aeration_compliance,
     chamber_volumes,
     inlined,
@@ -317,13 +318,14 @@ def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
 
 
 @njit(cache=True, error_model="numpy")
-def add_terms(spool, position, moved, p1, p2, par, row):
+def add_terms(spool, opening, position, moved, p1, p2, par, row):
     """Add the flows of the model's added terms (`rig.plant.added_terms`) to `row`.
 
     The command is taken to be the one that the spool has reached.
 
     Args:
         spool: displacement of the spool in the middle of the sample, m.
+        opening: opening of the valve, null bias included, m.
         position: position of the ram, m.
         moved: velocity of the ram, m/s.
         p1: pressure of chamber 1, Pa.
@@ -333,5 +335,8 @@ def add_terms(spool, position, moved, p1, p2, par, row):
     """
     command = spool / par.valve_gain
     sums = added(moved, position, spool, p1, p2, command, par)
-    row[MISSING] += sums.flow_1
-    row[MISSING + 1] += sums.flow_2
+    supply = settled_supply(opening, p1, p2, par)
+    back = settled_return(opening, p1, p2, par)
+    inflow_1, inflow_2 = added_inflows(sums, sums.leak, p1, p2, supply, back, par)
+    row[MISSING] += inflow_1
+    row[MISSING + 1] += inflow_2

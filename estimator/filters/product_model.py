@@ -19,6 +19,7 @@ from rig.plant import (
     NOMINAL,
     TICK,
     added,
+    added_inflows,
     chamber_volumes,
     inlined,
     inner,
@@ -167,9 +168,10 @@ def predict_product(x, command, supply, par, jacobian):
     """Advance the state (11,) by one tick, in place, and fill the Jacobian's first rows (6, 11).
 
     The spool follows eq. 2.5 exactly. The pressures follow eq. 2.3 with the flows of eqs. 2.1, 2.2
-    and 5.2 and with air in the oil. The model's terms in symbols that act on flows and spool are
-    computed from the state before the tick and do not enter the Jacobian; forces among them belong
-    to the load state. Rows 6 to 10 of the Jacobian are those of the identity and are not stored.
+    and 5.2 and with air in the oil. The model's added terms for flows, openings and spool are
+    computed from the state before the tick; of their slopes the Jacobian has only that of the flow
+    through an added leak. Added forces belong to the load state. Rows 6 to 10 of the Jacobian are
+    those of the identity and are not stored.
 
     Args:
         x: state in the order of `STATES`, updated.
@@ -191,7 +193,8 @@ def predict_product(x, command, supply, par, jacobian):
     if terms:
         sums = added(velocity, position, spool, p1, p2, command, par)
         steady += sums.spool
-        inflow_1, inflow_2 = sums.flow_1, sums.flow_2
+        k12 += sums.leak
+        inflow_1, inflow_2 = added_inflows(sums, 0.0, p1, p2, supply, back, par)
 
     for i in range(DYNAMIC):
         for j in range(STATE_COUNT):

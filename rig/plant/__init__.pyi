@@ -1,6 +1,7 @@
 from .added_terms import (
     FORMS as FORMS,
     MOST_TERMS as MOST_TERMS,
+    MOVING_OIL as MOVING_OIL,
     PLACES as PLACES,
     QUANTITIES as QUANTITIES,
     AddedTerm as AddedTerm,
@@ -27,6 +28,7 @@ from .compiled import compile_part as compile_part, inlined as inlined, inner as
 from .dynamics import (
     ATMOSPHERE as ATMOSPHERE,
     PlantState as PlantState,
+    added_inflows as added_inflows,
     aeration_compliance as aeration_compliance,
     chamber_volumes as chamber_volumes,
     is_real_valve as is_real_valve,

@@ -3,7 +3,7 @@
 The gap workflow writes such terms where no effect of the catalogue explains a disagreement
 (docs/gap.md). A term is a form in symbols, such as 180 N sin(2 pi x / 42 mm + 0.4), or a table,
 which is linear between its knots. It is added to the force balance, to a chamber's flow, to the
-leak across the piston, to the valve's edges or to the spool's reference.
+leak across the piston, to the openings of the valve's edges or to the spool's reference.
 
 `Parameters` has four fields for each term: kind, size, `at` and `by`. The kind is a number of four
 digits: 1 + index in PLACES, index in QUANTITIES, index in FORMS, and 1 if the sign follows the
@@ -25,9 +25,16 @@ MOST_TERMS: Final = 3
 
 PLACES: Final = {
     "force balance": "N", "flow, chamber 1": "m^3/s", "flow, chamber 2": "m^3/s", "spool": "m",
+    "leak across the piston": "m^3/(s Pa^0.5)", "valve edges": "m",
 }  # fmt: skip
-"""Where a term is added, with its unit: a force against extension, a flow into a chamber, or a
-shift of the spool's reference."""
+"""Where a term is added, with its unit: a force against extension, a flow into a chamber, a shift
+of the spool's reference, an opening from chamber 1 to chamber 2, or an opening by which all four
+edges of the valve are open besides its own."""
+MOVING_OIL: Final = (
+    "flow, chamber 1", "flow, chamber 2", "leak across the piston", "valve edges",
+)  # fmt: skip
+"""Places where a term takes oil out of a chamber, or into one, in the accounts of a leak detector
+too."""
 QUANTITIES: Final = {
     "": "", "velocity": "m/s", "position": "m", "spool opening": "m", "pressure 1": "Pa",
     "pressure 2": "Pa", "pressure difference": "Pa", "command": "V",
@@ -53,8 +60,9 @@ POWERS: Final = (0, 1, 1, 2, 2, 0, 0, 1, 0)
 """Power of the quantity in each of `FORMS`, from which the unit of a term's size follows."""
 
 _TURNING: Final = 5e-3
-"""Velocity in m/s over which a flow or a spool shift changes its sign with the direction of motion.
-A force that does so is friction and is added to the bristles' level (`Added.friction`)."""
+"""Velocity in m/s over which a flow, an opening or a spool shift changes its sign with the
+direction of motion. A force that does so is friction and is added to the bristles' level
+(`Added.friction`)."""
 
 
 class AddedTerm(NamedTuple):
@@ -205,6 +213,8 @@ class Added(NamedTuple):
         flow_1: flow into chamber 1, m^3/s.
         flow_2: flow into chamber 2, m^3/s.
         spool: shift of the spool's reference, m.
+        leak: opening from chamber 1 to chamber 2, m^3/(s Pa^0.5).
+        edges: opening of all four edges of the valve, besides that of the spool, m.
     """
 
     force: float
@@ -212,6 +222,8 @@ class Added(NamedTuple):
     flow_1: float
     flow_2: float
     spool: float
+    leak: float
+    edges: float
 
 
 @inlined
@@ -368,4 +380,6 @@ def added(v, x, spool, p1, p2, command, par):
         _sum(20.0, entries, values) + _sum(21.0, entries, values) * v / speed,
         _sum(30.0, entries, values) + _sum(31.0, entries, values) * v / speed,
         _sum(40.0, entries, values) + _sum(41.0, entries, values) * v / speed,
+        _sum(50.0, entries, values) + _sum(51.0, entries, values) * v / speed,
+        _sum(60.0, entries, values) + _sum(61.0, entries, values) * v / speed,
     )

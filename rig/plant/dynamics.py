@@ -391,8 +391,33 @@ def slip_level(velocity, x, spool, p1, p2, command, par):
     return max(level + terms.friction, LEVEL_FLOOR)
 
 
+@inlined
+def added_inflows(terms, leak, p1, p2, supply, back, par):
+    """Return the flows (into chamber 1, into chamber 2) in m^3/s that are due to added terms.
+
+    An opening of the edges lets oil from the supply into each chamber and from each chamber into
+    the return (Merritt 1967, ch. 5). Droop and back pressure of the lines do not follow it.
+
+    Args:
+        terms: what the terms add up to (`Added`).
+        leak: opening from chamber 1 to chamber 2, m^3/(s Pa^0.5): `terms.leak`, or 0 for a caller
+            that has it elsewhere.
+        p1: pressure of chamber 1, Pa.
+        p2: pressure of chamber 2, Pa.
+        supply: supply pressure, Pa.
+        back: return pressure, Pa.
+        par: `Parameters`.
+    """
+    across = leak * signed_root(p1 - p2)
+    ajar = valve_conductance(par) * terms.edges
+    through_1 = ajar * (signed_root(supply - p1) - signed_root(p1 - back))
+    through_2 = ajar * (signed_root(supply - p2) - signed_root(p2 - back))
+    second = 1.0 - par.valve_flow_asymmetry
+    return terms.flow_1 - across + through_1, terms.flow_2 + across + second * through_2
+
+
 @inner
-def _with_terms(s, w, p1, p2, x, v, z, command, inflow_1, inflow_2, par):
+def _with_terms(s, w, p1, p2, x, v, z, ps, pe, command, inflow_1, inflow_2, par):
     """Return (dx_sp/dt, dw/dt, dp_1/dt, dp_2/dt, dv/dt, dz/dt) with the model's added terms.
 
     The arguments are states as in `rates`, the command in V, and the net inflows in m^3/s without
@@ -403,7 +428,8 @@ def _with_terms(s, w, p1, p2, x, v, z, command, inflow_1, inflow_2, par):
     direction = z if par.friction_law == KARNOPP else v
     level = max(slip_friction(abs(v), direction, par) + terms.friction, LEVEL_FLOOR)
     dz, drag = friction_at(level, v, z, par)
-    dp1, dp2 = pressure_rates(p1, p2, x, v, inflow_1 + terms.flow_1, inflow_2 + terms.flow_2, par)
+    added_1, added_2 = added_inflows(terms, terms.leak, oil_1, oil_2, ps, pe, par)
+    dp1, dp2 = pressure_rates(p1, p2, x, v, inflow_1 + added_1, inflow_2 + added_2, par)
     force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
     force -= terms.force
     ds, dw = spool_rates(s, w, command + terms.spool / par.valve_gain, par)
@@ -429,8 +455,9 @@ def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
     ds, dw = spool_rates(s, w, command, par)
     if anywhere(par.term_1_kind != 0.0):
         ds, dw, dp1, dp2, dv, dz = _with_terms(
-            s, w, p1, p2, x, v, z, command, q1 - leak_12 - leak_1, leak_12 - leak_2 - q2, par
-        )
+            s, w, p1, p2, x, v, z, ps, pe, command,
+            q1 - leak_12 - leak_1, leak_12 - leak_2 - q2, par,
+        )  # fmt: skip
     if par.friction_law == KARNOPP:
         dv = select(z != 0.0, dv, 0.0 * dv)
     dps, dpe = line_rates(opening, oil_1, oil_2, q1, q2, leak_1, leak_2, ps, pe, par, fault)

@@ -34,7 +34,7 @@ def why_not(place: str, term: Term) -> str:
     if place.startswith("reading of "):
         return f"an error of the {place} is none of the plant's: a simulation does not have it"
     if place not in PLACES:
-        return f"terms of a model do not enter a {place}: it is two equations at once"
+        return f"terms of a model do not enter the {place}"
     if TIME_NAME in (term.times, term.region):
         return "it grows with the time since the recording began, which a simulation does not know"
     if term.region not in QUANTITIES:

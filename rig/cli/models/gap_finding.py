@@ -124,8 +124,6 @@ def found_by(asked: Asked) -> int:
     screen.print(_table(result, plain=not screen.is_terminal))
     screen.print(f"report: {out / REPORT_FILE}")
     screen.print(f"model: {out / MODEL_FILE}")
-    if (out / OLD_TERM_FILE).is_file():
-        screen.print(f"model with the unknown term: {out / OLD_TERM_FILE}")
     if (out / EXPERIMENT_FILE).is_file():
         screen.print(f"experiment: {out / EXPERIMENT_FILE}")
     return _code(result)

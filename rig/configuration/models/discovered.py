@@ -35,6 +35,7 @@ from rig.plant import (
     MOST_KNOTS,
     MOST_TABLES,
     MOST_TERMS,
+    MOVING_OIL,
     PLACES,
     QUANTITIES,
     AddedTerm,
@@ -256,5 +257,13 @@ def term_lines(model: Model) -> Iterator[str]:
         form = _CONSTANT if term.form == "1" else term.form
         of = f" of {term.of}" if term.of else ""
         times = " times the direction of motion" if term.turned else ""
-        ignored = "" if is_held(term) else "; simulator and filters ignore it"
-        yield f"  added to {term.place}: {form}{of}{times}{ignored}"
+        yield f"  added to {term.place}: {form}{of}{times}{_remark(term)}"
+
+
+def _remark(term: AddedTerm) -> str:
+    """Return what a person should know about a term, after a semicolon; "" for nothing."""
+    if not is_held(term):
+        return "; simulator and filters ignore it"
+    if term.place in MOVING_OIL:
+        return "; the detector is blind to a leak that looks like it"
+    return ""

@@ -24,7 +24,7 @@ from estimator.gap import (
     servo_actuator,
 )
 from rig.configuration import dump_model
-from rig.plant import CATALOGUE, DATA_SHEET, Model, Parameters, SensorParameters
+from rig.plant import CATALOGUE, DATA_SHEET, Model, SensorParameters
 from rig.runner.outcomes import git_state, model_sha256, versions
 
 from .gap_additions import slots_of, with_terms

@@ -96,14 +96,37 @@ def test_the_model_with_the_effect_accounts_for_the_oil_and_the_nominal_one_does
     assert (informed.pressure < 1.02 * nominal.pressure).all()
 
 
-def test_a_model_with_a_term_in_symbols_accounts_for_its_flow() -> None:
-    term = AddedTerm(
+TERMS: Final = {
+    "a flow": AddedTerm(
         "flow, chamber 1", "position", "bump", False, -0.3 * LITRE_PER_MINUTE, 0.3, 0.05
-    )
-    lost = Model(parameters=NOMINAL._replace(**fields_of((term,))))
+    ),
+    "a leak at one place": AddedTerm(
+        "leak across the piston", "position", "bump", False, 1.2e-8, 0.3, 0.05
+    ),
+    "worn edges": AddedTerm(
+        "valve edges", "spool opening", "table", False, 1.0,
+        knots=((-8e-5, 0.0), (-2e-5, 4e-6), (2e-5, 4e-6), (8e-5, 0.0)),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_a_model_with_an_added_term_accounts_for_its_flow(name: str) -> None:
+    lost = Model(parameters=NOMINAL._replace(**fields_of((TERMS[name],))))
     recording = of_model(lost)
-    assert worth(recording, lost).missing < worth(with_effect(""), Model()).missing + 0.01
-    assert worth(recording, Model()).missing > 0.1
+    informed = worth(recording, lost).missing
+    assert informed < worth(with_effect(""), Model()).missing + 0.01
+    assert informed < 0.2 * worth(recording, Model()).missing
+
+
+def test_an_added_term_takes_a_leak_of_its_size_off_the_accounts() -> None:
+    coefficient = 0.2 * LITRE_PER_MINUTE / np.sqrt(6.9e6)
+    leaking = of_model(Model(parameters=NOMINAL._replace(external_leakage_1=coefficient)))
+    knots = tuple((p, -coefficient * float(np.sqrt(p))) for p in np.linspace(1e6, 13e6, 9).tolist())
+    term = AddedTerm("flow, chamber 1", "pressure 1", "table", False, 1.0, knots=knots)
+    blind = Model(parameters=NOMINAL._replace(**fields_of((term,))))
+    assert worth(leaking, Model()).missing > 0.1
+    assert worth(leaking, blind).missing < worth(with_effect(""), Model()).missing + 0.003
 
 
 @pytest.mark.parametrize("effect", ["pressure_1_bias", "valve_deadband", "return_back_pressure"])

@@ -118,6 +118,9 @@ SAME = {
         AddedTerm("flow, chamber 1", "pressure 1", "x", False, -2e-12),
         {"external_leakage_1_linear": 2e-12},
     ),
+    "leak across the piston": (
+        AddedTerm("leak across the piston", "", "1", False, 4e-9), {"internal_leakage": 4e-9}
+    ),
 }  # fmt: skip
 
 
@@ -128,6 +131,17 @@ def test_a_term_does_what_the_same_parameter_does(name: str) -> None:
     for state in ("velocity", "pressure_1", "pressure_2"):
         shift = np.linalg.norm(by_parameter[state] - plain[state])
         assert np.linalg.norm(by_term[state] - by_parameter[state]) < 0.01 * shift
+
+
+def test_open_edges_pass_at_null_what_those_of_an_underlap_do() -> None:
+    leaking = {"external_leakage_1": 1e-9}
+    edges = model(AddedTerm("valve edges", "", "1", False, 4e-6), **leaking)
+    underlap = model(valve_underlap_leakage=4e-6, **leaking)
+    at_null = [simulate(tested, np.zeros(1500), position=0.3) for tested in (edges, underlap)]
+    plain = simulate(model(**leaking), np.zeros(1500), position=0.3)
+    for state in ("pressure_1", "pressure_2"):
+        assert at_null[0][state][-1] == pytest.approx(at_null[1][state][-1], rel=1e-6)
+        assert at_null[0][state][-1] > plain[state][-1] + 1e5
 
 
 def forms(x: float, at: float, by: float) -> dict[str, float]:

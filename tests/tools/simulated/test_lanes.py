@@ -51,7 +51,8 @@ TERMS: Final = (
     ),
     (
         AddedTerm("flow, chamber 1", "pressure difference", "|x|", True, 1e-12),
-        AddedTerm("flow, chamber 2", "velocity", "x^2", False, 1e-4),
+        AddedTerm("leak across the piston", "velocity", "x^2", False, 1e-8),
+        AddedTerm("valve edges", "spool opening", "bump", False, 2e-6, 0.0, 1e-5),
     ),
     (),
 )

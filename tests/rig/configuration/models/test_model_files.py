@@ -315,12 +315,25 @@ def test_the_older_name_of_discovered_is_still_read(tmp_path: Path) -> None:
     assert "unknown_term: [a mapping] is the older name of discovered" in problem
 
 
-def test_a_check_says_what_simulator_and_filters_ignore(tmp_path: Path) -> None:
-    table = "form: table, at: [0 s, 40 s], values: [0 N, 30 N]"
-    path = write(tmp_path, f"name: x\ndiscovered: [{{to: force balance, of: time, {table}}}]\n")
-    assert "added to force balance: table of time; simulator and filters ignore it" in str(
-        check(path)
+def test_a_check_says_what_simulator_and_filters_ignore_and_what_blinds_the_detector(
+    tmp_path: Path,
+) -> None:
+    path = write(
+        tmp_path,
+        """\
+name: x
+discovered:
+  - {to: force balance, of: time, form: table, at: [0 s, 40 s], values: [0 N, 30 N]}
+  - {to: leak across the piston, form: constant, size: 1e-9 m^3/(s Pa^0.5)}
+  - {to: force balance, form: constant, against_motion: true, size: 30 N}
+""",
     )
+    assert str(check(path)).splitlines()[2:] == [
+        "  added to leak across the piston: constant; the detector is blind to a leak that looks "
+        "like it",
+        "  added to force balance: constant times the direction of motion",
+        "  added to force balance: table of time; simulator and filters ignore it",
+    ]
 
 
 def test_all_that_is_wrong_with_tables_is_told_at_once(tmp_path: Path) -> None:
