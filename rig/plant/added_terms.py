@@ -42,7 +42,11 @@ QUANTITIES: Final = {
 """Quantities that a term may depend on, with their units; the first one, "", stands for none."""
 _NOT_HELD: Final = {
     "command": "V", "reading of position_m": "m", "reading of pressure_1_Pa": "Pa",
-    "reading of pressure_2_Pa": "Pa", "reading of spool_m": "m",
+    "reading of pressure_2_Pa": "Pa", "reading of spool_m": "m", "friction level": "N",
+    "viscous friction": "N s/m", "null of the spool": "m", "spool per volt": "m/V",
+    "discharge coefficient": "", "bulk modulus": "Pa", "supply pressure": "Pa",
+    "return pressure": "Pa", "payload": "kg", "gain of pressure 1": "",
+    "gain of pressure 2": "", "gain of the position": "",
     **{f"parameter {name}": quantity.unit for name, quantity in quantities().items()},
 }  # fmt: skip
 """Other places, with their units, where a model file may add a term. The plant cannot hold it."""

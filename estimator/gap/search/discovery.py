@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import SLOTS, TIME_NAME, Addition, Array, Plant
-from estimator.gap.prediction import Filtered, Fitted, Values, Variable, excerpts
+from estimator.gap.prediction import Excerpt, Filtered, Fitted, Values, Variable, excerpts
 
 from .disturbances import Attribution, Place, places_of, varying_of
 from .findings import CHANCE, MATERIAL, deviate
