@@ -18,7 +18,8 @@ from rig.cli.application import EXIT_STOPPED
 from rig.cli.problems import Problems
 from rig.cli.screen import Screen, table_of
 from rig.configuration import PlantModel, load_columns, load_model, load_plant, load_rig
-from rig.recording import Column, Recording, read_measured, replacing
+from rig.plant import TICK
+from rig.recording import Column, Recording, RecordingError, read_measured, replacing
 from rig.report.gap import estimated, gap_page, gap_words, headline, in_words, where_words
 from rig.runner.campaign import Pace
 from rig.runner.experiments import ROUNDS, answer, gap_figures, provenance_of, rig_plant, room_of
@@ -143,7 +144,21 @@ def _code(result: GapResult) -> int:
 
 
 def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:
-    return read_measured(name, optional=("spool_m",), columns=columns)
+    """Return a recording of the rig in samples of 1 ms; NaN stands for a spool without a sensor.
+
+    Raises:
+        RecordingError: lists every problem of the file. Rows more than 1 ms apart lack commands of
+            the loop, which the search would take for effects of the valve.
+    """
+    recording = read_measured(name, optional=("spool_m",), columns=columns)
+    assert recording.sampling is not None
+    if recording.sampling.period > 1.01 * TICK:
+        raise RecordingError.of_file(
+            name, f"has a row every {recording.sampling.period * 1e3:.4g} ms",
+            "record the command at 1 kHz; readings may be missing in some rows",
+            "must be 1 ms or less, as the valve follows commands in between",
+        )  # fmt: skip
+    return recording
 
 
 def _noted(recordings: Sequence[Recording]) -> Iterator[str]:
