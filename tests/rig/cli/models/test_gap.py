@@ -160,7 +160,7 @@ def test_a_rig_without_a_spool_sensor_and_gaps_are_read_and_told(
     assert done.code == 0
     assert all(np.isnan(recording["spool_m"]).all() for recording in given)
     reasons = json.loads(done.out.splitlines()[-1])["reasons"]
-    assert reasons == ["because", "1 gaps, 0.1 s in all", "spool_m was not recorded"]
+    assert reasons == ["because", "1 gap, 0.1 s in all", "spool_m was not recorded"]
 
 
 @pytest.mark.usefixtures("quick")
