@@ -112,7 +112,9 @@ def found_by(asked: Asked) -> int:
             plant, name = own.plant, own.name
         else:
             plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
-        result = find_gap(fitted, judged, plant)
+        unread = _unread(fitted, judged) if own is None else []
+        result = _unjudged(fitted, judged, plant) if unread else find_gap(fitted, judged, plant)
+        result.reasons += unread
         result.reasons += _noted([*fitted, *judged])
     command = ("rig", *sys.argv[1:])
     _write(result, plant, name, command, out, (asked.rig or "simulated", asked.model))
@@ -159,6 +161,30 @@ def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:
             "must be 1 ms or less, as the valve follows commands in between",
         )  # fmt: skip
     return recording
+
+
+def _unread(fitted: Sequence[Recording], judged: Sequence[Recording]) -> list[str]:
+    """Return the reason, in words, if rows of a rig's position or pressures are no readings."""
+    for recording in (*fitted, *judged):
+        interpolated = {} if recording.sampling is None else recording.sampling.interpolated
+        if set(interpolated) - {"spool_m"}:
+            return [
+                "rows between the readings say nothing of the rig, and the readings alone are too "
+                "far apart to tell what sticks and slips; record every reading as it is"
+            ]
+    return []
+
+
+def _unjudged(fitted: Sequence[Recording], judged: Sequence[Recording], plant: Plant) -> GapResult:
+    """Return the result of recordings that are not searched: `inconclusive`, the model as given."""
+    result = GapResult("inconclusive", [], values=dict(plant.nominal), as_given=True)
+    result.identification = [(r.source, r.content_hash()) for r in fitted]
+    result.holdout = [(r.source, r.content_hash()) for r in judged]
+    result.seconds = (
+        sum(map(len, fitted)) * plant.period,
+        sum(map(len, judged)) * plant.period,
+    )
+    return result
 
 
 def _noted(recordings: Sequence[Recording]) -> Iterator[str]:

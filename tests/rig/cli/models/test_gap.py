@@ -164,6 +164,24 @@ def test_a_rig_without_a_spool_sensor_and_gaps_are_read_and_told(
 
 
 @pytest.mark.usefixtures("quick")
+def test_readings_that_a_log_repeats_are_inconclusive(invoke: Invoke, files: Path) -> None:
+    whole = motion(4.0, 5.0)
+    repeated = {
+        name: whole[name] if name in CHANNELS[:2] else whole[name][::10].repeat(10)
+        for name in CHANNELS
+    }
+    export(Recording(repeated), files / "log.csv")
+    done = invoke("gap", "log.csv", "--holdout", "held.csv", "--out", "out", "--json")
+    assert done.code == 0
+    reported = json.loads(done.out.splitlines()[-1])
+    assert reported["verdict"] == "inconclusive"
+    assert reported["reasons"][0].startswith("rows between the readings say nothing")
+    assert any("pressure_1_Pa repeats each reading" in reason for reason in reported["reasons"])
+    assert {path.name for path in (files / "out").iterdir()} == FILES
+    assert load_model(files / "out" / "model.yaml").parameters == NOMINAL
+
+
+@pytest.mark.usefixtures("quick")
 def test_rows_that_lack_commands_of_the_loop_are_refused(invoke: Invoke, files: Path) -> None:
     lines = (files / "fit.csv").read_text().splitlines()
     (files / "slow.csv").write_text("\n".join([lines[0], *lines[1::4]]) + "\n")
