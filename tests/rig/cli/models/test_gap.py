@@ -182,6 +182,20 @@ def test_readings_that_a_log_repeats_are_inconclusive(invoke: Invoke, files: Pat
 
 
 @pytest.mark.usefixtures("quick")
+def test_readings_more_than_5_ms_apart_are_inconclusive(invoke: Invoke, files: Path) -> None:
+    lines = (files / "fit.csv").read_text().splitlines()
+    rows = [
+        line if k % 10 == 0 else ",".join([*line.split(",")[:2], "", "", "", ""])
+        for k, line in enumerate(lines[1:])
+    ]
+    (files / "seldom.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+    done = invoke("gap", "seldom.csv", "--holdout", "held.csv", "--out", "out", "--json")
+    reported = json.loads(done.out.splitlines()[-1])
+    assert reported["verdict"] == "inconclusive"
+    assert reported["reasons"][0].startswith("position_m has a reading every 10 ms")
+
+
+@pytest.mark.usefixtures("quick")
 def test_rows_that_lack_commands_of_the_loop_are_refused(invoke: Invoke, files: Path) -> None:
     lines = (files / "fit.csv").read_text().splitlines()
     (files / "slow.csv").write_text("\n".join([lines[0], *lines[1::4]]) + "\n")
