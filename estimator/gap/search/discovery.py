@@ -319,7 +319,7 @@ def _crossed(
     if not np.any(scale[base:] > 0.0):
         return None
     scale[base:] = np.maximum(scale[base:], 1e-6 * float(scale[base:].max()))
-    scale = np.maximum(scale, 1e-300)
+    scale = np.where(scale > 0.0, scale, 1.0)
     m = products / np.outer(scale, scale)
     s = slopes / scale
     # The penalty is on the coefficients themselves; the columns were scaled one by one.
@@ -532,7 +532,8 @@ class Discovering:
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
             rivals = tuple(e for e in _distinct(near) if e.where != best.where)[:2]
-            if last or best.shape == of.shape:
+            same = best.where == of.where and best.shape.form == of.shape.form
+            if last or same:
                 break
             other = self._in_plant(found, best, added.fitted.values)
             if other is None or _loses(added, other):

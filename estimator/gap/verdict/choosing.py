@@ -59,24 +59,25 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     nothing = DiscoveredModel(found.fitted, found.filtered, found.variables)
     if left < material or (found.named and found.explained > WHOLE):
         return Choice(nothing, bool(found.named), {}, ())
-    beside = discovering.run(found.fitted, found.variables, floor)
-    if not found.named:
-        return Choice(beside, False, {}, tuple(beside.discoveries))
-    pinned = _pinned(plant, found)
     nuisances = discovering.nuisances
     alone = discovering.run(found.refitted, nuisances, floor)
+    if not found.named:
+        return Choice(alone, False, {}, tuple(alone.discoveries))
     excess = found.refitted.cost - floor * found.samples
+    pinned = _pinned(plant, found)
+    better = bool(alone.discoveries) and _beats(alone.fitted.costs, found.fitted.costs, excess)
+    stands_in = pinned or (better and not _is_own(plant, found, alone))
+    left_alone = alone.fitted.cost - floor * found.samples
+    if better and stands_in and left_alone < (1.0 - WHOLE) * excess:
+        return Choice(alone, False, {}, tuple(alone.discoveries))
+    beside = discovering.run(found.fitted, found.variables, floor)
     corrections, others = _divided(plant, found, beside)
+    together = _beats(beside.fitted.costs, alone.fitted.costs, excess)
     if found.explained >= EXPLAINED:
-        stands_in = _beats(alone.fitted.costs, found.fitted.costs, excess) and not _beats(
-            beside.fitted.costs, alone.fitted.costs, excess
-        )
-        if alone.discoveries and (pinned or (stands_in and not _is_own(plant, found, alone))):
+        if alone.discoveries and (pinned or (stands_in and not together)):
             return Choice(alone, False, {}, tuple(alone.discoveries))
         return Choice(beside, True, corrections, others)
-    left_alone = alone.fitted.cost - floor * found.samples
     gained = alone.fitted.cost - beside.fitted.cost
-    together = _beats(beside.fitted.costs, alone.fitted.costs, excess)
     if together and beside.discoveries and gained > EXPLAINED * left_alone:
         return Choice(beside, True, corrections, others)
     return Choice(alone, False, {}, tuple(alone.discoveries))
