@@ -153,6 +153,12 @@ class Discovered:
     curve: "Curve | None" = None
 
     @property
+    def where(self) -> str:
+        """Return what it enters and depends on, such as "force balance of position"."""
+        of = f"{self.of or 'nothing'}{f' x {self.times}' if self.times else ''}"
+        return f"{self.place} of {of}"
+
+    @property
     def text(self) -> str:
         """Return what it does and what may make it, in one plain sentence with units."""
         return f"{self.what}; {self.parts} would do this."
@@ -325,6 +331,8 @@ class Check:
         gap_after: gap of the revised model on this run, with nothing refitted.
         scatter: standard deviation by which that gap varies by chance; where a ram sticks and
             slips, twins of the same rig differ by as much.
+        discovered: where disturbances enter that the revised model still lacks
+            (`Discovered.where`).
     """
 
     verdict: Verdict
@@ -332,6 +340,7 @@ class Check:
     gap_before: float
     gap_after: float
     scatter: float = 0.0
+    discovered: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -346,6 +355,7 @@ class Round:
         effects: effects named from all recordings up to this round.
         check: check of the model revised so far; None if there was nothing to check, or if a motion
             could first settle which effect is the cause.
+        discovered: disturbances discovered in all recordings up to this round.
     """
 
     why: str
@@ -354,6 +364,7 @@ class Round:
     verdict: Verdict
     effects: tuple[NamedEffect, ...]
     check: Check | None = None
+    discovered: tuple[Discovered, ...] = ()
 
 
 @dataclass

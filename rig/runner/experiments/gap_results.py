@@ -376,11 +376,13 @@ def round_figures(number: int, settled: Round) -> dict[str, Any]:
         "recordings": list(settled.recordings),
         "verdict": settled.verdict,
         "effects": [_short(effect) for effect in settled.effects],
+        "discovered": [discovered_figures(each) for each in settled.discovered],
         "check": None
         if check is None
         else {
             "verdict": check.verdict,
             "effects": list(check.effects),
+            "discovered": list(check.discovered),
             "gap": _gap(check.gap_before, check.gap_after),
         },
     }
