@@ -1,5 +1,4 @@
 from .plant import (
-    Addition as Addition,
     Array as Array,
     Motion as Motion,
     Parameter as Parameter,
@@ -31,7 +30,7 @@ from .prediction import (
     mean_gap as mean_gap,
     usable as usable,
 )
-from .servo import servo_actuator as servo_actuator
+from .servo import addition_of as addition_of, servo_actuator as servo_actuator, term_of as term_of
 from .verdict import (
     NOWHERE as NOWHERE,
     SURE as SURE,

@@ -1,4 +1,5 @@
 from .additions import (
+    DIRECTION as DIRECTION,
     EMPTY_SLOTS as EMPTY_SLOTS,
     EXTENSION as EXTENSION,
     KICKS as KICKS,
@@ -6,6 +7,7 @@ from .additions import (
     SHOWS as SHOWS,
     SLOT_PARAMETERS as SLOT_PARAMETERS,
     SLOTS as SLOTS,
+    TIME_NAME as TIME_NAME,
     VARIES as VARIES,
     Addition as Addition,
     Extension as Extension,
@@ -36,7 +38,6 @@ from .interface import (
     Array as Array,
     Effect as Effect,
     Equation as Equation,
-    Held as Held,
     InLanes as InLanes,
     Knob as Knob,
     Motion as Motion,
@@ -59,10 +60,4 @@ from .records import (
     roughness as roughness,
     seen_parts as seen_parts,
     smoothed as smoothed,
-)
-from .terms import (
-    DIRECTION as DIRECTION,
-    TIME_NAME as TIME_NAME,
-    Term as Term,
-    dictionary as dictionary,
 )

@@ -23,6 +23,9 @@ from rig.plant import inlined
 
 from .interface import Array, Equation, Parameter, Region, Varying
 
+DIRECTION: Final = "direction"
+TIME_NAME: Final = "time"
+"""Names of the quantities that turn with the motion, and that count from a recording's begin."""
 SLOTS: Final = 4
 """Greatest number of additions that a model holds."""
 KNOTS: Final = 9
@@ -237,6 +240,17 @@ class Layout:
                 )
             )  # fmt: skip
         return found
+
+    def names(self, additions: Sequence[Addition], index: int) -> tuple[list[str], list[str]]:
+        """Return the names of the parameters that hold the values, and the places, of an addition.
+
+        The additions are those given to `values`; `index` is that of one of them.
+        """
+        each = additions[index]
+        return (
+            [slot_field(index, f"y{k}") for k in range(len(each.values))],
+            [slot_field(index, f"x{k}") for k in range(len(each.at))],
+        )
 
     def _of(self, name: str) -> float:
         if name == "":

@@ -63,10 +63,10 @@ class Predictor:
     def extension(self, record: Record, values: Values) -> Extension:
         """Return what compiled functions must know of the additions that the values hold."""
         plant = self.plant
-        own = len(plant.parameters) - (len(SLOT_PARAMETERS) if plant.slots else 0)
+        own = len(plant.parameters) - (len(SLOT_PARAMETERS) if plant.layout else 0)
         quantities = len(plant.regions)
         return Extension(
-            self._kicked, self._changed, own, activity(values) if plant.slots else 0,
+            self._kicked, self._changed, own, activity(values) if plant.layout else 0,
             quantities + 2 * len(plant.equations), quantities, record.first * plant.period,
             plant.period,
         )  # fmt: skip

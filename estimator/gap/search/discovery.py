@@ -7,13 +7,13 @@ with the variables of the fit, and judged on that one (cross-validation, Stone 1
 fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import SLOTS, TIME_NAME, Addition, Array, Plant
+from estimator.gap.plant import SLOTS, TIME_NAME, Addition, Array, Layout, Plant
 from estimator.gap.prediction import Excerpt, Filtered, Fitted, Values, Variable, excerpts
 
 from .disturbances import Attribution, Place, places_of, varying_of
@@ -22,6 +22,8 @@ from .refits import Refits
 from .shapes import Shape, fine_shapes, finer, periodic, symbols, tables
 from .twins import Twins
 
+ADDED: Final = "added"
+"""Name of the variables of additions."""
 MOST: Final = 3
 """Greatest number of disturbances that are discovered."""
 SURE: Final = 2.0
@@ -121,6 +123,7 @@ class DiscoveredModel:
         variables: variables of that fit.
         discoveries: the disturbances, in the order in which they were found.
         near: explanations of what is left that come nearest, the best first.
+        additions: the disturbances as the fit has them, in the same order.
     """
 
     fitted: Fitted
@@ -128,6 +131,7 @@ class DiscoveredModel:
     variables: tuple[Variable, ...]
     discoveries: list[Discovery] = field(default_factory=list)
     near: list[Explanation] = field(default_factory=list)
+    additions: tuple[Addition, ...] = ()
 
 
 class Explaining:
@@ -429,6 +433,13 @@ class Discovering:
             found.filtered = found.filtered.at(found.fitted.values)
             costs = found.filtered.costs(found.fitted.values)
             found.fitted = Fitted(found.fitted.values, costs)
+            given = layout.additions(self.plant.nominal)
+            every = held_as(layout, found.fitted.values, [*given, *found.additions])
+            found.additions = tuple(every[len(given) :])
+            found.discoveries = [
+                replace(each, addition=addition)
+                for each, addition in zip(found.discoveries, found.additions, strict=True)
+            ]
         return found
 
     def _add(
@@ -486,7 +497,7 @@ class Discovering:
                 )
             )  # fmt: skip
             found.fitted, found.filtered = added.fitted, added.filtered
-            found.variables = added.variables
+            found.variables, found.additions = added.variables, added.additions
             return True
         return False
 
@@ -540,11 +551,12 @@ class Discovering:
         layout = self.plant.layout
         assert layout is not None
         at = found.fitted
-        additions = [*layout.additions(at.values), each.addition]
-        slot = len(additions) - 1
+        additions = [*layout.additions(self.plant.nominal), *found.additions, each.addition]
         values = {**(start or at.values), **layout.values(additions)}
-        own = addition_variables(each.addition, slot, each.errors)
-        variables = (*found.variables, *own)
+        base = tuple(v for v in found.variables if v.name != ADDED)
+        given = len(additions) - len(found.additions) - 1
+        own = addition_variables(layout, additions, range(given, len(additions)))
+        variables = (*base, *own)
         for _ in range(rounds):
             filtered = self._refits.fitter.filtered(values)
             values = filtered.fit(values, variables, 2, 3e-3).values
@@ -555,11 +567,17 @@ class Discovering:
         columns = filtered.columns(values, variables)
         names = [column.name for column in columns]
         linear = filtered.linearise(values, columns)
-        errors = linear.errors(names, linear.solve(names)[0])[len(found.variables) :]
-        addition = layout.additions(values)[slot]
-        sizes = [v.key.startswith("y") for v in own]
-        shown = tuple(float(e) for e, is_size in zip(errors, sizes, strict=True) if is_size)
-        return _InPlant(each, fitted, filtered, variables, addition, shown)
+        errors = linear.errors(names, linear.solve(names)[0])
+        sizes = set(layout.names(additions, len(additions) - 1)[0])
+        shown = tuple(
+            float(error)
+            for variable, error in zip(variables, errors, strict=True)
+            if variable.parameter in sizes
+        )
+        present = held_as(layout, values, additions)
+        return _InPlant(
+            each, fitted, filtered, variables, present[-1], shown, tuple(present[given:])
+        )
 
 
 @dataclass(frozen=True)
@@ -572,6 +590,7 @@ class _InPlant:
     variables: tuple[Variable, ...]
     addition: Addition
     errors: tuple[float, ...]
+    additions: tuple[Addition, ...]
 
 
 def _loses(one: _InPlant, other: _InPlant) -> bool:
@@ -600,33 +619,55 @@ def _simplest(ranked: Sequence[Explanation]) -> Explanation:
     return min(same, key=lambda each: (each.shape.count, -each.gain))
 
 
-def addition_variables(addition: Addition, slot: int, errors: Array) -> tuple[Variable, ...]:
-    """Return the variables with which an addition in a slot is refitted.
+def addition_variables(
+    layout: Layout, additions: Sequence[Addition], which: Iterable[int]
+) -> tuple[Variable, ...]:
+    """Return the variables with which some of a model's additions are refitted.
 
-    They are all values of a table, and of a form in symbols its size, with the phase and period of
-    a wave, the middle and width of a bump, or the beginning of a hinge.
+    They are all values of a table, and of a form in symbols its size, with the period and phase of
+    a wave, the middle and width of a bump, or the beginning of a hinge. Their name is `ADDED`, and
+    each key is the name of the parameter.
+
+    Args:
+        layout: how models of the plant hold additions.
+        additions: all additions of the model.
+        which: indices of those that are refitted.
     """
-    name = f"added_{slot + 1}"
-    largest = max(abs(value) for value in addition.values)
-    reach = 10.0 * largest
-    probe = max(0.03 * largest, 0.1 * float(np.min(errors)) if len(errors) else 0.0)
-    found = [
-        Variable(name, f"y{k}", f"{name}_y{k}", probe, -reach, reach)
-        for k in range(len(addition.values))
-    ]
-    if addition.form == "wave":
-        pitch, phase = addition.at
+    found: list[Variable] = []
+    for index in which:
+        each = additions[index]
+        sizes, places = layout.names(additions, index)
+        largest = max(max(abs(value) for value in each.values), 1e-300)
+        steps = [(name, 0.03 * largest, -10.0 * largest, 10.0 * largest) for name in sizes]
+        if each.form == "wave":
+            pitch, phase = each.at
+            steps.append((places[0], 1e-3 * pitch, pitch / 1.3, pitch * 1.3))
+            steps.append((places[1], 0.03, phase - 10.0, phase + 10.0))
+        elif each.form == "bump":
+            middle, width = each.at
+            steps.append((places[0], 0.03 * width, middle - 2.0 * width, middle + 2.0 * width))
+            steps.append((places[1], 0.03 * width, width / 3.0, width * 3.0))
         found += [
-            Variable(name, "x0", f"{name}_x0", 1e-3 * pitch, pitch / 1.3, pitch * 1.3),
-            Variable(name, "x1", f"{name}_x1", 0.03, phase - 10.0, phase + 10.0),
-        ]
-    elif addition.form == "bump":
-        middle, width = addition.at
-        found += [
-            Variable(name, "x0", f"{name}_x0", 0.03 * width, middle - 2 * width, middle + 2 * width),
-            Variable(name, "x1", f"{name}_x1", 0.03 * width, width / 3.0, width * 3.0),
+            Variable(ADDED, name, name, probe, lower, upper) for name, probe, lower, upper in steps
         ]
     return tuple(found)
+
+
+def held_as(
+    layout: Layout, values: Values, additions: Sequence[Addition]
+) -> list[Addition]:
+    """Return a model's additions with the values that it has for them now."""
+    found = []
+    for index, each in enumerate(additions):
+        sizes, places = layout.names(additions, index)
+        found.append(
+            replace(
+                each,
+                values=tuple(float(values[name]) for name in sizes),
+                at=tuple(float(values[name]) for name in places),
+            )
+        )
+    return found
 
 
 def _distinct(ranked: Sequence[Explanation]) -> list[Explanation]:

@@ -22,6 +22,9 @@ WHOLE: Final = 0.98
 form of an effect may be wrong."""
 BEYOND: Final = 0.05
 """Least part of the excess by which one answer must be better than another."""
+PINNED: Final = 1e-3
+"""Part of a size's plausible range. A size that is nearer than this to an end of the range counts
+as being at that end. This bound was chosen: it is far less than the errors of fitted sizes."""
 SURE: Final = 2.0
 """Least normal deviate of that difference, by the scatter of the blocks."""
 
@@ -59,8 +62,7 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     beside = discovering.run(found.fitted, found.variables, floor)
     if not found.named:
         return Choice(beside, False, {}, tuple(beside.discoveries))
-    if not beside.discoveries and found.explained >= EXPLAINED:
-        return Choice(beside, True, {}, ())
+    pinned = _pinned(plant, found)
     nuisances = discovering.nuisances
     alone = discovering.run(found.refitted, nuisances, floor)
     excess = found.refitted.cost - floor * found.samples
@@ -69,7 +71,7 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
         stands_in = _beats(alone.fitted.costs, found.fitted.costs, excess) and not _beats(
             beside.fitted.costs, alone.fitted.costs, excess
         )
-        if stands_in and not _is_own(plant, found, alone):
+        if alone.discoveries and (pinned or (stands_in and not _is_own(plant, found, alone))):
             return Choice(alone, False, {}, tuple(alone.discoveries))
         return Choice(beside, True, corrections, others)
     left_alone = alone.fitted.cost - floor * found.samples
@@ -78,6 +80,23 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     if together and beside.discoveries and gained > EXPLAINED * left_alone:
         return Choice(beside, True, corrections, others)
     return Choice(alone, False, {}, tuple(alone.discoveries))
+
+
+def _pinned(plant: Plant, found: Found) -> bool:
+    """Return whether the size of a named effect is at an end of what is plausible.
+
+    A fit would move such a size (`PINNED`) beyond the end, so that the effect stands in for
+    something else. The size is the effect's first knob; an end at which it was in the model as given
+    does not count.
+    """
+    for named in found.named:
+        knob = plant.effects[named.effect].knobs[0]
+        value, given = (f.values[knob.parameter] for f in (found.fitted, found.given))
+        near = PINNED * (knob.upper - knob.lower)
+        ends = [end for end in (knob.lower, knob.upper) if abs(end - given) > near]
+        if any(abs(value - end) <= near for end in ends):
+            return True
+    return False
 
 
 def _beats(one: Array, other: Array, excess: float) -> bool:

@@ -16,7 +16,7 @@ from estimator.gap.prediction import (
     channel_gaps,
     mean_gap,
 )
-from estimator.gap.search import Discovery, Found, Search, addition_variables
+from estimator.gap.search import ADDED, Discovery, Found, Search, addition_variables
 
 from .choosing import Choice
 from .lexicon import LEXICON, is_leak, likely_parts, shape_of
@@ -153,12 +153,8 @@ def kept_of(
     given = layout.additions(search.plant.nominal)
     additions = [*given, *(each.addition for each in held)]
     values = {**found.fitted.values, **layout.values(additions)}
-    own = [
-        variable
-        for slot, each in enumerate(held, len(given))
-        for variable in addition_variables(each.addition, slot, np.array(each.errors))
-    ]
-    others = [v for v in found.variables if not v.name.startswith("added_")]
+    own = addition_variables(layout, additions, range(len(given), len(additions)))
+    others = [v for v in found.variables if v.name != ADDED]
     return Kept(search.refits.settled(values, (*others, *own))[0].values, held)
 
 

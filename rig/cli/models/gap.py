@@ -80,7 +80,7 @@ class ManyHeldOut(click.Command):
 def command(**options: Any) -> int:
     """Find where a model and recordings disagree, say what the model lacks, and add it.
 
-    Recordings are .mcap, .csv, .csv.gz or .parquet, a row every 0.1 ms to 1 s (0.1 s of the rig);
+    Recordings are .mcap, .csv, .csv.gz or .parquet, a row every 0.1 ms to 1 ms (1 s with --plant);
     gaps, uneven rows and empty cells are missing readings. The model is a shipped name or a file.
     Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
     their tolerances first. Then effects of the catalogue are tried, and what they do not explain is

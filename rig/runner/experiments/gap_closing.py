@@ -127,9 +127,7 @@ def checked(
     """
     plant, recordings = question.plant(), _read(fresh)
     revised = replace(question, model=revised_model(question.model, found))
-    again = find_gap(
-        recordings, _read(held), revised.plant(), wanted=question.wanted, said=said
-    )
+    again = find_gap(recordings, _read(held), revised.plant(), wanted=question.wanted, said=said)
     records = usable([record_of(recording, plant) for recording in recordings], plant)
     predictor, given = Predictor(plant), plant.nominal
     found = replace(found, reasons=list(found.reasons))

@@ -87,9 +87,7 @@ def _write_model(
     kept = [name for name in parent.effects if name not in effects]
     added = [name for name in effects if name in CATALOGUE]
     parameters, others = with_terms(values)
-    same = (
-        parameters == parent.parameters and not added and others == parent.discovered
-    )
+    same = parameters == parent.parameters and not added and others == parent.discovered
     revised = same or parent.name.endswith(f" {REVISED}")
     name = parent.name if revised else f"{parent.name} {REVISED}"
     parents: dict[str, Any] = {"name": parent.name, "sha256": model_sha256(parent)}
@@ -99,9 +97,7 @@ def _write_model(
     dump_model(Model(name, parameters, (*kept, *added), origin, others), path)
 
 
-def provenance_of(
-    result: GapResult, command: tuple[str, ...] = ()
-) -> dict[str, Any]:
+def provenance_of(result: GapResult, command: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the provenance of a model that the gap workflow writes, as plain values.
 
     Args:

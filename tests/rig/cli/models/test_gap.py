@@ -143,6 +143,68 @@ def test_an_unknown_term_is_written_into_a_model_of_its_own(
     assert {path.name for path in (files / "out").iterdir()} == FILES
 
 
+def test_a_rig_without_a_spool_sensor_and_gaps_are_read_and_told(
+    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
+) -> None:
+    for name in ("fit.csv", "held.csv"):
+        rows = [line.rsplit(",", 1)[0] for line in (files / name).read_text().splitlines()]
+        (files / name).write_text("\n".join([*rows[:1500], *rows[1600:]]) + "\n")
+    given: list[Recording] = []
+
+    def taken(fitted: list[Recording], judged: list[Recording], _: Any) -> GapResult:
+        given.extend([*fitted, *judged])
+        return found()
+
+    monkeypatch.setattr(gap_finding, "find_gap", taken)
+    done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
+    assert done.code == 0
+    assert all(np.isnan(recording["spool_m"]).all() for recording in given)
+    reasons = json.loads(done.out.splitlines()[-1])["reasons"]
+    assert reasons == ["because", "1 gap, 0.1 s in all", "spool_m was not recorded"]
+
+
+@pytest.mark.usefixtures("quick")
+def test_readings_that_a_log_repeats_are_inconclusive(invoke: Invoke, files: Path) -> None:
+    whole = motion(4.0, 5.0)
+    repeated = {
+        name: whole[name] if name in CHANNELS[:2] else whole[name][::10].repeat(10)
+        for name in CHANNELS
+    }
+    export(Recording(repeated), files / "log.csv")
+    done = invoke("gap", "log.csv", "--holdout", "held.csv", "--out", "out", "--json")
+    assert done.code == 0
+    reported = json.loads(done.out.splitlines()[-1])
+    assert reported["verdict"] == "inconclusive"
+    assert reported["reasons"][0].startswith("rows between the readings say nothing")
+    assert any("pressure_1_Pa repeats each reading" in reason for reason in reported["reasons"])
+    assert {path.name for path in (files / "out").iterdir()} == FILES
+    assert load_model(files / "out" / "model.yaml").parameters == NOMINAL
+
+
+@pytest.mark.usefixtures("quick")
+def test_readings_more_than_5_ms_apart_are_inconclusive(invoke: Invoke, files: Path) -> None:
+    lines = (files / "fit.csv").read_text().splitlines()
+    rows = [
+        line if k % 10 == 0 else ",".join([*line.split(",")[:2], "", "", "", ""])
+        for k, line in enumerate(lines[1:])
+    ]
+    (files / "seldom.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+    done = invoke("gap", "seldom.csv", "--holdout", "held.csv", "--out", "out", "--json")
+    reported = json.loads(done.out.splitlines()[-1])
+    assert reported["verdict"] == "inconclusive"
+    assert reported["reasons"][0].startswith("position_m has a reading every 10 ms")
+
+
+@pytest.mark.usefixtures("quick")
+def test_rows_that_lack_commands_of_the_loop_are_refused(invoke: Invoke, files: Path) -> None:
+    lines = (files / "fit.csv").read_text().splitlines()
+    (files / "slow.csv").write_text("\n".join([lines[0], *lines[1::4]]) + "\n")
+    done = invoke("gap", "slow.csv", "--holdout", "held.csv", "--out", "out")
+    assert done.code == 2
+    assert "slow.csv: file: has a row every 4 ms" in done.err
+    assert not (files / "out").exists()
+
+
 @pytest.mark.usefixtures("quick")
 def test_model_says_where_it_comes_from(invoke: Invoke, files: Path) -> None:
     assert invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out").code == 0
