@@ -311,8 +311,8 @@ def _of_table(sort: str, x: Array, y: Array) -> str:
     if sort in ("pressure", "position", "") and (_is_hinge(x, y) or _is_hinge(-x[::-1], y[::-1])):
         return "threshold"
     if sort == "pressure":
-        rising = float(np.mean(np.diff(np.abs(y)) >= -0.02 * reach))
-        return "grows_with_pressure" if rising > 0.8 else "depends_on_pressure"
+        falls = -float(np.minimum(np.diff(np.abs(y)), 0.0).sum())
+        return "grows_with_pressure" if falls < BENT * reach else "depends_on_pressure"
     if sort == "velocity":
         squared = float(np.var(_left(y, x * np.abs(x))))
         if squared < min(BENT * float(np.var(y)), 0.5 * float(np.var(_left(y, x)))):
@@ -342,7 +342,7 @@ def _is_hinge(x: Array, y: Array) -> bool:
     straight = float(np.sum(_left(y, x) ** 2))
     bends = x[int(0.2 * len(x)) : -int(0.1 * len(x)) : 5]
     best = min(float(np.sum(_left(y, np.maximum(x - at, 0.0)) ** 2)) for at in bends)
-    return best < 0.3 * straight and straight > 0.02 * float(np.sum((y - y.mean()) ** 2))
+    return best < 0.1 * straight and straight > 0.02 * float(np.sum((y - y.mean()) ** 2))
 
 
 def _is_step(x: Array, y: Array) -> bool:
