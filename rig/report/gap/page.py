@@ -113,12 +113,11 @@ def _disturbance(each: Discovered, curve: Curve) -> dict[str, Any]:
         "mode": "lines+markers" if each.form == "table" else "lines"
     }
     band = [_band(curve, role)] if np.isfinite(curve.errors).all() else []
-    turned = f", while extending ({each.place})" if each.times else f", {each.place}"
-    unit = curve.shown[0] or "no unit"
+    turned = " while extending" if each.times == "direction" else ""
     return {
         "traces": [*band, line],
         "across": f"{curve.region}, {curve.region_shown[0]}".rstrip(", "),
-        "up": f"{unit}{turned}",
+        "up": f"{each.place}{turned}, {curve.shown[0]}".rstrip(", "),
     }
 
 

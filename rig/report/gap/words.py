@@ -150,8 +150,16 @@ def knots(each: Discovered) -> Iterator[tuple[str, str]]:
 
 
 def _discovered(result: GapResult) -> str:
-    """Return what the discovered disturbances do, in the middle of a sentence."""
-    return "; ".join(f"{each.what[0].lower()}{each.what[1:]}" for each in result.discovered)
+    """Return what was discovered, in the middle of a sentence: briefly if it is not one alone."""
+    if len(result.discovered) == 1 and not result.effects:
+        (only,) = result.discovered
+        return f"{only.what[0].lower()}{only.what[1:]}"
+    return "; ".join(f"a disturbance of the {called(each)}" for each in result.discovered)
+
+
+def called(each: Discovered) -> str:
+    """Return where a discovered disturbance enters, with the name of its shape."""
+    return f"{each.place} ({in_words(each.name)})"
 
 
 def _explains(result: GapResult) -> str:
