@@ -12,6 +12,8 @@ import numpy as np
 
 from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Array, Plant
 
+from .sentences import si_unit_of
+
 LOCAL: Final = 0.4
 """Part of a quantity's range; a table that is large in less of it is local."""
 BENT: Final = 0.15
@@ -240,8 +242,7 @@ def kind_of(place: str, plant: Plant) -> str:
     """Return the kind of a place: force, flow, valve, edges, reading, oil, supply, or ""."""
     if place.startswith(("reading of ", "gain of ")):
         return "reading"
-    units = {each.name: each.unit for each in (*plant.equations, *plant.varying)}
-    return _KINDS.get(place, _BY_UNIT.get(units.get(place, ""), ""))
+    return _KINDS.get(place, _BY_UNIT.get(si_unit_of(place, plant), ""))
 
 
 def shape_of(addition: Addition, low: float, high: float, plant: Plant) -> str:

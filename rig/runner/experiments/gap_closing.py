@@ -365,11 +365,11 @@ class _Closing:
     ) -> None:
         effects, discovered = tuple(found.effects), tuple(found.discovered)
         self._rounds.append(Round(why, motions, made, found.verdict, effects, check, discovered))
-        effects = (
+        named = (
             " or ".join([effect.name, *(rival.effect for rival in effect.indistinguishable)])
             for effect in found.effects
         )
-        names = ", ".join([*effects, *(f"{d.name} in {d.where}" for d in found.discovered)])
+        names = ", ".join([*named, *(f"{d.name} in {d.where}" for d in found.discovered)])
         self._say(f"round {len(self._rounds)}: {found.verdict}{': ' if names else ''}{names}")
 
     def _say(self, text: str) -> None:
