@@ -26,6 +26,7 @@ NOWHERE: Final = 0.3
 """Part of an excess that must be explained for the recordings to be those of this rig. It is more
 than each equation would explain if force, both flows and the spool were wrong alike."""
 
+
 @dataclass(frozen=True)
 class Judgement:
     """A verdict with its reasons in words."""

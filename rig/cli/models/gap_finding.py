@@ -14,14 +14,24 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from estimator.gap import GapResult, Plant, find_gap
+from estimator.gap import Discovered, GapResult, Plant, Wanted, find_gap
 from rig.cli.application import EXIT_STOPPED
 from rig.cli.problems import Problems
 from rig.cli.screen import Screen, table_of
 from rig.configuration import PlantModel, load_columns, load_model, load_plant, load_rig
 from rig.plant import TICK
 from rig.recording import Column, Recording, RecordingError, read_measured, replacing
-from rig.report.gap import estimated, gap_page, gap_words, headline, in_words, where_words
+from rig.report.gap import (
+    estimated,
+    extent,
+    gap_page,
+    gap_words,
+    headline,
+    in_words,
+    left_words,
+    share,
+    where_words,
+)
 from rig.runner.campaign import Pace
 from rig.runner.experiments import ROUNDS, answer, gap_figures, provenance_of, rig_plant, room_of
 from rig.runner.outcomes import sensors_of
@@ -55,6 +65,8 @@ class Asked:
     outside: str | None
     out: Path | None
     columns: Path | None
+    no_discovered: bool
+    accept_leaks: bool
     as_json: bool
 
 
@@ -106,18 +118,19 @@ def found_by(asked: Asked) -> int:
     _refuse_repeated(fitted, judged, problems)
     if problems.found or out is None:
         return problems.report()
+    wanted = Wanted(discovered=not asked.no_discovered, leaks=asked.accept_leaks)
     if asked.live:
-        result = close_on_rig(
-            rig, tested, asked.pace, asked.rounds or ROUNDS, out, as_json=asked.as_json
-        )
+        rounds = asked.rounds or ROUNDS
+        result = close_on_rig(rig, tested, asked.pace, rounds, out, wanted, as_json=asked.as_json)
         plant, name = rig_plant(tested, rig.sensors, room_of(rig)), tested.name
     else:
         if own is not None:
             plant, name = own.plant, own.name
         else:
             plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
+        find = partial(find_gap, wanted=wanted, said=_say)
         unread = _unread(fitted, judged) if own is None else []
-        result = _unjudged(fitted, judged, plant) if unread else find_gap(fitted, judged, plant)
+        result = _unjudged(fitted, judged, plant) if unread else find(fitted, judged, plant)
         result.reasons += unread
         result.reasons += _noted([*fitted, *judged])
     command = ("rig", *sys.argv[1:])
@@ -134,6 +147,11 @@ def found_by(asked: Asked) -> int:
     if (out / EXPERIMENT_FILE).is_file():
         screen.print(f"experiment: {out / EXPERIMENT_FILE}")
     return _code(result)
+
+
+def _say(words: str) -> None:
+    """Tell on stderr what is being done, so that --json keeps stdout to itself."""
+    click.echo(f"rig: {words}", err=True)
 
 
 def _code(result: GapResult) -> int:
@@ -249,8 +267,8 @@ def _write(
 ) -> None:
     """Write model, report, figures and experiment: all of them, or, if one fails, none.
 
-    An experiment, or a model with the unknown term, of an earlier run is removed where this result
-    has none.
+    An experiment of an earlier run is removed where this result has none, and so is the file
+    `model_with_term.yaml` that earlier versions wrote.
 
     Args:
         result: result of the gap workflow.
@@ -287,6 +305,7 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
     for line in where_words(result.where):
         yield f"where: {line}"
     yield gap_words(result)
+    yield from left_words(result)
     for experiment in result.experiments[:1]:
         effects = " and ".join(map(in_words, experiment.effects))
         if experiment.campaign:
@@ -297,7 +316,7 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
 
 
 def _table(result: GapResult, *, plain: bool) -> Table:
-    """Return a table of missing effects and refitted nuisances; `plain` draws it with ASCII."""
+    """Return a table of effects, discovered disturbances and nuisances; `plain` is in ASCII."""
     headings = ("", "name", "value, 95 % interval", "was", "evidence", "may as well be")
     table = table_of(headings, plain=plain, fold=True)
     for effect in result.effects:
@@ -308,8 +327,25 @@ def _table(result: GapResult, *, plain: bool) -> Table:
                 "missing", Text(name, "bold"), estimated(each), f"{each.before:.4g}",
                 f"z = {effect.z:.1f}", others,
             )  # fmt: skip
+        if effect.correction is not None:
+            _add_discovered(table, effect.correction, "corrected")
+    for disturbance in result.discovered:
+        left_out = (
+            "discovered, suspected leak, left out"
+            if disturbance.suspected_leak
+            else ("discovered, left out")
+        )
+        _add_discovered(table, disturbance, "discovered" if disturbance.in_model else left_out)
     for each in result.refitted:
         how = "refitted" if not result.as_given else "refitted, not kept"
         end = "at the end of its tolerance" if each.at_an_end else ""
         table.add_row(how, each.key, estimated(each), f"{each.before:.4g}", end, "")
     return table
+
+
+def _add_discovered(table: Table, each: Discovered, how: str) -> None:
+    """Add a discovered disturbance to the table; `how` says whether the model written has it."""
+    table.add_row(
+        how, Text(f"{in_words(each.name)} in {each.where}", "bold"), extent(each), "0",
+        f"z = {each.z:.1f}, {share(each.share)}", ", ".join(map(in_words, each.could_also_be)),
+    )  # fmt: skip
