@@ -10,15 +10,18 @@ from math import ceil
 from typing import Any, Final
 
 import numpy as np
+from numba.core import types
 from numba.core.errors import NumbaError
-from numba.extending import is_jitted
+from numba.extending import is_jitted, overload
 
 from rig.jit import njit
 
+from .additions import EMPTY_SLOTS, SLOT_PARAMETERS
 from .description import EquationOf, MayLack, PlantDescription, PlantError, Start
 from .description_checks import check_description, check_functions
 from .interface import (
     DRIVE,
+    MEASURE,
     READ,
     STEP,
     Array,
@@ -31,6 +34,7 @@ from .interface import (
     Plant,
     Region,
     State,
+    Varying,
     begin_held,
     hold,
 )
@@ -101,7 +105,10 @@ def build(
         inputs=tuple(each.channel for each in description.inputs),
         input_units=tuple(each.unit for each in description.inputs),
         outputs=tuple(
-            Output(o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown)
+            Output(
+                o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown,
+                tuple(each.name for each in description.regions),
+            )
             for o in description.outputs
         ),
         parameters=description.parameters,
@@ -116,7 +123,8 @@ def build(
         ),
         regions={
             each.name: Region(
-                each.name, each.unit, _region(each.value, views), each.shown or (each.unit, 1.0)
+                each.name, each.unit, _region(each.value, views), each.shown or (each.unit, 1.0),
+                each.symbol, each.periodic,
             )
             for each in description.regions
         },
@@ -126,7 +134,8 @@ def build(
         period=period,
         horizon=max(_HORIZON_S, _SAMPLES * max(period, row_s)),
         not_told_apart=description.not_told_apart,
-    )
+    )  # fmt: skip
+    plant = _with_slots(plant, description, views)
     return plant if description.steering is not None else _steered(plant, description)
 
 
@@ -167,7 +176,9 @@ def effect(description: PlantDescription, row: MayLack, nominal: Mapping[str, fl
     for key, name in row.parameters.items():
         each = known[name]
         knobs.append(Knob(key, name, probe_of(each, nominal[name]), each.lower, each.upper))
-    return Effect(row.name, row.equation, row.where, tuple(knobs), row.starts, row.unseen)
+    return Effect(
+        row.name, row.equation, row.where, tuple(knobs), row.starts, row.unseen, own=row.own
+    )
 
 
 # States
@@ -283,6 +294,11 @@ def read(state, memory, parameters, outputs):
     {y} = readings(State({loaded}), Inputs({inputs}), Parameters({par}))
     {stored}
 """
+_MEASURE_SOURCE: Final = """
+def measures(state, inputs, parameters, measured):
+    x, u, par = State({loaded}), Inputs({inputs}), Parameters({par})
+    {stored}
+"""
 
 
 def _compiled(description: PlantDescription, views: Views, period: float) -> tuple[Any, Any, Any]:
@@ -295,11 +311,7 @@ def _compiled(description: PlantDescription, views: Views, period: float) -> tup
     states, outputs = range(len(description.states)), range(len(description.outputs))
     substeps = max(ceil(description.substeps * (period / PERIOD) - 1e-9), 1)
     h = period / substeps
-    unpacked = {
-        "par": _listed("parameters[{}]", range(len(description.parameters))),
-        "inputs": _listed("memory[{}]", range(len(description.inputs))),
-        "loaded": _listed("state[{}]", states),
-    }
+    unpacked = _unpacked(description, "memory")
     step = _STEP_SOURCE.format(
         **unpacked, substeps=substeps,
         **{name: _listed(name + "{}", states) for name in "xabcd"},
@@ -324,6 +336,15 @@ def _compiled(description: PlantDescription, views: Views, period: float) -> tup
         _made("step", step, STEP, names, "rates"),
         _made("read", read, READ, names, "readings"),
     )
+
+
+def _unpacked(description: PlantDescription, inputs: str) -> dict[str, str]:
+    """Return, as sources, the elements of all views; `inputs` is the array that has the inputs."""
+    return {
+        "par": _listed("parameters[{}]", range(len(description.parameters))),
+        "inputs": _listed(inputs + "[{}]", range(len(description.inputs))),
+        "loaded": _listed("state[{}]", range(len(description.states))),
+    }
 
 
 def _longest(description: PlantDescription, period: float) -> int:
@@ -391,6 +412,118 @@ def _made(name: str, source: str, signature: Any, names: dict[str, Any], of: str
                 "calls with numba.njit"
             ]
         ) from error
+
+
+# Additions
+
+
+def _number(value):  # type: ignore[no-untyped-def]
+    """Return a number, or the only one in an array, as a float; for compiled functions alone."""
+
+
+@overload(_number)  # type: ignore[untyped-decorator]
+def _number_of(value):  # type: ignore[no-untyped-def]
+    if isinstance(value, types.Array):
+        return lambda value: float(value.item())
+    return lambda value: float(value)
+
+
+def _with_slots(plant: Plant, description: PlantDescription, views: Views) -> Plant:
+    """Return a plant whose models hold additions, or the same with the reason why they do not."""
+    try:
+        measures = _measures(plant, description, views)
+    except PlantError as error:
+        (reason,) = error.problems
+        why = f"models of this plant hold nothing that is discovered: {reason}"
+        return replace(plant, why_no_slots=why)
+    known = {each.name: each for each in description.parameters}
+    return replace(
+        plant,
+        parameters=plant.parameters + SLOT_PARAMETERS,
+        nominal={**plant.nominal, **EMPTY_SLOTS},
+        measures=measures,
+        varying=tuple(
+            Varying(
+                each.name, each.parameters, known[each.parameters[0]].unit,
+                min(probe_of(known[name], plant.nominal[name]) for name in each.parameters),
+                each.of, each.shown or (known[each.parameters[0]].unit, 1.0),
+            )
+            for each in description.may_vary
+        ),
+        slots=True,
+    )  # fmt: skip
+
+
+def _measures(plant: Plant, description: PlantDescription, views: Views) -> Any:
+    """Return the compiled function that writes the regions' quantities and the equations' rates.
+
+    Raises:
+        PlantError: numba cannot compile a function of a region or an equation for single numbers,
+            or it then has another value than with arrays. The error has this one problem.
+    """
+    rows = [
+        (f"the value of region {each.name!r}", each.value, "x, u", 1.0)
+        for each in description.regions
+    ]  # fmt: skip
+    rows += [
+        (f"per of equation {each.name!r}", each.per, "x, par", plant.period)
+        for each in description.equations
+    ]
+    # The rates are two for each equation. A disturbance of a described one changes one state alone.
+    first = len(description.regions)
+    places = [*range(first), *range(first, first + 2 * len(description.equations), 2)]
+
+    def made(chosen: range) -> Any:
+        lines = [
+            f"measured[{places[k]}] = {rows[k][3]!r} * number(f{k}({rows[k][2]}))" for k in chosen
+        ]
+        zeros = [f"measured[{place + 1}] = 0.0" for place in places[first:]]
+        names = {f"f{k}": _jitted(rows[k][1]) for k in chosen}
+        source = _MEASURE_SOURCE.format(
+            **_unpacked(description, "inputs"), stored="; ".join([*lines, *zeros]) or "pass"
+        )
+        space = {
+            "State": views.state, "Inputs": views.inputs, "Parameters": views.parameters,
+            "number": _number, **names,
+        }  # fmt: skip
+        of = rows[chosen[0]][0] if len(chosen) == 1 else "regions and equations"
+        return _made("measures", source, MEASURE, space, of)
+
+    try:
+        measures = made(range(len(rows)))
+    except PlantError:
+        for k in range(len(rows)):
+            made(range(k, k + 1))
+        raise
+    _check_alike(plant, description, measures, [(rows[k][0], places[k]) for k in range(len(rows))])
+    return measures
+
+
+def _check_alike(
+    plant: Plant, description: PlantDescription, measures: Any, rows: list[tuple[str, int]]
+) -> None:
+    """Raise PlantError if compiled functions differ from those that take arrays.
+
+    Args:
+        plant: plant with the latter.
+        description: its description.
+        measures: the compiled functions.
+        rows: what each is and its index in what `measures` writes.
+    """
+    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
+    spreads = np.array([each.spread for each in description.states])
+    states = np.array(at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
+    inputs = np.outer([0.5, -0.25, 0.1, 0.8], [each.size for each in description.inputs])
+    found = np.empty((len(states), len(plant.regions) + 2 * len(plant.equations)))
+    for row in range(len(states)):
+        measures(states[row].copy(), inputs[row].copy(), plant.vector(plant.nominal), found[row])
+    wanted = [region.value(states, inputs) for region in plant.regions.values()]
+    wanted += [equation.rate(states, plant.nominal) for equation in plant.equations]
+    for (name, place), values in zip(rows, wanted, strict=True):
+        if not np.allclose(found[:, place], values, rtol=1e-9, equal_nan=True):
+            raise PlantError(
+                [f"{name}: a sample's value depends on other samples; compute it from one alone"]
+            )
 
 
 # Steering

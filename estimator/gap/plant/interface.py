@@ -451,6 +451,8 @@ class Plant:
             With it a model can hold additions (`additions`).
         varying: parameters that may change with a quantity.
         slots: whether `parameters` end with those of the slots for additions (`SLOT_PARAMETERS`).
+        why_no_slots: why models of the plant hold no additions, in words for the report; empty if
+            they do, or if nothing is to be told.
     """
 
     name: str
@@ -488,15 +490,25 @@ class Plant:
     measures: Any = measures_nothing
     varying: tuple[Varying, ...] = ()
     slots: bool = False
+    why_no_slots: str = ""
+
+    @property
+    def own_parameters(self) -> tuple[Parameter, ...]:
+        """Return all parameters but those of the slots for additions."""
+        if not self.slots:
+            return self.parameters
+        from .additions import SLOT_PARAMETERS
+
+        return self.parameters[: -len(SLOT_PARAMETERS)]
 
     @cached_property
     def layout(self) -> "Layout | None":
         """Return how slots hold the plant's additions; None if its models hold none."""
         if not self.slots:
             return None
-        from .additions import SLOT_PARAMETERS, Layout
+        from .additions import Layout
 
-        own = [parameter.name for parameter in self.parameters[: -len(SLOT_PARAMETERS)]]
+        own = [parameter.name for parameter in self.own_parameters]
         channels = [output.channel for output in self.outputs]
         return Layout(self.equations, self.regions, channels, self.varying, own)
 
