@@ -1,4 +1,5 @@
 from .plant import (
+    SLOTS as SLOTS,
     Addition as Addition,
     Array as Array,
     Motion as Motion,

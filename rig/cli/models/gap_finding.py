@@ -113,6 +113,7 @@ def found_by(asked: Asked) -> int:
             plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
         result = find_gap(fitted, judged, plant)
         result.reasons += _noted([*fitted, *judged])
+        result.reasons += [plant.why_no_slots] if plant.why_no_slots else []
     command = ("rig", *sys.argv[1:])
     _write(result, plant, name, command, out, (asked.rig or "simulated", asked.model))
     if asked.as_json:

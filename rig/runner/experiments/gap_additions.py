@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from estimator.gap import Addition, Plant, servo_actuator
+from rig.configuration import addition_of, term_of
 from rig.plant import (
     MOST_TABLES,
     MOST_TERMS,
@@ -17,7 +18,6 @@ from rig.plant import (
 
 _FRICTION: Final = "friction level"
 _FORCE: Final = "force balance"
-_DIRECTION: Final = "direction"
 
 
 def slots_of(plant: Plant, terms: Sequence[AddedTerm]) -> dict[str, float]:
@@ -28,7 +28,7 @@ def slots_of(plant: Plant, terms: Sequence[AddedTerm]) -> dict[str, float]:
     layout = plant.layout
     if layout is None:
         return {}
-    additions = [_addition(term) for term in terms]
+    additions = [addition_of(term) for term in terms]
     return layout.values([each for each in additions if not layout.why_not(each)])
 
 
@@ -56,23 +56,7 @@ def with_terms(values: Mapping[str, float]) -> tuple[Parameters, tuple[AddedTerm
 
 def _term(addition: Addition, *, held: bool = True) -> AddedTerm:
     """Return an addition as a term; with `held`, friction as a force that opposes the motion."""
-    place, turned = addition.place, addition.times == _DIRECTION
-    if held and place == _FRICTION and not turned:
-        place, turned = _FORCE, True
-    form = "1" if addition.form == "constant" else addition.form
-    if form == "table":
-        knots = tuple(zip(addition.at, addition.values, strict=True))
-        return AddedTerm(place, addition.of, form, turned, 1.0, knots=knots)
-    at, by = (*addition.at, 0.0, 0.0)[:2]
-    return AddedTerm(place, addition.of, form, turned, addition.values[0], at, by)
-
-
-def _addition(term: AddedTerm) -> Addition:
-    times = _DIRECTION if term.turned else ""
-    if term.form == "table":
-        at, values = zip(*term.knots, strict=True)
-        scaled = tuple(term.size * value for value in values)
-        return Addition(term.place, term.of, times, "table", at, scaled)
-    form = "constant" if term.form == "1" else term.form
-    count = {"wave": 2, "bump": 2, "hinge": 1}.get(form, 0)
-    return Addition(term.place, term.of, times, form, (term.at, term.by)[:count], (term.size,))
+    term = term_of(addition)
+    if held and term.place == _FRICTION and not term.turned:
+        return term._replace(place=_FORCE, turned=True)
+    return term
