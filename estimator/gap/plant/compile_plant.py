@@ -107,7 +107,7 @@ def build(
         outputs=tuple(
             Output(
                 o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown,
-                tuple(each.name for each in description.regions),
+                _undriven(description, views),
             )
             for o in description.outputs
         ),
@@ -247,6 +247,31 @@ def _region(value: Callable[[Any, Any], Any], views: Views) -> Callable[[Array, 
         return np.ascontiguousarray(np.broadcast_to(found, len(states)), dtype=np.float64)
 
     return of
+
+
+def _undriven(description: PlantDescription, views: Views) -> tuple[str, ...]:
+    """Return the names of the regions that do not depend on the inputs.
+
+    An error of a reading is looked for along these alone. A control loop feeds the noise of a
+    reading back to the input of the same sample, so that along an input the noise would look like
+    an error of the reading.
+    """
+    states, inputs = _points(description)
+    found = []
+    for each in description.regions:
+        of = _region(each.value, views)
+        if np.array_equal(of(states, inputs), of(states, -2.0 * inputs), equal_nan=True):
+            found.append(each.name)
+    return tuple(found)
+
+
+def _points(description: PlantDescription) -> tuple[Array, Array]:
+    """Return some states (n, states) and inputs (n, inputs) at which functions are compared."""
+    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
+    spreads = [each.spread for each in description.states]
+    sizes = [each.size for each in description.inputs]
+    states = np.array(at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
+    return states, np.outer([0.5, -0.25, 0.1, 0.8], sizes)
 
 
 def _equation(
@@ -510,10 +535,7 @@ def _check_alike(
         measures: the compiled functions.
         rows: what each is and its index in what `measures` writes.
     """
-    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
-    spreads = np.array([each.spread for each in description.states])
-    states = np.array(at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
-    inputs = np.outer([0.5, -0.25, 0.1, 0.8], [each.size for each in description.inputs])
+    states, inputs = _points(description)
     found = np.empty((len(states), len(plant.regions) + 2 * len(plant.equations)))
     for row in range(len(states)):
         measures(states[row].copy(), inputs[row].copy(), plant.vector(plant.nominal), found[row])
