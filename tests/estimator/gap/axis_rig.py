@@ -51,7 +51,7 @@ def _run(reference, voltage, closed, par, delay, noise, period, substeps):  # ty
             head = (head + 1) % (late + 1)
             acting = queue[head]
             level = fc * (1.0 + ac * (1.0 if v > 0.0 else -1.0)) + fs * exp(-((v / vs) ** 2))
-            level += tight * q
+            level += tight * (q - 0.1)
             limit = level if v > 0.0 else -level
             old = force
             force = limit + (force - limit) * exp(-abs(v) * h * (fc / contact) / level)
@@ -86,7 +86,7 @@ def recorded(
         rows: samples (m,), ascending from 0, that are recorded; in open loop the voltage changes at
             these only. None for all.
         hidden: values of the axis that replace those in `TRUE`. No effect of the plant has these:
-            friction that grows along the stroke (tight, N/m), a drag with the square of the
+            friction that grows along the stroke from its middle (tight, N/m), a drag with the square of the
             velocity (quadratic, N/(m/s)^2), and a spring (N/m) from a position on (spring_from, m).
     """
     values = {**TRUE, **hidden}
