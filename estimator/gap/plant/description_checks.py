@@ -41,7 +41,7 @@ def check_functions(description: PlantDescription, views: Any, par: Any) -> None
 
     Args:
         description: description whose tables fit together.
-        views: named tuples of its states and inputs (`compile_plant.Views`).
+        views: named tuples of its states and inputs (`compiled_functions.Views`).
         par: named tuple of its parameters.
 
     Raises:

@@ -86,8 +86,9 @@ def recorded(
         rows: samples (m,), ascending from 0, that are recorded; in open loop the voltage changes at
             these only. None for all.
         hidden: values of the axis that replace those in `TRUE`. No effect of the plant has these:
-            friction that grows along the stroke from its middle (tight, N/m), a drag with the square of the
-            velocity (quadratic, N/(m/s)^2), and a spring (N/m) from a position on (spring_from, m).
+            friction that grows along the stroke from its middle on (tight, N/m), a drag with the
+            square of the velocity (quadratic, N/(m/s)^2), and a spring (N/m) from a position on
+            (spring_from, m).
     """
     values = {**TRUE, **hidden}
     assert set(values) == set(TRUE)

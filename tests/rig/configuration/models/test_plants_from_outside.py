@@ -136,7 +136,7 @@ def test_everything_wrong_with_what_is_discovered_is_reported_at_once(workplace:
         "to: force balanse is not a choice here; did you mean force balance?",
         "size: 3 N is not",
         "of: temperature is not a choice here; choose one of velocity, position",
-        "values: has 1 entries",
+        "values: [1 N s/m] is not a list of 2 to 9 quantities",
     ):
         assert claim in text, claim
 
