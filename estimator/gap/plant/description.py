@@ -183,7 +183,7 @@ class RegionOf:
     symbol: str = ""
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def direction(velocity: Any, rest: float) -> Any:
     """Return the direction of motion: 1 or -1, or 0 where the velocity is less than `rest`.
 

@@ -118,7 +118,8 @@ def knots_of(values: Array) -> tuple[float, ...]:
     parts = clusters(values)
     found: list[float] = []
     for part, count in zip(parts, _shared(parts), strict=True):
-        even = np.linspace(*np.quantile(part, (0.01, 0.99)), count)
+        low, high = (float(end) for end in np.quantile(part, (0.01, 0.99)))
+        even = np.linspace(low, high, count)
         often = np.quantile(part, np.linspace(0.01, 0.99, count))
         found += [float(np.median(part))] if count == 1 else [*map(float, 0.5 * (even + often))]
     return tuple(found)

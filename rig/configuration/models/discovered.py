@@ -81,7 +81,8 @@ class _Term(Schema):
 @cache
 def _schema(of: tuple[str, ...]) -> type[_Term]:
     """Return the schema of a term that may depend on the quantities `of`."""
-    return create_model("_TermOf", __base__=_Term, of=(Literal[of] | None, None))
+    choice: Any = Literal[of]
+    return create_model("_TermOf", __base__=_Term, of=(choice | None, None))
 
 
 class Vocabulary(NamedTuple):
