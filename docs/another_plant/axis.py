@@ -15,6 +15,7 @@ from estimator.gap.plant.description import (
     PlantDescription,
     RegionOf,
     StateOf,
+    direction,
     reading,
     slope,
 )
@@ -107,13 +108,16 @@ axis = PlantDescription(
     equations=(
         EquationOf(
             "force balance", "N", "velocity", per=lambda state, par: -1.0 / par.mass,
-            error=2.0, of=("velocity", "position", "motor voltage"),
+            error=2.0, of=("velocity", "position", "motor voltage", "direction"),
         ),
     ),
     regions=(
         RegionOf("velocity", "m/s", lambda state, inputs: state.velocity, ("mm/s", 1e3)),
-        RegionOf("position", "m", lambda state, inputs: state.position, ("mm", 1e3)),
+        RegionOf(
+            "position", "m", lambda state, inputs: state.position, ("mm", 1e3), periodic=True
+        ),
         RegionOf("motor voltage", "V", lambda state, inputs: inputs.motor_V),
+        RegionOf("direction", "", lambda state, inputs: direction(state.velocity, 1e-3)),
     ),
     not_told_apart={
         frozenset(("offset", "coulomb_asymmetry")):

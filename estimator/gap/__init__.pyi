@@ -1,4 +1,6 @@
 from .plant import (
+    SLOTS as SLOTS,
+    Addition as Addition,
     Array as Array,
     Motion as Motion,
     Parameter as Parameter,
@@ -30,7 +32,13 @@ from .prediction import (
     mean_gap as mean_gap,
     usable as usable,
 )
-from .servo import addition_of as addition_of, servo_actuator as servo_actuator, term_of as term_of
+from .servo import (
+    addition_of as addition_of,
+    as_addition as as_addition,
+    as_term as as_term,
+    servo_actuator as servo_actuator,
+    term_of as term_of,
+)
 from .verdict import (
     NOWHERE as NOWHERE,
     SURE as SURE,

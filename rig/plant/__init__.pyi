@@ -12,6 +12,7 @@ from .added_terms import (
     quantity_unit as quantity_unit,
     size_unit as size_unit,
     terms_of as terms_of,
+    unit_per as unit_per,
 )
 from .command_effects import (
     LONGEST_DELAY_TICKS as LONGEST_DELAY_TICKS,

@@ -121,10 +121,15 @@ def is_held(term: AddedTerm) -> bool:
 
 def size_unit(place: str, of: str, form: str) -> str:
     """Return the SI unit of a term's size, for example "N/(m/s)^2", or of a table's values."""
-    power, unit = POWERS[FORMS.index(form)], place_units()[place]
+    return unit_per(place_units()[place], quantity_unit(of), form)
+
+
+def unit_per(unit: str, of_unit: str, form: str) -> str:
+    """Return the SI unit of the size of a form that has one unit and depends on another one."""
+    power = POWERS[FORMS.index(form)]
     if power == 0:
         return unit
-    return f"{unit or '1'}/({quantity_unit(of)})" + ("^2" if power == 2 else "")
+    return f"{unit or '1'}/({of_unit or '1'})" + ("^2" if power == 2 else "")
 
 
 def fields_of(terms: "tuple[AddedTerm, ...]") -> dict[str, float]:

@@ -49,13 +49,16 @@ WIDTH: Final = len(PARTS)
 _X: Final = PARTS.index("x0")
 _Y: Final = PARTS.index("y0")
 
+
 def slot_field(slot: int, part: str) -> str:
     """Return the name of one number of a slot, among the plant's parameters."""
     return f"added_{slot + 1}_{part}"
 
 
 SLOT_PARAMETERS: Final = tuple(
-    Parameter(slot_field(slot, part), "", -np.inf, np.inf, 0.0) for slot in range(SLOTS) for part in PARTS
+    Parameter(slot_field(slot, part), "", -np.inf, np.inf, 0.0)
+    for slot in range(SLOTS)
+    for part in PARTS
 )
 """Parameters that a plant has beyond its own, so that models of it can hold additions."""
 EMPTY_SLOTS: Final = {parameter.name: 0.0 for parameter in SLOT_PARAMETERS}
@@ -341,7 +344,9 @@ def added_value(parameters, first, measured, time_s):
     if form == TABLE:
         value = _table(parameters, knots, x)
     else:
-        value = parameters[knots + KNOTS] * _shape(form, x, parameters[knots], parameters[knots + 1])
+        value = parameters[knots + KNOTS] * _shape(
+            form, x, parameters[knots], parameters[knots + 1]
+        )
     return value * _quantity(parameters[first + 3], measured, time_s)
 
 

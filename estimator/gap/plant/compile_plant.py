@@ -3,24 +3,17 @@
 The compiled step integrates the rates of the description.
 """
 
-from collections import namedtuple
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import ceil
 from typing import Any, Final
 
 import numpy as np
-from numba.core.errors import NumbaError
-from numba.extending import is_jitted
 
-from rig.jit import njit
-
+from .additions import EMPTY_SLOTS, SLOT_PARAMETERS, Layout
+from .compiled_functions import PERIOD, Views, compiled, longest_delay, measures_of, sample_points
 from .description import EquationOf, MayLack, PlantDescription, PlantError, Start
 from .description_checks import check_description, check_functions
 from .interface import (
-    DRIVE,
-    READ,
-    STEP,
     Array,
     Effect,
     Equation,
@@ -31,13 +24,10 @@ from .interface import (
     Plant,
     Region,
     State,
+    Varying,
     begin_held,
-    hold,
 )
 
-PERIOD: Final = 1e-3
-"""Time, s, for which a description states its errors and substeps; also the sampling period of
-recordings at 1 kHz."""
 _HORIZON_S: Final = 0.02
 """How far ahead predictions are judged, s, at least."""
 _SAMPLES: Final = 20
@@ -50,24 +40,6 @@ _SLOPE_SAMPLES: Final = 5
 _SMALL: Final = 0.01
 """Change of a state by which derivatives are taken by differences, as a part of the state's
 spread."""
-
-
-class Views:
-    """Named tuples of the states, inputs and parameters of a description.
-
-    The functions of the description read them by these names, as attributes.
-    """
-
-    def __init__(self, description: PlantDescription) -> None:
-        self.state = namedtuple("State", [s.name for s in description.states])  # type: ignore[misc]
-        self.inputs = namedtuple("Inputs", [i.channel for i in description.inputs])  # type: ignore[misc]
-        self.parameters: Any = namedtuple(  # type: ignore[misc]
-            "Parameters", [p.name for p in description.parameters]
-        )
-
-    def given(self, values: Mapping[str, float]) -> Any:
-        """Return the named tuple of all parameters, with these values by name."""
-        return self.parameters(**{name: float(values[name]) for name in self.parameters._fields})
 
 
 def build(
@@ -93,7 +65,7 @@ def build(
     views = Views(description)
     par = views.given(values)
     check_functions(description, views, par)
-    drive, step, read = _compiled(description, views, period)
+    drive, step, read = compiled(description, views, period)
     nominal = dict(zip(par._fields, par, strict=True))
     plant = Plant(
         name=description.name,
@@ -101,7 +73,10 @@ def build(
         inputs=tuple(each.channel for each in description.inputs),
         input_units=tuple(each.unit for each in description.inputs),
         outputs=tuple(
-            Output(o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown)
+            Output(
+                o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown,
+                _undriven(description, views),
+            )
             for o in description.outputs
         ),
         parameters=description.parameters,
@@ -116,7 +91,8 @@ def build(
         ),
         regions={
             each.name: Region(
-                each.name, each.unit, _region(each.value, views), each.shown or (each.unit, 1.0)
+                each.name, each.unit, _region(each.value, views), each.shown or (each.unit, 1.0),
+                each.symbol, each.periodic,
             )
             for each in description.regions
         },
@@ -126,7 +102,8 @@ def build(
         period=period,
         horizon=max(_HORIZON_S, _SAMPLES * max(period, row_s)),
         not_told_apart=description.not_told_apart,
-    )
+    )  # fmt: skip
+    plant = _with_slots(plant, description, views)
     return plant if description.steering is not None else _steered(plant, description)
 
 
@@ -167,7 +144,9 @@ def effect(description: PlantDescription, row: MayLack, nominal: Mapping[str, fl
     for key, name in row.parameters.items():
         each = known[name]
         knobs.append(Knob(key, name, probe_of(each, nominal[name]), each.lower, each.upper))
-    return Effect(row.name, row.equation, row.where, tuple(knobs), row.starts, row.unseen)
+    return Effect(
+        row.name, row.equation, row.where, tuple(knobs), row.starts, row.unseen, own=row.own
+    )
 
 
 # States
@@ -238,6 +217,22 @@ def _region(value: Callable[[Any, Any], Any], views: Views) -> Callable[[Array, 
     return of
 
 
+def _undriven(description: PlantDescription, views: Views) -> tuple[str, ...]:
+    """Return the names of the regions that do not depend on the inputs.
+
+    An error of a reading is looked for along these alone. A control loop feeds the noise of a
+    reading back to the input of the same sample, so that along an input the noise would look like
+    an error of the reading.
+    """
+    states, inputs = sample_points(description)
+    found = []
+    for each in description.regions:
+        of = _region(each.value, views)
+        if np.array_equal(of(states, inputs), of(states, -2.0 * inputs), equal_nan=True):
+            found.append(each.name)
+    return tuple(found)
+
+
 def _equation(
     each: EquationOf, description: PlantDescription, views: Views, period: float
 ) -> Equation:
@@ -250,102 +245,7 @@ def _equation(
     return Equation(each.name, each.unit, index, rate, shown, each.of)
 
 
-# Compiled functions
-
-
-_STEP_SOURCE: Final = """
-def step(state, memory, parameters):
-    par = Parameters({par})
-    inputs = Inputs({inputs})
-    {x} = {loaded}
-    for _ in range({substeps}):
-        {a} = rates(State({x}), inputs, par)
-        {b} = rates(State({xa}), inputs, par)
-        {c} = rates(State({xb}), inputs, par)
-        {d} = rates(State({xc}), inputs, par)
-        {advance}
-    {stored}
-"""
-_DRIVE_SOURCE: Final = """
-def drive(inputs, memory, parameters):
-    late = min(max(parameters[{delay}] / {period!r}, 0.0), {most})
-    whole = int(late)
-    part = late - whole
-    for i in range({count}):
-        first = {count} + i * {length}
-        for k in range({length} - 1, 0, -1):
-            memory[first + k] = memory[first + k - 1]
-        memory[first] = inputs[i]
-        memory[i] = (1.0 - part) * memory[first + whole] + part * memory[first + whole + 1]
-"""
-_READ_SOURCE: Final = """
-def read(state, memory, parameters, outputs):
-    {y} = readings(State({loaded}), Inputs({inputs}), Parameters({par}))
-    {stored}
-"""
-
-
-def _compiled(description: PlantDescription, views: Views, period: float) -> tuple[Any, Any, Any]:
-    """Return the compiled functions drive, step and read of a description.
-
-    Their sources are generated: they unpack arrays into the named tuples of the views. Each substep
-    of step is one of Runge and Kutta (4th order), with the inputs held. The substeps of a sample
-    are no longer than those that the description states for 1 ms.
-    """
-    states, outputs = range(len(description.states)), range(len(description.outputs))
-    substeps = max(ceil(description.substeps * (period / PERIOD) - 1e-9), 1)
-    h = period / substeps
-    unpacked = {
-        "par": _listed("parameters[{}]", range(len(description.parameters))),
-        "inputs": _listed("memory[{}]", range(len(description.inputs))),
-        "loaded": _listed("state[{}]", states),
-    }
-    step = _STEP_SOURCE.format(
-        **unpacked, substeps=substeps,
-        **{name: _listed(name + "{}", states) for name in "xabcd"},
-        xa=_listed(f"x{{0}} + {0.5 * h!r} * a{{0}}", states),
-        xb=_listed(f"x{{0}} + {0.5 * h!r} * b{{0}}", states),
-        xc=_listed(f"x{{0}} + {h!r} * c{{0}}", states),
-        advance="; ".join(
-            f"x{i} += {h / 6.0!r} * (a{i} + 2.0 * b{i} + 2.0 * c{i} + d{i})" for i in states
-        ),
-        stored="; ".join(f"state[{i}] = x{i}" for i in states),
-    )  # fmt: skip
-    read = _READ_SOURCE.format(
-        **unpacked, y=_listed("y{}", outputs),
-        stored="; ".join(f"outputs[{i}] = y{i}" for i in outputs),
-    )  # fmt: skip
-    names = {
-        "State": views.state, "Inputs": views.inputs, "Parameters": views.parameters,
-        "rates": _jitted(description.rates), "readings": _jitted(description.readings),
-    }  # fmt: skip
-    return (
-        _drive(description, period),
-        _made("step", step, STEP, names, "rates"),
-        _made("read", read, READ, names, "readings"),
-    )
-
-
-def _longest(description: PlantDescription, period: float) -> int:
-    """Return the greatest delay of the inputs, in samples, rounded up; 0 without a delay."""
-    upper = {each.name: each.upper for each in description.parameters}
-    delay = description.input_delay
-    return 0 if delay is None else ceil(upper[delay] / period - 1e-9)
-
-
-def _drive(description: PlantDescription, period: float) -> Any:
-    """Return the compiled drive, which copies the inputs to the memory, if need be with a delay.
-
-    The delay need not be a whole number of samples.
-    """
-    if description.input_delay is None:
-        return hold
-    most = _longest(description, period)
-    source = _DRIVE_SOURCE.format(
-        delay=[each.name for each in description.parameters].index(description.input_delay),
-        period=period, most=float(most), count=len(description.inputs), length=most + 2,
-    )  # fmt: skip
-    return _made("drive", source, DRIVE, {}, "input_delay")
+# Memory and additions
 
 
 def _begin(
@@ -358,7 +258,7 @@ def _begin(
     """
     if description.input_delay is None:
         return begin_held
-    length = _longest(description, period) + 2
+    length = longest_delay(description, period) + 2
 
     def begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
         return np.concatenate([inputs[0], np.repeat(inputs[0], length)])
@@ -366,31 +266,32 @@ def _begin(
     return begin
 
 
-def _listed(pattern: str, indices: range) -> str:
-    # The last comma makes a tuple even of a single item.
-    return "".join(pattern.format(index) + ", " for index in indices)
-
-
-def _jitted(function: Any) -> Any:
-    return function if is_jitted(function) else njit(error_model="numpy")(function)
-
-
-def _made(name: str, source: str, signature: Any, names: dict[str, Any], of: str) -> Any:
-    space = dict(names)
-    exec(compile(source, f"<{name} of a described plant>", "exec"), space)
+def _with_slots(plant: Plant, description: PlantDescription, views: Views) -> Plant:
+    """Return a plant whose models hold additions, or the same with the reason why they do not."""
     try:
-        return njit(signature, error_model="numpy")(space[name])
-    except NumbaError as error:
-        reason = next((line for line in str(error).splitlines() if line.strip()), "")
-        causes = [line.strip() for line in str(error).splitlines() if "Unknown attribute" in line
-                or "Untyped global" in line or "NameError" in line]  # fmt: skip
-        raise PlantError(
-            [
-                f"{of}: numba cannot compile it: {' '.join((causes or [reason])[0].split())}; use "
-                "arithmetic, math.sin and the like, and decorate functions of your own that it "
-                "calls with numba.njit"
-            ]
-        ) from error
+        measures = measures_of(plant, description, views)
+    except PlantError as error:
+        (reason,) = error.problems
+        why = f"models of this plant hold nothing that is discovered: {reason}"
+        return replace(plant, why_no_slots=why)
+    known = {each.name: each for each in description.parameters}
+    varying = tuple(
+        Varying(
+            each.name, each.parameters, known[each.parameters[0]].unit,
+            min(probe_of(known[name], plant.nominal[name]) for name in each.parameters),
+            each.of, each.shown or (known[each.parameters[0]].unit, 1.0),
+        )
+        for each in description.may_vary
+    )  # fmt: skip
+    channels = [output.channel for output in plant.outputs]
+    return replace(
+        plant,
+        parameters=plant.parameters + SLOT_PARAMETERS,
+        nominal={**plant.nominal, **EMPTY_SLOTS},
+        measures=measures,
+        varying=varying,
+        layout=Layout(plant.equations, plant.regions, channels, varying, list(known)),
+    )
 
 
 # Steering

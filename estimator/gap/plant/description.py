@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from .interface import Parameter
 
@@ -117,6 +118,9 @@ class MayLack:
         starts: values by key from which fits start, if the present values are no start: there the
             effect has no slope, or another of its parameters has no meaning yet.
         unseen: what recordings cannot show of the effect on principle, in words for the report.
+        own: pairs of a place that a disturbance may enter and a quantity that it may depend on, in
+            which the effect's formula is a curve. A disturbance found there, beside the effect,
+            corrects its formula.
     """
 
     name: str
@@ -125,6 +129,7 @@ class MayLack:
     parameters: Mapping[str, str]
     starts: tuple[Mapping[str, float], ...] = ()
     unseen: str = ""
+    own: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +144,8 @@ class EquationOf:
             arrays (n,).
         error: standard deviation, in `unit`, of the disturbance that the model allows for at all
             times, white from one ms to the next (docs/another_plant.md explains how to choose it).
-        of: names of the regions that the disturbance may depend on, besides time.
+        of: names of the regions that the disturbance may depend on, besides time. With "direction"
+            among them, it may also turn with the direction of motion.
         shown: unit used in reports, and the number of such units in one SI unit; None for the SI
             unit.
     """
@@ -158,16 +164,49 @@ class RegionOf:
     """A quantity that says where in its range a plant works, such as its velocity.
 
     Attributes:
-        name: name used in reports, such as "velocity".
+        name: name used in reports, such as "velocity". The region with the name "direction", if
+            there is one, is the direction of motion (the function `direction`).
         unit: SI unit.
-        value: (state, inputs) -> the quantity; both arguments hold arrays (n,).
+        value: (state, inputs) -> the quantity; both arguments hold arrays (n,). If numba can also
+            compile it for single numbers, models of the plant can hold what is discovered.
         shown: unit used in reports, and the number of such units in one SI unit; None for the SI
             unit.
+        periodic: whether a disturbance may repeat along the quantity, as along the teeth of a rack.
+        symbol: symbol used in formulas; the name is used if it is empty.
     """
 
     name: str
     unit: str
     value: Callable[[Any, Any], Any]
+    shown: tuple[str, float] | None = None
+    periodic: bool = False
+    symbol: str = ""
+
+
+@register_jitable
+def direction(velocity: Any, rest: float) -> Any:
+    """Return the direction of motion: 1 or -1, or 0 where the velocity is less than `rest`.
+
+    A `RegionOf` may call it with an array (n,), and numba with a single number.
+    """
+    return np.sign(velocity) * (np.abs(velocity) >= rest)
+
+
+@dataclass(frozen=True, slots=True)
+class VaryingOf:
+    """Parameters that may change with a quantity, such as a friction that differs along a rail.
+
+    Attributes:
+        name: name used in reports and model files, such as "friction level".
+        parameters: names of the one or two parameters, of one unit, that change by the same amount.
+        of: names of the regions that the change may depend on, besides time.
+        shown: unit used in reports, and the number of such units in one SI unit; None for the SI
+            unit.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    of: tuple[str, ...]
     shown: tuple[str, float] | None = None
 
 
@@ -202,6 +241,8 @@ class PlantDescription:
             input to the first output that follows it; with an empty mapping there is none.
         not_told_apart: for each pair of effects that are the same on principle, the reason in
             words.
+        varying: parameters that may change with a quantity. With None they are those with a
+            tolerance, each with all regions; underscores in their names are read as blanks.
     """
 
     name: str
@@ -219,3 +260,16 @@ class PlantDescription:
     substeps: int = 4
     steering: Mapping[tuple[str, str], float] | None = None
     not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)
+    varying: tuple[VaryingOf, ...] | None = None
+
+    @property
+    def may_vary(self) -> tuple[VaryingOf, ...]:
+        """Return `varying`, or if that is None the parameters with a tolerance above zero."""
+        if self.varying is not None:
+            return self.varying
+        regions = tuple(region.name for region in self.regions)
+        return tuple(
+            VaryingOf(each.name.replace("_", " "), (each.name,), regions)
+            for each in self.parameters
+            if self.tolerances.get(each.name, 0.0) > 0.0
+        )

@@ -35,17 +35,18 @@ def check_description(description: PlantDescription) -> None:
 def check_functions(description: PlantDescription, views: Any, par: Any) -> None:
     """Check that a description's functions, called as plain Python, return what they should.
 
-    They are `rates`, `readings` and `per` of each equation. They are called at the start values of
-    the states (0 where a channel gives the start) and at these plus the spreads.
+    They are `rates`, `readings`, `per` of each equation and `value` of each region. They are called
+    at the start values of the states (0 where a channel gives the start) and at these plus the
+    spreads.
 
     Args:
         description: description whose tables fit together.
-        views: named tuples of its states and inputs (`compile_plant.Views`).
+        views: named tuples of its states and inputs (`compiled_functions.Views`).
         par: named tuple of its parameters.
 
     Raises:
-        PlantError: a function raises, returns no numbers or a wrong number of them, or returns a
-            value that is not finite; the error lists all problems.
+        PlantError: a function raises, returns no numbers or a wrong number of them, or one but a
+            region's returns a value that is not finite; the error lists all problems.
     """
     inputs = views.inputs(*(0.5 * each.size for each in description.inputs))
     at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
@@ -59,9 +60,14 @@ def check_functions(description: PlantDescription, views: Any, par: Any) -> None
         ):
             plain = getattr(function, "py_func", function)
             problems += _called(kind, plain, (state, inputs, par), names)
+        several = views.state(*(np.full(2, float(value)) for value in values))
+        driven = views.inputs(*(np.full(2, value) for value in inputs))
+        for region in description.regions:
+            where = f"region {region.name!r}: value"
+            problems += _array(where, region.value, (several, driven), finite=False)
         for equation in description.equations:
-            per = _per(equation, views, values, par)
-            problems += [] if per is None else [per]
+            where = f"equation {equation.name!r}: per"
+            problems += _array(where, equation.per, (several, par), finite=True)
     if problems:
         raise PlantError([f"plant {description.name}: {each}" for each in dict.fromkeys(problems)])
 
@@ -102,13 +108,17 @@ def _reason(error: Exception, arguments: tuple[Any, ...]) -> str:
     return text
 
 
-def _per(equation: Any, views: Any, values: Sequence[float], par: Any) -> str | None:
+def _array(where: str, function: Any, arguments: tuple[Any, ...], finite: bool) -> Iterator[str]:
+    """Yield what is wrong with a function of arrays (2,) of the states."""
+    plain = getattr(function, "py_func", function)
     try:
-        per = np.asarray(equation.per(views.state(*(np.full(2, v) for v in values)), par))
-        finite = bool(np.all(np.isfinite(np.broadcast_to(per, (2,)))))
+        found = np.asarray(plain(*arguments), dtype=np.float64)
+        is_finite = bool(np.all(np.isfinite(np.broadcast_to(found, (2,)))))
     except Exception as error:
-        return f"equation {equation.name!r}: per: {type(error).__name__}: {error}"
-    return None if finite else f"equation {equation.name!r}: per is {per}, must be finite"
+        yield f"{where}: {type(error).__name__}: {error}"
+        return
+    if finite and not is_finite:
+        yield f"{where} is {found}, must be finite"
 
 
 def _listed(view: Any) -> str:
@@ -134,6 +144,12 @@ def _names(description: PlantDescription) -> Iterator[str]:
                 yield f"{kind} {name!r} {_KEYWORDS}"
         if not names and kind not in ("effect", "region", "equation"):
             yield f"there is no {kind}; give at least one"
+    if "time" in kinds["region"]:
+        yield "region 'time' is there without being described; rename or delete it"
+    varying = [each.name for each in description.may_vary]
+    for name in dict.fromkeys(varying):
+        if varying.count(name) + kinds["equation"].count(name) > 1:
+            yield f"{name!r} is the name of several equations or varying parameters; rename one"
 
 
 def _parameters(description: PlantDescription) -> Iterator[str]:
@@ -154,6 +170,9 @@ def _references(description: PlantDescription) -> Iterator[str]:
     regions = [each.name for each in description.regions]
     places = [*(each.name for each in description.equations), *outputs,
               *(each.channel for each in description.inputs)]  # fmt: skip
+    entered = [*(each.name for each in description.equations),
+               *(f"reading of {name}" for name in outputs),
+               *(each.name for each in description.may_vary)]  # fmt: skip
     used: dict[str, str] = {}
     for effect in description.effects:
         if not effect.parameters:
@@ -168,8 +187,18 @@ def _references(description: PlantDescription) -> Iterator[str]:
         if first in used:
             yield f"effects {used[first]} and {effect.name} both change {first}; keep one"
         used[first] = effect.name
+        for place, quantity in effect.own:
+            yield from _unknown(f"effect {effect.name}: own: place", place, entered)
+            yield from _unknown(f"effect {effect.name}: own: region", quantity, [*regions, "time"])
     for name in description.tolerances:
         yield from _unknown("tolerances:", name, parameters)
+    for varying in description.varying or ():
+        if not 1 <= len(varying.parameters) <= 2:
+            yield f"varying {varying.name!r} has {len(varying.parameters)} parameters; give 1 or 2"
+        for name in varying.parameters:
+            yield from _unknown(f"varying {varying.name!r}: parameter", name, parameters)
+        for region in varying.of:
+            yield from _unknown(f"varying {varying.name!r}: region", region, regions)
     if description.input_delay is not None:
         yield from _unknown("input_delay:", description.input_delay, parameters)
     for equation in description.equations:

@@ -388,7 +388,17 @@ def run_frozen(drive, step, remember, read, measures, track, begun, innovations,
         for j in range(count):
             states[t, j] = x[j]
         _advance(
-            drive, step, remember, measures, extension, scratch, t, states[t], x, now, remembered,
+            drive,
+            step,
+            remember,
+            measures,
+            extension,
+            scratch,
+            t,
+            states[t],
+            x,
+            now,
+            remembered,
             parameters,
         )
 
@@ -397,9 +407,7 @@ def run_frozen(drive, step, remember, read, measures, track, begun, innovations,
     void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, int64, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def predict_ahead(
-    drive, step, remember, read, measures, inputs, states, begun, horizon, predicted
-):
+def predict_ahead(drive, step, remember, read, measures, inputs, states, begun, horizon, predicted):
     """Predict readings freely, starting anew from the filtered state at every `horizon`-th sample.
 
     Args:
@@ -430,13 +438,33 @@ def predict_ahead(
             )
             put(predicted[t], expected)
         _advance(
-            drive, step, remember, measures, extension, scratch, t, x, ahead, inputs[t], free,
+            drive,
+            step,
+            remember,
+            measures,
+            extension,
+            scratch,
+            t,
+            x,
+            ahead,
+            inputs[t],
+            free,
             parameters,
         )
         put(x, ahead)
         _advance(
-            drive, step, remember, measures, extension, scratch, t, states[t], ahead, inputs[t],
-            remembered, parameters,
+            drive,
+            step,
+            remember,
+            measures,
+            extension,
+            scratch,
+            t,
+            states[t],
+            ahead,
+            inputs[t],
+            remembered,
+            parameters,
         )
 
 
@@ -444,9 +472,7 @@ def predict_ahead(
     void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, _MATRIX, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def run_free(
-    drive, step, remember, read, measures, inputs, readings, begun, steering, simulated
-):
+def run_free(drive, step, remember, read, measures, inputs, readings, begun, steering, simulated):
     """Simulate a plant along a recording; its inputs are changed to keep it on the recorded course.
 
     Args:
@@ -477,7 +503,17 @@ def run_free(
                 value += steering[j, i] * (readings[t, i] - expected[i])
             inputs[t, j] = value
         _advance(
-            drive, step, remember, measures, extension, scratch, t, x, ahead, inputs[t],
-            remembered, parameters,
+            drive,
+            step,
+            remember,
+            measures,
+            extension,
+            scratch,
+            t,
+            x,
+            ahead,
+            inputs[t],
+            remembered,
+            parameters,
         )
         put(x, ahead)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.gap.plant import (
-    SLOT_PARAMETERS,
     Array,
     Extension,
     Gains,
@@ -63,7 +62,7 @@ class Predictor:
     def extension(self, record: Record, values: Values) -> Extension:
         """Return what compiled functions must know of the additions that the values hold."""
         plant = self.plant
-        own = len(plant.parameters) - (len(SLOT_PARAMETERS) if plant.layout else 0)
+        own = len(plant.own_parameters)
         quantities = len(plant.regions)
         return Extension(
             self._kicked, self._changed, own, activity(values) if plant.layout else 0,

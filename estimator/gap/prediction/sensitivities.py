@@ -33,7 +33,9 @@ from .prediction import drive_with, put, read_with, scratch_of, step_with
 from .predictor import Predictor
 from .variables import Values
 
-_FUNCTIONS: Final = tuple(types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ, MEASURE))
+_FUNCTIONS: Final = tuple(
+    types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ, MEASURE)
+)
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
 _CUBE: Final = float64[:, :, ::1]
@@ -123,15 +125,21 @@ def linearise_course(
                     slopes[row, i, j] = (shifted[i] - expected[i]) / changes[j]
             for p in range(shifts.shape[2]):
                 read_with(
-                    read, measures, extension, scratch, t, states[t], now, remembered,
-                    parameters[1 + p], shifted,
+                    read,
+                    measures,
+                    extension,
+                    scratch,
+                    t,
+                    states[t],
+                    now,
+                    remembered,
+                    parameters[1 + p],
+                    shifted,
                 )
                 for i in range(outputs):
                     shifts[row, count + i, p] = shifted[i] - expected[i]
         drive_with(drive, measures, extension, scratch, t, states[t], now, remembered, present)
-        step_with(
-            step, measures, extension, scratch, t, states[t], ahead, now, remembered, present
-        )
+        step_with(step, measures, extension, scratch, t, states[t], ahead, now, remembered, present)
         if row >= 0:
             for j in range(count):
                 put(moved, states[t])
@@ -143,7 +151,15 @@ def linearise_course(
                     transitions[row, i, j] = (point[i] - ahead[i]) / changes[j]
             for p in range(shifts.shape[2]):
                 step_with(
-                    step, measures, extension, scratch, t, states[t], point, now, remembered,
+                    step,
+                    measures,
+                    extension,
+                    scratch,
+                    t,
+                    states[t],
+                    point,
+                    now,
+                    remembered,
                     parameters[1 + p],
                 )
                 for i in range(count):

@@ -90,7 +90,9 @@ def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innova
     void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MEASURE, TRACK, SETUP, _MATRIX, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def run_filter_in_lanes(drive, step, remember, keep, read, measures, track, setup, parameters, memory):
+def run_filter_in_lanes(
+    drive, step, remember, keep, read, measures, track, setup, parameters, memory
+):
     """Run the filter over a recording as `run_filter` does, with its step's derivatives in lanes.
 
     Args:

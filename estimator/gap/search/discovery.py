@@ -505,9 +505,7 @@ class Discovering:
         if not earning:
             return False
         values = found.fitted.values
-        on_twin = Explaining(
-            self._twins.of(values, 1)[0], values, found.variables, 0.0, explaining
-        )
+        on_twin = Explaining(self._twins.of(values, 1)[0], values, found.variables, 0.0, explaining)
         for each in _distinct(earning)[:_TRIED]:
             chance = on_twin.of(each.place, [each.shape])
             if chance and each.gain < OVER_TWIN * chance[0].gain:
@@ -573,7 +571,11 @@ class Discovering:
         return added, rivals
 
     def _in_plant(
-        self, found: DiscoveredModel, each: Explanation, start: Values | None = None, rounds: int = 3
+        self,
+        found: DiscoveredModel,
+        each: Explanation,
+        start: Values | None = None,
+        rounds: int = 3,
     ) -> "_InPlant | None":
         """Return the model with an explanation in the plant; None if that does not lower the cost.
 
@@ -702,9 +704,7 @@ def addition_variables(
     return tuple(found)
 
 
-def held_as(
-    layout: Layout, values: Values, additions: Sequence[Addition]
-) -> list[Addition]:
+def held_as(layout: Layout, values: Values, additions: Sequence[Addition]) -> list[Addition]:
     """Return a model's additions with the values that it has for them now."""
     found = []
     for index, each in enumerate(additions):

@@ -324,7 +324,10 @@ class Attribution:
 
 
 def attribution(
-    filtered: Filtered, values: Values, variables: Sequence[Variable], drifting: Sequence[Place] = ()
+    filtered: Filtered,
+    values: Values,
+    variables: Sequence[Variable],
+    drifting: Sequence[Place] = (),
 ) -> Attribution:
     """Return the `Attribution` of those stretches of the records that cost most with `values`.
 

@@ -8,14 +8,24 @@ import numpy as np
 
 from estimator.gap.plant import DIRECTION, KNOTS, TIME_NAME, Addition, Array, Region, wave
 
-WAVES: Final = 64
-"""Number of wave periods that are tried along a length. They are evenly spaced in 1 / period, from
-half the range that the motion covers down to SHORTEST_WAVE."""
-SHORTEST_WAVE: Final = 5e-3
-"""Shortest period that is tried, m. The pitch of a rack, screw or motor is longer."""
+WAVES: Final = 250
+"""Greatest number of wave periods that are tried along a length. They are evenly spaced in
+1 / period, by half of 1 / the range that the motion covers, from half that range down."""
+_SAMPLES: Final = 10.0
+"""Least number of samples in the shortest period that is tried, at the median speed."""
+_MOVING: Final = 0.05
+"""Part of the greatest step from sample to sample above which the quantity counts as moving."""
 BUMPS: Final = 12
 _FINER: Final = 9
 """Number of periods that are tried about the period of a wave."""
+_BINS: Final = 32
+"""Number of bins of a quantity's range in which values are counted, to find clusters of them."""
+_CLUSTERS: Final = 4
+"""Greatest number of clusters that are told apart."""
+_EMPTY: Final = 2
+"""Number of bins in a row with hardly any values that separate two clusters."""
+_HARDLY: Final = 0.05
+"""Hardly any values are fewer than this part of those that evenly spread ones would be."""
 _ROUGH: Final = (1e-4, 3e-2)
 """Weights that are tried for the roughness of a table, as parts of its columns' mean square."""
 
@@ -96,16 +106,57 @@ def knots_of(values: Array) -> tuple[float, ...]:
 
     They are half way between those that are evenly spread from its 1 % to its 99 % quantile and
     those that have equally many samples between them: closer where the motion was often. A quantity
-    that is always at one of these ends or 0, such as the direction, has only the two ends.
+    that is always at one of these ends or 0, such as the direction, has only the two ends. If the
+    quantity has clusters with hardly a sample between them, each has knots of its own, and those
+    between them are left out.
     """
     low, high = (float(end) for end in np.quantile(values, (0.01, 0.99)))
     if not high > low:
         return ()
     if np.all((values == low) | (values == high) | (values == 0.0)):
         return (low, high)
-    even = np.linspace(low, high, KNOTS)
-    often = np.quantile(values, np.linspace(0.01, 0.99, KNOTS))
-    return tuple(float(x) for x in 0.5 * (even + often))
+    parts = clusters(values)
+    found: list[float] = []
+    for part, count in zip(parts, _shared(parts), strict=True):
+        low, high = (float(end) for end in np.quantile(part, (0.01, 0.99)))
+        even = np.linspace(low, high, count)
+        often = np.quantile(part, np.linspace(0.01, 0.99, count))
+        found += [float(np.median(part))] if count == 1 else [*map(float, 0.5 * (even + often))]
+    return tuple(found)
+
+
+def clusters(values: Array) -> list[Array]:
+    """Return values (n,) in clusters with hardly a value between them, ascending; at most four.
+
+    Between two clusters there is a stretch of a 16th of the range (1 % to 99 % quantile) or more
+    with less than a 20th of the values that it would have if they were evenly spread. The values in
+    there belong to no cluster.
+    """
+    low, high = np.quantile(values, (0.01, 0.99))
+    edges = np.linspace(low, high, _BINS + 1)
+    full = np.flatnonzero(np.histogram(values, edges)[0] >= _HARDLY * len(values) / _BINS)
+    gaps = np.diff(full)
+    # The widest gaps are kept if there are too many of them.
+    wide = sorted(np.flatnonzero(gaps > _EMPTY), key=lambda k: -gaps[k])[: _CLUSTERS - 1]
+    ends = [(edges[full[k] + 1], edges[full[k + 1]]) for k in sorted(wide)]
+    begins, stops = [-np.inf, *(end[1] for end in ends)], [*(end[0] for end in ends), np.inf]
+    return [
+        values[(values >= begin) & (values <= stop)]
+        for begin, stop in zip(begins, stops, strict=True)
+    ]
+
+
+def _shared(parts: Sequence[Array]) -> list[int]:
+    """Return how many of the knots of a table each cluster gets: one if it is narrow, else more."""
+    if len(parts) == 1:
+        return [KNOTS]
+    widths = [float(np.ptp(np.quantile(part, (0.05, 0.95)))) for part in parts]
+    whole = float(parts[-1].max() - parts[0].min())
+    counts = [2 if width * _BINS > _EMPTY * whole else 1 for width in widths]
+    while max(counts) > 1 and sum(counts) < KNOTS:
+        worst = max(range(len(parts)), key=lambda k: widths[k] / counts[k] * (counts[k] > 1))
+        counts[worst] += 1
+    return counts
 
 
 def tables(quantities: Mapping[str, Array], of: Sequence[str], turned: bool) -> list[Shape]:
@@ -127,7 +178,8 @@ def fine_shapes(name: str, values: Array, turned: bool) -> list[Shape]:
     span = high - low
     if not span > 0.0:
         return []
-    inverses = np.linspace(2.0 / span, 1.0 / SHORTEST_WAVE, WAVES)
+    inverses = 2.0 / span + 0.5 / span * np.arange(WAVES)
+    inverses = inverses[inverses <= 1.0 / _shortest(values)]
     found = [Shape(name, "", "wave", (float(1.0 / inverse),)) for inverse in inverses]
     step = span / (BUMPS - 1)
     for middle in np.linspace(low, high, BUMPS):
@@ -137,6 +189,15 @@ def fine_shapes(name: str, values: Array, turned: bool) -> list[Shape]:
                 for times in (("", DIRECTION) if turned else ("",))
             ]
     return found
+
+
+def _shortest(values: Array) -> float:
+    """Return the shortest period along a quantity (n,), sample by sample, that can be followed.
+
+    The quantity may jump where one stretch of samples ends and another begins.
+    """
+    steps = np.abs(np.diff(values))
+    return _SAMPLES * float(np.median(steps[steps > _MOVING * np.quantile(steps, 0.99)]))
 
 
 def finer(shape: Shape, span: float) -> list[Shape]:

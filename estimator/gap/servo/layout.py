@@ -8,7 +8,7 @@ depends on the time are held in slots.
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from estimator.gap.plant import DIRECTION, Addition, Layout
+from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Layout
 from rig.plant import MOST_TABLES, MOST_TERMS, AddedTerm, Parameters, fields_of, is_held, terms_of
 
 FRICTION: Final = "friction level"
@@ -76,30 +76,41 @@ class ServoLayout(Layout):
 
 
 def term_of(addition: Addition) -> AddedTerm:
-    """Return an addition as a term of a model file.
+    """Return an addition as a term of a rig's model file.
 
     Friction is a force that opposes the motion, which the rig adds to the level of its bristles.
     """
-    place, turned = addition.place, addition.times == DIRECTION
-    if place == FRICTION and not turned and addition.of != "time":
-        place, turned = _FORCE, True
-    form = "1" if addition.form == "constant" else addition.form
-    if form == "table":
-        knots = tuple(zip(addition.at, addition.values, strict=True))
-        return AddedTerm(place, addition.of, form, turned, 1.0, knots=knots)
-    at, by = (*addition.at, 0.0, 0.0)[:2]
-    return AddedTerm(place, addition.of, form, turned, addition.values[0], at, by)
+    term = as_term(addition)
+    if term.place == FRICTION and not term.turned and term.of != TIME_NAME:
+        return term._replace(place=_FORCE, turned=True)
+    return term
 
 
 def addition_of(term: AddedTerm) -> Addition:
-    """Return a term of a model file as an addition; the inverse of `term_of`."""
-    place, times = term.place, DIRECTION if term.turned else ""
-    if place == _FORCE and term.turned:
-        place, times = FRICTION, ""
+    """Return a term of a rig's model file as an addition; the inverse of `term_of`."""
+    if term.place == _FORCE and term.turned:
+        term = term._replace(place=FRICTION, turned=False)
+    return as_addition(term)
+
+
+def as_term(addition: Addition) -> AddedTerm:
+    """Return an addition as a term of a model file, at its own place."""
+    turned = addition.times == DIRECTION
+    form = "1" if addition.form == "constant" else addition.form
+    if form == "table":
+        knots = tuple(zip(addition.at, addition.values, strict=True))
+        return AddedTerm(addition.place, addition.of, form, turned, 1.0, knots=knots)
+    at, by = (*addition.at, 0.0, 0.0)[:2]
+    return AddedTerm(addition.place, addition.of, form, turned, addition.values[0], at, by)
+
+
+def as_addition(term: AddedTerm) -> Addition:
+    """Return a term of a model file as an addition; the inverse of `as_term`."""
+    times = DIRECTION if term.turned else ""
     if term.form == "table":
         at, values = zip(*term.knots, strict=True)
         scaled = tuple(term.size * value for value in values)
-        return Addition(place, term.of, times, "table", at, scaled)
+        return Addition(term.place, term.of, times, "table", at, scaled)
     form = "constant" if term.form == "1" else term.form
     at = (term.at, term.by)[: _COUNTS.get(form, 0)]
-    return Addition(place, term.of, times, form, at, (term.size,))
+    return Addition(term.place, term.of, times, form, at, (term.size,))

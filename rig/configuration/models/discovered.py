@@ -15,9 +15,12 @@ Older files have the key `unknown_term` for it. An entry that the plant cannot h
 that is added to a parameter or depends on the time, is kept with the model and written back.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
 from typing import Any, Final, Literal, NamedTuple
+
+from pydantic import create_model
 
 from rig.configuration.reading import (
     Located,
@@ -44,8 +47,8 @@ from rig.plant import (
     is_held,
     place_units,
     quantity_unit,
-    size_unit,
     terms_of,
+    unit_per,
 )
 
 KEY: Final = "discovered"
@@ -54,7 +57,6 @@ _CONSTANT: Final = "constant"
 _LEAST: Final = 1e-9
 """Smallest allowed value of a pitch or a width, SI."""
 _FORMS: Final = {_CONSTANT if form == "1" else form: form for form in FORMS}
-_OF: Final = (*tuple(QUANTITIES)[1:], "time")
 _EXAMPLE: Final = "write `- {to: force balance, form: constant, size: 100 N}`"
 _TABLE_EXAMPLE: Final = (
     "write `at: [-0.2 m/s, 0 m/s, 0.2 m/s]` and as many values, `values: [-30 N, 0 N, 45 N]`"
@@ -65,7 +67,6 @@ class _Term(Schema):
     """Keys of a term."""
 
     to: str
-    of: Literal[_OF] | None = None  # type: ignore[valid-type]
     form: Literal[tuple(_FORMS)]  # type: ignore[valid-type]
     against_motion: bool = False
     size: Any = None
@@ -77,6 +78,40 @@ class _Term(Schema):
     values: Any = None
 
 
+@cache
+def _schema(of: tuple[str, ...]) -> type[_Term]:
+    """Return the schema of a term that may depend on the quantities `of`."""
+    choice: Any = Literal[of]
+    return create_model("_TermOf", __base__=_Term, of=(choice | None, None))
+
+
+class Vocabulary(NamedTuple):
+    """What the terms of a plant may name.
+
+    Attributes:
+        places: name of each place that a term may be added to -> SI unit.
+        quantities: name of each quantity that a term may depend on -> SI unit.
+        told: the places that a message on a wrong one names.
+        turns: whether the plant has a direction of motion.
+    """
+
+    places: Mapping[str, str]
+    quantities: Mapping[str, str]
+    told: Sequence[str]
+    turns: bool = True
+
+    def of_unit(self, of: str) -> str:
+        """Return the SI unit of a quantity; "" for none."""
+        return self.quantities[of] if of else ""
+
+    def size_unit(self, term: AddedTerm) -> str:
+        """Return the SI unit of a term's size, or of a table's values."""
+        return unit_per(self.places[term.place], self.of_unit(term.of), term.form)
+
+
+_OF_RIG: Final = Vocabulary(
+    place_units(), {of: quantity_unit(of) for of in (*tuple(QUANTITIES)[1:], "time")}, list(PLACES)
+)
 _OF_FORMS: Final = ("size", "pitch", "phase", "middle", "width", "at", "values")
 
 
@@ -92,12 +127,11 @@ class Terms(NamedTuple):
     others: tuple[AddedTerm, ...]
 
 
-def _numbers(form: str, of: str) -> dict[str, Physical]:
+def _numbers(form: str, unit: str) -> dict[str, Physical]:
     """Return the keys, with units and limits, that locate a form along its quantity; {} for others.
 
-    Their order is that of `at` and `by` of `AddedTerm`.
+    Their order is that of `at` and `by` of `AddedTerm`; `unit` is the SI unit of the quantity.
     """
-    unit = quantity_unit(of)
     if form == "wave":
         return {"pitch": Physical(unit, _LEAST), "phase": Physical("rad")}
     if form == "bump":
@@ -120,7 +154,7 @@ def read_terms(section: Located, sources: Sources) -> Terms | None:
         limit = f"is not a list of at most {MOST_TERMS} terms"
         problems.add(section.place, section.name, shown(section), limit, _EXAMPLE)
         return None
-    read = [(entry, _term(entry, problems)) for entry in section.elements()]
+    read = [(entry, read_term(entry, _OF_RIG, problems)) for entry in section.elements()]
     found = [(entry, term) for entry, term in read if term is not None]
     held = [(entry, term) for entry, term in found if is_held(term)]
     tables = [(entry, term) for entry, term in held if term.form == "table"]
@@ -134,35 +168,39 @@ def read_terms(section: Located, sources: Sources) -> Terms | None:
     return Terms(fields_of(tuple(term for _, term in held)), others)
 
 
-def _term(entry: Located, problems: Problems) -> AddedTerm | None:
-    """Return the term that an entry describes; None if it has a mistake."""
+def read_term(entry: Located, known: Vocabulary, problems: Problems) -> AddedTerm | None:
+    """Return the term that an entry describes; None if it has a mistake, which is recorded."""
     before = len(problems.found)
-    term = read_mapping(_Term, entry, problems)
+    term: Any = read_mapping(_schema(tuple(known.quantities)), entry, problems)
     if term is None:
         return None
     form, of = _FORMS[term.form], term.of or ""
-    units = place_units()
-    if term.to not in units:
-        remedy = suggestion(term.to, list(PLACES), "places")
+    if term.to not in known.places:
+        remedy = suggestion(term.to, known.told, "places")
         problems.add(entry.find(("to",)).place, "to", term.to, "is not a choice here", remedy)
     if (form == "1") != (of == ""):
         limit = f"does not go with form {term.form}" if of else f"is what form {term.form} is of"
-        remedy = "leave it out" if of else f"name one of {', '.join(_OF)}"
+        remedy = "leave it out" if of else f"name one of {', '.join(known.quantities)}"
         problems.add(entry.find(("of",)).place, "of", of, limit, remedy)
+    if term.against_motion and not known.turns:
+        place = entry.find(("against_motion",)).place
+        limit = "needs a region with the name direction, which the plant does not have"
+        problems.add(place, "against_motion", "true", limit, "leave it out")
     if len(problems.found) > before:
         return None
-    value = Physical(size_unit(term.to, of, form))
-    wanted = {} if form == "table" else {"size": value, **_numbers(form, of)}
-    known = {*wanted, *(("at", "values") if form == "table" else ())}
+    along = known.of_unit(of)
+    value = Physical(unit_per(known.places[term.to], along, form))
+    wanted = {} if form == "table" else {"size": value, **_numbers(form, along)}
+    keys = {*wanted, *(("at", "values") if form == "table" else ())}
     for key in _OF_FORMS:
-        if entry.get(key) is not None and key not in known:
+        if entry.get(key) is not None and key not in keys:
             place = entry.find((key,)).place
             problems.add(place, key, "", f"is not of form {term.form}", "leave it out")
     given = [_number(entry, key, kind, problems) for key, kind in wanted.items()]
     numbers = [number for number in given if number is not None]
     knots: tuple[tuple[float, float], ...] = ()
     if form == "table":
-        numbers, knots = [1.0], _knots(entry, Physical(quantity_unit(of)), value, problems)
+        numbers, knots = [1.0], _knots(entry, Physical(along), value, problems)
     if len(problems.found) > before:
         return None
     size, at, by = [*numbers, 0.0, 0.0][:3]
@@ -223,7 +261,11 @@ def _quantities(entry: Located, key: str, kind: Physical, problems: Problems) ->
 
 def written_terms(model: Model) -> Iterator[str]:
     """Yield the lines of a model file that give its terms; none if the model has none."""
-    terms = (*terms_of(model.parameters), *model.discovered)
+    return lines_of((*terms_of(model.parameters), *model.discovered), _OF_RIG)
+
+
+def lines_of(terms: Sequence[AddedTerm], known: Vocabulary) -> Iterator[str]:
+    """Yield the lines of a model file that give these terms; none if there are none."""
     if not terms:
         return
     yield f"{KEY}:"
@@ -234,15 +276,15 @@ def written_terms(model: Model) -> Iterator[str]:
         yield f"    form: {_CONSTANT if term.form == '1' else repr(term.form)}"
         if term.turned:
             yield "    against_motion: true"
-        along = quantity_unit(term.of)
+        along, unit = known.of_unit(term.of), known.size_unit(term)
         if term.form == "table":
             at = ", ".join(_text(x, along) for x, _ in term.knots)
             yield f"    at: [{at}]"
-            values = ", ".join(_text(term.size * y, term.size_unit) for _, y in term.knots)
+            values = ", ".join(_text(term.size * y, unit) for _, y in term.knots)
             yield f"    values: [{values}]"
             continue
-        yield f"    size: {_text(term.size, term.size_unit)}"
-        numbers = zip(_numbers(term.form, term.of).items(), (term.at, term.by), strict=False)
+        yield f"    size: {_text(term.size, unit)}"
+        numbers = zip(_numbers(term.form, along).items(), (term.at, term.by), strict=False)
         for (key, kind), value in numbers:
             yield f"    {key}: {_text(value, kind.unit)}"
 

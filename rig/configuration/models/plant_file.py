@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final
 import yaml
 
 from estimator.gap import (
+    Addition,
     Parameter,
     Plant,
     PlantDescription,
@@ -33,7 +34,9 @@ from rig.configuration.reading import (
 )
 from rig.recording import Column, Recording, RecordingError, read_measured, read_sampling
 
+from .additions import read_additions, vocabulary, written_additions
 from .columns import TIME, checked, column_in
+from .discovered import KEY
 from .model_writing import plain_provenance
 
 ALIKE: Final = 0.1
@@ -102,6 +105,7 @@ class _File(Schema):
     tolerances: Any = None
     model_error: Any = None
     steering: Any = None
+    discovered: Any = None
     provenance: Any = None
 
 
@@ -126,7 +130,8 @@ def own_parameters(thing: PlantDescription | Plant) -> list[Parameter]:
     These are the ones without a neutral value, and the ones that belong to no effect.
     """
     moved = {name for keys in catalogue(thing).values() for name in keys.values()}
-    return [p for p in thing.parameters if p.neutral is None or p.name not in moved]
+    known = thing.own_parameters if isinstance(thing, Plant) else thing.parameters
+    return [p for p in known if p.neutral is None or p.name not in moved]
 
 
 def read_plant_file(
@@ -154,6 +159,9 @@ def read_plant_file(
     tolerances = reading.shares(root, "tolerances", [p.name for p in thing.parameters])
     errors = reading.errors(root)
     steering = reading.steering(root)
+    if isinstance(thing, PlantDescription) and root.get("tolerances") is not None:
+        thing = replace(thing, tolerances=tolerances)
+    additions = read_additions(root, vocabulary(thing), sources.problems)
     sources.problems.raise_if_any()
     assert file is not None
     rows = None
@@ -175,7 +183,6 @@ def read_plant_file(
         described = replace(
             thing,
             outputs=outputs,
-            tolerances=thing.tolerances if root.get("tolerances") is None else tolerances,
             equations=tuple(
                 replace(each, error=errors.get(each.name, each.error)) for each in thing.equations
             ),
@@ -184,11 +191,32 @@ def read_plant_file(
         rows = next(filter(None, (read_sampling(each, columns) for each in recordings)), None)
         period = file.period or (1e-3 if rows is None else rows.grid)
         plant = build(described, values, period, period if rows is None else rows.period)
+    plant = _holding(plant, additions, root, sources)
     effects = tuple(name for name, _ in reading.switched_on(root))
     row_s = None
     if file.period is None and not isinstance(thing, Plant):
         row_s = plant.period if rows is None else rows.period
     return PlantModel(file.name, plant, columns, effects, root.plain(), row_s)
+
+
+def _holding(plant: Plant, additions: Sequence[Addition], root: Located, sources: Sources) -> Plant:
+    """Return the plant with the additions that the file gives.
+
+    Raises:
+        ConfigError: models of the plant hold none of them.
+    """
+    if not additions:
+        return plant
+    layout = plant.layout
+    if layout is None:
+        section = root.find((KEY,))
+        limit = "cannot be held"
+        remedy = plant.why_no_slots or "delete it: models of this plant hold no additions"
+        sources.problems.add(section.place, section.name, "", limit, remedy)
+        sources.problems.raise_if_any()
+    else:
+        plant = replace(plant, nominal={**plant.nominal, **layout.values(additions)})
+    return plant
 
 
 class _Reading:
@@ -423,6 +451,7 @@ def write_plant_file(
             continue
         lines.append(f"  {effect}:")
         lines += [written.line("    ", k, p, intervals.get(k)) for k, p in keys.items()]
+    lines += written_additions(model.plant, values)
     lines += _carried(model.content)
     if provenance:
         lines.append(_dumped({"provenance": plain_provenance(provenance)}))

@@ -20,12 +20,14 @@ TRUE: Final = {
     "gain": 35.0, "mass": 95.0, "viscous": 200.0, "coulomb": 20.0, "contact": 20e-6,
     "offset": 0.0, "coulomb_asymmetry": 0.0, "viscous_asymmetry": 0.0, "stribeck_force": 0.0,
     "stribeck_velocity": 0.02, "cogging": 0.0, "phase": 0.0, "pitch": 0.03, "delay": 0.0,
+    "tight": 0.0, "quadratic": 0.0, "spring": 0.0, "spring_from": 0.13,
 }  # fmt: skip
 
 
 @njit(error_model="numpy")
 def _run(reference, voltage, closed, par, delay, noise, period, substeps):  # type: ignore[no-untyped-def]
-    gain, mass, fv, fc, contact, offset, ac, av, fs, vs, cogging, phase, pitch = par
+    gain, mass, fv, fc, contact, offset, ac, av, fs, vs, cogging, phase, pitch = par[:13]
+    tight, quadratic, spring, spring_from = par[13:]
     n = reference.size
     position, commanded = np.empty(n), np.empty(n)
     q, v, force = reference[0], 0.0, 0.0
@@ -49,12 +51,14 @@ def _run(reference, voltage, closed, par, delay, noise, period, substeps):  # ty
             head = (head + 1) % (late + 1)
             acting = queue[head]
             level = fc * (1.0 + ac * (1.0 if v > 0.0 else -1.0)) + fs * exp(-((v / vs) ** 2))
+            level += tight * (q - 0.1)
             limit = level if v > 0.0 else -level
             old = force
             force = limit + (force - limit) * exp(-abs(v) * h * (fc / contact) / level)
             damping = 5e-3 * (force - old) / h
             drag = fv * (1.0 + av * (1.0 if v > 0.0 else -1.0))
             push = gain * acting - offset - force - damping
+            push -= quadratic * v * abs(v) + spring * max(0.0, q - spring_from)
             push -= cogging * sin(2.0 * pi * q / pitch + phase)
             faster = (mass * v + h * push) / (mass + h * drag)
             q += 0.5 * h * (v + faster)
@@ -81,7 +85,10 @@ def recorded(
         period: of the samples, s.
         rows: samples (m,), ascending from 0, that are recorded; in open loop the voltage changes at
             these only. None for all.
-        hidden: values of the axis that replace those in `TRUE`.
+        hidden: values of the axis that replace those in `TRUE`. No effect of the plant has these:
+            friction that grows along the stroke from its middle on (tight, N/m), a drag with the
+            square of the velocity (quadratic, N/(m/s)^2), and a spring (N/m) from a position on
+            (spring_from, m).
     """
     values = {**TRUE, **hidden}
     assert set(values) == set(TRUE)
@@ -110,7 +117,7 @@ def recorded(
     voltage = voltage[kept][np.searchsorted(kept, np.arange(n), side="right") - 1]
     order = ("gain", "mass", "viscous", "coulomb", "contact", "offset", "coulomb_asymmetry",
              "viscous_asymmetry", "stribeck_force", "stribeck_velocity", "cogging", "phase",
-             "pitch")  # fmt: skip
+             "pitch", "tight", "quadratic", "spring", "spring_from")  # fmt: skip
     par = tuple(float(values[key]) for key in order)
     noise = 0.7e-6 * generator.standard_normal(n)
     position, commanded = _run(

@@ -41,9 +41,42 @@ def test_an_axis_that_the_model_describes_is_refitted_and_lacks_nothing(axis: Pl
     )
     assert found.verdict == "adequate"
     assert not found.effects
+    assert not found.discovered
     for estimate in found.refitted:
         assert estimate.value == pytest.approx(OFF[estimate.parameter], rel=0.02)
     assert found.gap_after < 0.01 * found.gap_before
+
+
+@pytest.mark.parametrize(
+    ("hidden", "places", "of", "size"),
+    [
+        ({"cogging": 4.0, "pitch": 0.0212, "phase": 0.5}, ["force balance"], "position", 4.0),
+        ({"quadratic": 300.0}, ["force balance", "viscous"], "velocity", 300.0),
+    ],
+    ids=["cogging of another pitch", "a drag with the square of the velocity"],
+)
+def test_a_force_that_no_effect_holds_is_discovered_placed_and_written(
+    axis: PlantModel, tmp_path: Path, hidden: dict[str, float], places: list[str], of: str,
+    size: float,
+) -> None:  # fmt: skip
+    fit, held = (recorded("strokes", seed, 6.0, **OFF, **hidden) for seed in (1, 2))
+    found = find_gap([fit], [held], axis.plant)
+    assert found.verdict == "unknown_effect"
+    (discovered,) = found.discovered
+    assert discovered.in_model
+    assert discovered.place in places
+    assert discovered.of == of
+    if discovered.form != "table":
+        assert discovered.estimates[0].value == pytest.approx(size, rel=0.2)
+    if discovered.form == "wave":
+        assert discovered.estimates[1].value == pytest.approx(0.0212, rel=0.01)
+    assert found.gap_after < 0.02 * found.gap_before
+    axis.plant.write(found.values, found.names, {}, tmp_path / "found.yaml")
+    revised = load_plant(f"{EXAMPLE / 'axis.py'}:axis", tmp_path / "found.yaml")
+    assert revised.plant.nominal == found.values
+    again = find_gap([fit], [held], revised.plant)
+    assert not again.effects
+    assert not again.discovered
 
 
 def test_a_hidden_delay_is_named_from_outside_the_package(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
+from estimator.gap.plant.additions import Addition
 from estimator.gap.plant.description import PlantError
 from rig.configuration import ConfigError
 from rig.configuration.models.plant_file import PlantModel
@@ -83,6 +84,61 @@ def test_a_model_written_reads_back_to_the_same_values_and_shows_their_intervals
     assert "95 %: 91 to 92 kg" in text
     assert "95 %: 0.31 to 0.35 N" in text
     assert found.content["provenance"] == provenance
+
+
+ADDITIONS = (
+    Addition("force balance", "position", "", "wave", (0.042, 0.4), (1.0 / 3.0,)),
+    Addition("force balance", "position", "direction", "table", (0.01, 0.1, 0.2), (-3.0, 0.0, 1.7)),
+    Addition("reading of position_m", "velocity", "", "x |x|", (), (2e-5,)),
+    Addition("viscous", "time", "", "hinge", (3.0,), (-1.5,)),
+)
+
+
+def test_what_is_discovered_is_written_in_the_units_of_the_plant_and_reads_back(
+    axis: PlantModel, workplace: Path
+) -> None:
+    layout = axis.plant.layout
+    assert layout is not None
+    values = {**axis.plant.nominal, **layout.values(ADDITIONS)}
+    axis.plant.write(values, (), {}, workplace / "found.yaml")
+    found = load_plant("axis.py:axis", workplace / "found.yaml")
+    assert found.plant.nominal == values
+    assert found.name == "axis revised"
+    text = (workplace / "found.yaml").read_text()
+    for line in (
+        "size: 0.3333333333333333 N", "pitch: 0.042 m", "against_motion: true",
+        "size: 2e-05 m/(m/s)^2", "size: -1.5 N s/m/(s)",
+    ):  # fmt: skip
+        assert line in text, line
+    assert "added_" not in text
+    found.plant.write(axis.plant.nominal, (), {}, workplace / "without.yaml")
+    without = load_plant("axis.py:axis", workplace / "without.yaml")
+    assert without.plant.nominal == axis.plant.nominal
+
+
+def test_everything_wrong_with_what_is_discovered_is_reported_at_once(workplace: Path) -> None:
+    found = file_problems(
+        workplace,
+        ("mass: 95 kg", "mass: 95 mm"),
+        (
+            "channels:",
+            "discovered:\n"
+            "  - {to: force balanse, form: constant, size: 1 N}\n"
+            "  - {to: force balance, of: position, form: x, size: 3 N}\n"
+            "  - {to: mass, of: temperature, form: x, size: 3 kg}\n"
+            "  - {to: viscous, of: position, form: table, at: [0 m, 0 m], values: [1 N s/m]}\n"
+            "channels:",
+        ),
+    )
+    text = "\n".join(found)
+    for claim in (
+        "mass: 95 mm is not a mass",
+        "to: force balanse is not a choice here; did you mean force balance?",
+        "size: 3 N is not",
+        "of: temperature is not a choice here; choose one of velocity, position",
+        "values: [1 N s/m] is not a list of 2 to 9 quantities",
+    ):
+        assert claim in text, claim
 
 
 def test_a_model_written_as_given_keeps_its_name_and_gives_no_interval_of_what_was_not_kept(
@@ -202,6 +258,9 @@ def test_a_module_that_does_not_import_is_blamed_with_its_line(workplace: Path) 
         (('"value": "offset"', '"value": "ofset"'), "parameter ofset is not known; did you mean"),
         (('reading("position_m")', 'reading("angle_rad")'), "angle_rad is not known; there are"),
         (('of=("velocity"', 'of=("speed"'), "region speed is not known"),
+        (('RegionOf("motor voltage"', 'RegionOf("time"'), "region 'time' is there without being"),
+        (('{"value": "offset"}', '{"value": "offset"}, own=(("force", "x"),)'), "own: region x is"),
+        (("state.velocity, 1e-3", "state.speed, 1e-3"), "region 'direction': value: Attribute"),
         (("noise=0.7e-6", "noise=0.0"), "output position_m: noise 0.0 must be above 0"),
         (("v = state.velocity", "v = open('nothing')"), "FileNotFoundError"),
         (("    force = par", "    globals()\n    force = par"), "cannot compile"),
@@ -211,6 +270,42 @@ def test_mistakes_in_the_module_are_named(
     workplace: Path, change: tuple[str, str], claim: str
 ) -> None:
     assert any(claim in problem for problem in module_problems(workplace, change))
+
+
+POSITION = "lambda state, inputs: state.position, ("
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [
+        ("state.position + 0.0 * len(globals())", "the value of region 'position': numba cannot"),
+        ("state.position - state.position.mean()", "the value of region 'position'"),
+    ],
+    ids=["not compiled", "of all samples"],
+)
+def test_a_plant_whose_quantities_do_not_compile_says_why_it_holds_nothing_discovered(
+    workplace: Path, value: str, reason: str
+) -> None:
+    reference = with_module(workplace, (POSITION, f"lambda state, inputs: {value}, ("))
+    plant = load_plant(reference, workplace / "axis.yaml").plant
+    assert plant.layout is None
+    assert reason in plant.why_no_slots
+    text = (workplace / "axis.yaml").read_text()
+    added = "discovered: [{to: force balance, form: constant, size: 1 N}]\n"
+    (workplace / "added.yaml").write_text(text + added)
+    with pytest.raises(ConfigError, match="discovered: cannot be held; models of this plant"):
+        load_plant(reference, workplace / "added.yaml")
+
+
+def test_the_compiled_quantities_are_those_of_the_regions_and_equations(axis: PlantModel) -> None:
+    plant = axis.plant
+    measured = np.empty(len(plant.regions) + 2)
+    state, inputs = np.array([0.11, -0.2, 0.3]), np.array([1.5])
+    plant.measures(state, inputs, plant.vector(plant.nominal), measured)
+    assert measured == pytest.approx([-0.2, 0.11, 1.5, -1.0, -1e-3 / 95.0, 0.0])
+    # Along the voltage no error of the position is looked for: the loop feeds its noise back.
+    assert plant.outputs[0].of == ("velocity", "position", "direction")
+    assert [each.name for each in plant.varying] == ["gain", "mass", "viscous"]
 
 
 def test_all_mistakes_in_the_tables_are_reported_at_once(workplace: Path) -> None:
