@@ -29,6 +29,8 @@ STEPS: Final = 20
 SECONDS: Final = {"identify_1": 10.0, "identify_2": 10.0, "holdout": 6.0}
 SIZES: Final = (0.05, 0.3)
 """Least and greatest root mean square of the hidden term, as a part of that of the drive."""
+LEAST: Final = 1e-3
+"""A form whose root mean square along the motion is less counts as of this one."""
 _SHARE_OF_TWO: Final = 0.4
 """How often the hidden term is a sum of two forms."""
 _STIFFNESS: Final = 60.0
@@ -59,7 +61,7 @@ FORMS: Final = (
     Form("q^3", ("position",), 0, 0, lambda a: lambda q, v: q**3),
     Form("q |q|", ("position",), 0, 0, lambda a: lambda q, v: q * abs(q)),
     Form("sin(# q)", ("position",), 2.0, 8.0, lambda a: lambda q, v: sin(a * q)),
-    Form("max(0, q - #)", ("position",), -0.1, 0.3, lambda a: lambda q, v: max(0.0, q - a)),
+    Form("max(0, q - #)", ("position",), -0.1, 0.15, lambda a: lambda q, v: max(0.0, q - a)),
     Form("exp(-(q/#)^2)", ("position",), 0.1, 0.3, lambda a: lambda q, v: exp(-((q / a) ** 2))),
     Form("v |v|", ("velocity",), 0, 0, lambda a: lambda q, v: v * abs(v)),
     Form("v^3", ("velocity",), 0, 0, lambda a: lambda q, v: v**3),
@@ -171,7 +173,7 @@ def drawn(seed: int, number: int) -> tuple[Hidden, float, float, dict[str, Array
     sizes = []
     for form, a in forms:
         term = form.term(a)
-        along = float(np.sqrt(np.mean([term(q, v) ** 2 for q, v in motion])))
+        along = max(float(np.sqrt(np.mean([term(q, v) ** 2 for q, v in motion]))), LEAST)
         part = exp(rng.uniform(np.log(SIZES[0]), np.log(SIZES[1])))
         gained = float(np.mean([term(q, v) * v for q, v in motion]))
         hardens = float(np.mean([term(q, v) * q for q, v in motion]))
