@@ -5,6 +5,8 @@
 What `oscillators` adds to it is hidden: the model has the known part only.
 """
 
+from typing import Any
+
 from estimator.gap.plant.description import (
     Channel,
     EquationOf,
@@ -19,13 +21,13 @@ from estimator.gap.plant.description import (
 from estimator.gap.plant.interface import Parameter
 
 
-def rates(state, inputs, par):
+def rates(state: Any, inputs: Any, par: Any) -> tuple[float, float]:
     """Return the rates of angle (rad/s) and velocity (rad/s^2)."""
     force = inputs.drive - par.stiffness * state.position - par.damping * state.velocity
     return state.velocity, force - par.offset
 
 
-def readings(state, inputs, par):
+def readings(state: Any, inputs: Any, par: Any) -> tuple[float]:
     """Return what is measured: the angle (rad)."""
     return (state.position,)
 
