@@ -15,7 +15,7 @@ def by_case(found: Sequence[Compared]) -> str:
     """Return a table with one row for each case: what each method leaves, names and takes."""
     rows = [
         (
-            each.plan.name.replace("_", " "), each.hidden, _number(each.before),
+            each.plan.name.replace("_", " "), each.hidden.replace("|", r"\|"), _number(each.before),
             *(_cell(each.outcomes.get(method)) for method in METHODS),
         )
         for each in found
