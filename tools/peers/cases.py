@@ -23,6 +23,8 @@ SHARED: Final[dict[str, tuple[str, ...]]] = {
 }
 """What is hidden in each of the shared cases (their `answers.json`, in the catalogue's names)."""
 
+_BOTH: Final = {"flows of both chambers": ("flow, chamber 1", "flow, chamber 2")}
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -176,12 +178,6 @@ def _told(names: Sequence[str]) -> str:
 
 
 def _entered(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the equations that effects of the catalogue enter.
-
-    A leak across the piston enters the flows of both chambers.
-    """
+    """Return the equations that effects of the catalogue enter, or the readings that they change."""
     places = [EFFECTS[name].where for name in names if name in EFFECTS]
-    both = ("flow, chamber 1", "flow, chamber 2")
-    return tuple(
-        dict.fromkeys(e for p in places for e in (both if p == "leak across the piston" else (p,)))
-    )
+    return tuple(dict.fromkeys(each for place in places for each in _BOTH.get(place, (place,))))

@@ -80,7 +80,9 @@ def test_cases_are_listed_in_a_file(tmp_path: Path) -> None:
 def test_shared_cases_that_are_missing_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "case_6").mkdir()
     (plan,) = shared_plans(tmp_path)
-    assert case_of(plan, tmp_path).names == ("internal_leakage", "return_back_pressure")
+    case = case_of(plan, tmp_path)
+    assert case.names == ("internal_leakage", "return_back_pressure")
+    assert case.equations == ("flow, chamber 1", "flow, chamber 2")
 
 
 def test_the_tables_tell_what_each_method_leaves() -> None:
