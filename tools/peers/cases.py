@@ -178,6 +178,6 @@ def _told(names: Sequence[str]) -> str:
 
 
 def _entered(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the equations that effects of the catalogue enter, or the readings that they change."""
+    """Return the equations, or channels, that effects of the catalogue enter."""
     places = [EFFECTS[name].where for name in names if name in EFFECTS]
     return tuple(dict.fromkeys(each for place in places for each in _BOTH.get(place, (place,))))
