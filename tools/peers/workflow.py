@@ -1,0 +1,74 @@
+"""Runs the command `rig gap` on a case, and reads what it answers."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from time import monotonic
+from typing import Any, Final
+
+from tools.peers.cases import Case
+
+WITHOUT: Final = "--no-discovered"
+LONGEST_S: Final = 1800.0
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What the command answered.
+
+    Attributes:
+        answer: the object that `rig gap --json` prints; empty if the command failed.
+        channels: `channels` of gap.json; empty if it has none.
+        seconds: how long the command took by the wall clock, s.
+        why: why there is no answer; "" if there is one.
+    """
+
+    answer: Mapping[str, Any]
+    channels: tuple[Mapping[str, Any], ...]
+    seconds: float
+    why: str = ""
+
+
+@cache
+def knows_discovered() -> bool:
+    """Return whether this `rig gap` has the option to leave out what was discovered."""
+    said = subprocess.run(
+        [sys.executable, "-m", "rig.cli", "gap", "--help"], capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    return WITHOUT in said.stdout
+
+
+def rig_gap(case: Case, out: Path, discovered: bool) -> Answered:
+    """Run the command on a case, its files going to the folder `out`.
+
+    Args:
+        case: the case.
+        out: the folder; it is made if missing.
+        discovered: whether what no catalogue holds is looked for and added. Without, the option
+            `--no-discovered` is given, if the command has it.
+    """
+    command = [
+        sys.executable, "-m", "rig.cli", "gap", *map(str, case.fit),
+        "--holdout", *map(str, case.holdout), "--model", case.model, "--out", str(out), "--json",
+        *(["--plant", case.plant] if case.plant else []),
+        *([WITHOUT] if not discovered and knows_discovered() else []),
+    ]  # fmt: skip
+    begun = monotonic()
+    try:
+        ended = subprocess.run(
+            command, capture_output=True, text=True, timeout=LONGEST_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return Answered({}, (), LONGEST_S, f"rig gap took longer than {LONGEST_S:g} s")
+    took = monotonic() - begun
+    if ended.returncode != 0:
+        said = (ended.stderr.strip().splitlines() or ["nothing"])[-1]
+        return Answered({}, (), took, f"rig gap left with status {ended.returncode}: {said}")
+    answer = json.loads(ended.stdout.strip().splitlines()[-1])
+    figures = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+    return Answered(answer, tuple(figures.get("channels") or ()), took)
