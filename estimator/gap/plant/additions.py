@@ -293,7 +293,7 @@ def _quantity(number, measured, time_s):
 
 @inlined
 def _table(numbers, first, x):
-    """Return the value at x of the table whose knots begin at `first`; it ends at its outer knots."""
+    """Return the value at x of the table whose knots begin at `first`."""
     if not x > numbers[first]:
         return numbers[first + KNOTS]
     for k in range(1, KNOTS):
@@ -396,7 +396,7 @@ def add_to_readings(extension, parameters, measured, t, readings):
     cache=True, error_model="numpy",
 )  # fmt: skip
 def add_to_state(extension, parameters, measured, t, state):
-    """Kick the state (states,) after a step by the equations' disturbances in that sample, in place.
+    """Kick the state (states,) after a step by what the equations have beside, in place.
 
     `measured` belongs to the state before the step.
     """

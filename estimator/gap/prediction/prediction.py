@@ -12,24 +12,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import float64, int64, types, void
 
-from estimator.gap.plant import (
-    DRIVE,
-    EXTENSION,
-    KICKS,
-    MEASURE,
-    READ,
-    REMEMBER,
-    SHOWS,
-    STEP,
-    VARIES,
-    Array,
-    Extension,
-    add_to_parameters,
-    add_to_readings,
-    add_to_state,
-)
+from estimator.gap.plant import DRIVE, EXTENSION, MEASURE, READ, REMEMBER, STEP, Array, Extension
 from rig.jit import njit
-from rig.plant import inlined, inner
+from rig.plant import inner
+
+from .with_additions import drive_with, put, read_with, scratch_of, step_with
 
 _DRIVE: Final = types.FunctionType(DRIVE)
 _STEP: Final = types.FunctionType(STEP)
@@ -41,17 +28,6 @@ _PLANT: Final = (_DRIVE, _STEP, _REMEMBER, _READ, _MEASURE)
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
 _CUBE: Final = float64[:, :, ::1]
-
-
-@inlined
-def put(target, values):
-    """Copy values (count,) to a target of the same length.
-
-    Assigning to a slice would do the same. But the compiler would then prepare a message about the
-    two lengths, in case they differ, and that takes two seconds in each process that compiles.
-    """
-    for i in range(target.size):
-        target[i] = values[i]
 
 
 class Track(NamedTuple):
@@ -123,68 +99,6 @@ SETUP: Final = types.BaseTuple.from_types(
     (_MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, EXTENSION), Setup
 )
 _BEGUN: Final = types.BaseTuple.from_types((_VECTOR, _VECTOR, _MATRIX, EXTENSION), Begun)
-
-
-class Scratch(NamedTuple):
-    """Arrays for the additions of one sample.
-
-    Attributes:
-        measured: float64 (quantities and rates,), of `Plant.measures`.
-        present: float64 (parameters,), with what the additions add to them.
-    """
-
-    measured: Array
-    present: Array
-
-
-@inlined
-def scratch_of(parameters, extension):
-    """Return arrays for the additions of a run with these parameters."""
-    scratch = Scratch(np.empty(max(extension.measured, 1)), np.empty(parameters.size))
-    put(scratch.present, parameters)
-    return scratch
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def read_with(read, measures, extension, scratch, t, x, inputs, memory, parameters, readings):
-    """Write the readings (outputs,) of a sample, with the model's additions."""
-    if extension.active & (SHOWS + VARIES) == 0:
-        read(x, memory, parameters, readings)
-    else:
-        measures(x, inputs, parameters, scratch.measured)
-        put(scratch.present, parameters)
-        add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
-        read(x, memory, scratch.present, readings)
-        add_to_readings(extension, parameters, scratch.measured, t, readings)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def drive_with(drive, measures, extension, scratch, t, x, inputs, memory, parameters):
-    """Drive the plant with the inputs (inputs,) of a sample, with the model's additions."""
-    if extension.active & VARIES == 0:
-        drive(inputs, memory, parameters)
-    else:
-        measures(x, inputs, parameters, scratch.measured)
-        put(scratch.present, parameters)
-        add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
-        drive(inputs, memory, scratch.present)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def step_with(step, measures, extension, scratch, t, before, x, inputs, memory, parameters):
-    """Write to `x` the state one sample after `before`, with the model's additions."""
-    put(x, before)
-    if extension.active & (KICKS + VARIES) == 0:
-        step(x, memory, parameters)
-    else:
-        measures(before, inputs, parameters, scratch.measured)
-        if extension.active & VARIES == 0:
-            step(x, memory, parameters)
-        else:
-            put(scratch.present, parameters)
-            add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
-            step(x, memory, scratch.present)
-        add_to_state(extension, parameters, scratch.measured, t, x)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

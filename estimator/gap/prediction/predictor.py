@@ -115,7 +115,8 @@ class Predictor:
         memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
         run_filter_in_lanes(
             in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read,
-            plant.measures, track, setup, aligned(np.repeat(parameters[:, None], LANES, axis=1)), aligned(memory),
+            plant.measures, track, setup,
+            aligned(np.repeat(parameters[:, None], LANES, axis=1)), aligned(memory),
         )  # fmt: skip
         return gains
 
@@ -174,7 +175,8 @@ class Predictor:
         memory = aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded))
         run_frozen_in_lanes(
             in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, _track(record, gains),
-            Begun(parameters, starts, memory, self.extension(record, values[-1])), plant.vector(values[0]), innovations,
+            Begun(parameters, starts, memory, self.extension(record, values[-1])),
+            plant.vector(values[0]), innovations,
         )  # fmt: skip
         return [innovations[:, :, lane] for lane in range(len(values))]
 

@@ -29,9 +29,9 @@ from estimator.gap.plant import (
 )
 from rig.jit import njit
 
-from .prediction import drive_with, put, read_with, scratch_of, step_with
 from .predictor import Predictor
 from .variables import Values
+from .with_additions import drive_with, put, read_with, scratch_of, step_with
 
 _FUNCTIONS: Final = tuple(
     types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ, MEASURE)

@@ -24,7 +24,8 @@ from estimator.gap.plant import (
 from rig.jit import njit
 from rig.lanes import LANES, align_stack, empty_lanes, load, store
 
-from .prediction import SETUP, TRACK, Begun, correct, predict_covariance, put, scratch_of
+from .prediction import SETUP, TRACK, Begun, correct, predict_covariance
+from .with_additions import put, scratch_of
 
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
@@ -87,7 +88,10 @@ def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innova
 
 
 @njit(
-    void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MEASURE, TRACK, SETUP, _MATRIX, _MATRIX),
+    void(
+        _DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MEASURE, TRACK, SETUP, _MATRIX,
+        _MATRIX,
+    ),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter_in_lanes(

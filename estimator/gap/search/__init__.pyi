@@ -3,7 +3,6 @@ from .discovery import (
     DiscoveredModel as DiscoveredModel,
     Discovering as Discovering,
     Discovery as Discovery,
-    Explanation as Explanation,
     addition_variables as addition_variables,
 )
 from .disturbances import (
@@ -14,6 +13,7 @@ from .disturbances import (
     places_of as places_of,
 )
 from .drift import drifts as drifts
+from .explaining import Explaining as Explaining, Explanation as Explanation
 from .findings import (
     CHANCE as CHANCE,
     FORM as FORM,

@@ -38,7 +38,7 @@ class Shape:
         of: name of the quantity; "" for none.
         times: name of the quantity that the disturbance is multiplied by; "" for none.
         form: one of `FORMS`.
-        at: knots of a table; period of a wave; middle and width of a bump; beginning of a hinge, SI.
+        at: knots of a table; period of a wave; middle and width of a bump; place of a hinge, SI.
     """
 
     of: str

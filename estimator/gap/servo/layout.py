@@ -1,8 +1,8 @@
 """This module says how a model of the servo-actuator holds additions.
 
-The rig's own equations hold as many as its parameters have room for (`rig.plant.added_terms`): there
-they act at every moment, in simulations and filters too. Readings, parameters that change and what
-depends on the time are held in slots.
+The rig's own equations hold as many as its parameters have room for (`rig.plant.added_terms`).
+There they act at every moment, in simulations and filters too. Readings, parameters that change and
+what depends on the time are held in slots.
 """
 
 from collections.abc import Mapping, Sequence

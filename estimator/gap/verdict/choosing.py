@@ -2,9 +2,9 @@
 
 There are three answers: the named effects, the disturbances alone, or both together. Chosen is what
 predicts the recordings fitted to better, block by block and beyond chance, at the least number of
-parts. Disturbances are free curves, and explain much in the likeness of an effect. So an effect that
-explains four fifths of the excess keeps its name, unless disturbances alone predict better and are
-not a curve of the effect's own variable.
+parts. Disturbances are free curves, and explain much in the likeness of an effect. So an effect
+that explains four fifths of the excess keeps its name, unless disturbances alone predict better and
+are not a curve of the effect's own variable.
 """
 
 from dataclasses import dataclass
@@ -140,8 +140,8 @@ def _pinned(plant: Plant, found: Found) -> bool:
     """Return whether the size of a named effect is at an end of what is plausible.
 
     A fit would move such a size (`PINNED`) beyond the end, so that the effect stands in for
-    something else. The size is the effect's first knob; an end at which it was in the model as given
-    does not count.
+    something else. The size is the effect's first knob; an end at which it was in the model as
+    given does not count.
     """
     for named in found.named:
         knob = plant.effects[named.effect].knobs[0]

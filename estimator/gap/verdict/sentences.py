@@ -161,7 +161,7 @@ class _Says:
         return f"{says}: from {at[0]} to {at[1]}" if len(at) > 1 else f"{says}: {at[0]}"
 
     def _size(self, shape: float) -> str:
-        """Return the size of a form in symbols where the form is `shape`, with unit and interval."""
+        """Return the size of a form in symbols where the form is `shape`, with its interval."""
         error = self._errors[0] if len(self._errors) else float("nan")
         scale = self._factor * shape
         return shown(self._sign * self._addition.values[0] * scale, abs(error * scale), self._unit)

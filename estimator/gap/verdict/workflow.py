@@ -199,7 +199,7 @@ def _search(
         id(each): described_as(each, plant)
         for each in (*choice.discovered, *choice.corrections.values())
     }
-    # Everything is told of the whole model, and then what is not wanted is left out of that written.
+    # All is told of the whole model, and then what is not wanted is left out of that written.
     kept = kept_of(search, found, choice, described, wanted)
     result.values, result.names = dict(kept.values), tuple(n.effect for n in found.named)
     result.as_given = False
@@ -208,8 +208,8 @@ def _search(
         for each in choice.discovered
     ]
     result.reasons += [
-        f"{each.text} It is suspected to be a leak, so that the model written does not have it: the "
-        "leak detector would not see it; --accept-leaks adds it"
+        f"{each.text} It is suspected to be a leak, so that the model written does not have it: "
+        "the leak detector would not see it; --accept-leaks adds it"
         for each in result.discovered
         if each.suspected_leak and not each.in_model and wanted.discovered
     ]

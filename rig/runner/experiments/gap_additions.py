@@ -1,4 +1,4 @@
-"""Converts what the gap workflow adds to a model between its slots and the terms of a model file."""
+"""Converts what the gap workflow adds to a model to the terms of a model file, and back."""
 
 from collections.abc import Mapping, Sequence
 

@@ -26,9 +26,9 @@ from estimator.gap.prediction.predictor import Predictor
 from estimator.gap.prediction.results import Curve
 from estimator.gap.prediction.sensitivities import course_of
 from estimator.gap.prediction.variables import Variable
-from estimator.gap.search.discovery import Explaining
 from estimator.gap.search.disturbances import attribution
 from estimator.gap.search.drift import drifts
+from estimator.gap.search.explaining import Explaining
 from estimator.gap.search.findings import CHANCE
 from estimator.gap.search.shapes import Shape, hats
 

@@ -1,0 +1,311 @@
+"""This module explains what a model leaves in some records by disturbances, cross-validated.
+
+The blocks of the recordings are divided into folds; the coefficients of a disturbance are fitted to
+all folds but one, together with the variables of the fit, and judged on that one (Stone 1974).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import TIME_NAME, Addition, Array
+from estimator.gap.prediction import Excerpt, Filtered, Values, Variable, excerpts
+
+from .disturbances import Attribution, Place, places_of, varying_of
+from .findings import deviate
+from .shapes import Shape, fine_shapes, finer, periodic, tables
+
+_FOLD: Final = 8
+"""Number of half-second blocks in a fold: neighbouring errors are alike for less than that."""
+_FOLDS: Final = 4
+_TOGETHER: Final = 60
+"""Number of columns that are followed through the linearised course at once."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A shape of a disturbance of one place, fitted on the linearised course and cross-validated.
+
+    Attributes:
+        place: where it enters.
+        shape: how it depends on its quantity.
+        coefficients: float64 (count,), SI.
+        errors: float64 (count,), their standard errors.
+        gains: float64 (blocks,), by how much it lowers the cost of blocks it was not fitted to.
+        share: part of the excess that the gains are.
+    """
+
+    place: Place
+    shape: Shape
+    coefficients: Array
+    errors: Array
+    gains: Array
+    share: float
+
+    @property
+    def gain(self) -> float:
+        """Return the gain of all blocks together."""
+        return float(self.gains.sum())
+
+    @property
+    def z(self) -> float:
+        """Return the normal deviate of the gain, by the scatter of the blocks."""
+        return deviate(self.gains)
+
+    @property
+    def addition(self) -> Addition:
+        """Return the disturbance as a model holds it."""
+        return self.shape.addition(self.place.name, self.coefficients)
+
+    @property
+    def where(self) -> tuple[str, str, str]:
+        """Return the names of the place, the quantity and the factor."""
+        return self.place.name, self.shape.of, self.shape.times
+
+
+class Explaining:
+    """Explains what a model leaves in some records by disturbances, cross-validated.
+
+    Args:
+        filtered: the records, with gains for `values`.
+        values: values of all parameters.
+        variables: variables of the fit, which are refitted together with each disturbance.
+        floor: cost per reading of a rig that is exactly the model.
+        like: another object whose excerpts are used; None to choose the costliest.
+        without: an addition that the values hold, which is taken out, so that all others compete
+            with it; None if nothing is.
+    """
+
+    def __init__(
+        self,
+        filtered: Filtered,
+        values: Values,
+        variables: Sequence[Variable],
+        floor: float,
+        like: "Explaining | None" = None,
+        without: Addition | None = None,
+    ) -> None:
+        self.plant = filtered.predictor.plant
+        period = self.plant.period
+        self.parts: list[Excerpt] = (
+            excerpts(filtered.records, period, filtered.costs(values))
+            if like is None
+            else like.parts
+        )
+        self._drifting = varying_of(self.plant)
+        self.attribution = Attribution(filtered, values, variables, self.parts, self._drifting)
+        self.places = [*places_of(self.plant), *self._drifting]
+        names = [*self.plant.regions, TIME_NAME]
+        self._along = {name: self.attribution.along(name) for name in names}
+        self._together = {name: np.concatenate(parts) for name, parts in self._along.items()}
+        if without is not None:
+            place = next(each for each in self.places if each.name == without.place)
+            self.attribution.take_out(place, [values[:, None] for values in self._values(without)])
+        self._base = len(self.attribution.base)
+        self._without: Array | None = None
+        self._floor = floor
+        columns = filtered.columns(values, variables)
+        self._bounds = (
+            np.array([column.lower for column in columns]),
+            np.array([column.upper for column in columns]),
+        )
+
+    def explanations(self) -> list[Explanation]:
+        """Return all that would explain what is left, by falling gain."""
+        found: list[Explanation] = []
+        for place in self.places:
+            found += self._of_place(place)
+        return sorted(found, key=lambda each: -each.gain)
+
+    def _values(self, addition: Addition) -> list[Array]:
+        """Return an addition at each sample of each course, a list of (m,)."""
+        found = []
+        for k, course in enumerate(self.attribution.courses):
+            ones = np.ones(len(course.samples))
+            value = addition.shape(self._along[addition.of][k] if addition.of else ones)
+            found.append(value * (self._along[addition.times][k] if addition.times else ones))
+        return found
+
+    def reach(self, of: str) -> tuple[float, float]:
+        """Return the 1 % and the 99 % quantile of a quantity, SI; zeros for none."""
+        if not of:
+            return 0.0, 0.0
+        low, high = np.quantile(self._together[of], (0.01, 0.99))
+        return float(low), float(high)
+
+    def again(self, explanations: Sequence[Explanation]) -> list[Explanation]:
+        """Return explanations of the same shapes, fitted to what is to be explained here."""
+        by_place: dict[str, list[Explanation]] = {}
+        for each in explanations:
+            by_place.setdefault(each.place.name, []).append(each)
+        found: list[Explanation] = []
+        for members in by_place.values():
+            found += self.of(members[0].place, [each.shape for each in members])
+        return sorted(found, key=lambda each: -each.gain)
+
+    def _of_place(self, place: Place) -> list[Explanation]:
+        turned = place.turned
+        shapes = tables(self._together, [*place.of, TIME_NAME], turned)
+        found = self.of(place, shapes)
+        names = periodic(self.plant.regions, place.of) if place.varying is None else []
+        for name in names:
+            fine = self.of(place, fine_shapes(name, self._together[name], turned))
+            fine.sort(key=lambda each: -each.gain)
+            span = float(np.ptp(self._together[name]))
+            best = [next((e for e in fine if e.shape.form == f), None) for f in ("wave", "bump")]
+            for each in best:
+                if each is not None and each.gain > 0.0:
+                    found += self.of(place, finer(each.shape, span))
+        return found
+
+    def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
+        """Return an explanation for each shape of a place."""
+        found: list[Explanation] = []
+        group: list[Shape] = []
+        for shape in [*shapes, None]:
+            if group and (shape is None or sum(s.count for s in group) >= _TOGETHER):
+                found += self._evaluated(place, group)
+                group = []
+            if shape is not None:
+                group.append(shape)
+        return found
+
+    def _evaluated(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
+        columns = [
+            np.concatenate(
+                [
+                    shape.columns({name: parts[k] for name, parts in self._along.items()})
+                    for shape in shapes
+                ],
+                axis=1,
+            )
+            for k in range(len(self.attribution.courses))
+        ]
+        changes, residual, samples = self.attribution.stacked(place, columns)
+        base = changes[:, :, : self._base]
+        with_base = np.matmul(changes.transpose(0, 2, 1), base)
+        slopes = np.matmul(residual[:, None, :], changes)[:, 0]
+        if self._without is None:
+            inner = range(self._base)
+            self._without = _changes_out_of_fold(
+                with_base[:, inner], slopes[:, inner], self._bounds, np.zeros((self._base,) * 2)
+            )
+        excess = float(np.square(residual).sum()) - self._floor * samples
+        found, first = [], self._base
+        for shape in shapes:
+            own = slice(first, first + shape.count)
+            first += shape.count
+            known = [*range(self._base), *range(own.start, own.stop)]
+            products = np.empty((len(changes), len(known), len(known)))
+            products[:, :, : self._base] = with_base[:, known]
+            products[:, : self._base, self._base :] = with_base[:, own].transpose(0, 2, 1)
+            mine = changes[:, :, own]
+            products[:, self._base :, self._base :] = np.matmul(mine.transpose(0, 2, 1), mine)
+            best: Explanation | None = None
+            for rough in shape.roughness():
+                each = _crossed(products, slopes[:, known], self._bounds, rough, self._without)
+                if each is None:
+                    continue
+                gains, steps, errors = each
+                share = float(gains.sum()) / excess if excess > 0.0 else 0.0
+                if best is None or gains.sum() > best.gain:
+                    best = Explanation(place, shape, steps, errors, gains, share)
+            if best is not None:
+                found.append(best)
+        return found
+
+    @property
+    def samples(self) -> int:
+        """Return the number of readings in the excerpts' blocks."""
+        none = [np.zeros((len(course.samples), 1)) for course in self.attribution.courses]
+        return self.attribution.stacked(self.places[0], none)[2]
+
+
+def _crossed(
+    products: Array, slopes: Array, bounds: tuple[Array, Array], rough: Array, without: Array
+) -> tuple[Array, Array, Array] | None:
+    """Return the gains of blocks not fitted to, and the coefficients fitted to all of them.
+
+    Args:
+        products: float64 (blocks, k, k), products of the columns, the variables first.
+        slopes: float64 (blocks, k), products with the innovations.
+        bounds: least and greatest steps of the variables, float64 (variables,) each.
+        rough: float64 (count, count), penalty for the other columns, as if their mean square were
+            one.
+        without: float64 (blocks,), changes of the cost of blocks not fitted to by the variables
+            alone.
+
+    Returns:
+        The gains (blocks,), coefficients (count,) and standard errors; None if the columns do
+        nothing.
+    """
+    base = len(bounds[0])
+    blocks, count = slopes.shape
+    total = products.sum(0)
+    scale = np.sqrt(np.maximum(np.diag(total), 0.0))
+    if not (np.isfinite(total).all() and np.isfinite(slopes).all()):
+        return None
+    if not np.any(scale[base:] > 0.0):
+        return None
+    scale[base:] = np.maximum(scale[base:], 1e-6 * float(scale[base:].max()))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    m = products / np.outer(scale, scale)
+    s = slopes / scale
+    # The penalty is on the coefficients themselves; the columns were scaled one by one.
+    own = scale[base:]
+    mean = float(np.exp(np.mean(np.log(own))))
+    penalty = np.zeros((count, count))
+    penalty[base:, base:] = rough * np.outer(mean / own, mean / own)
+    lower, upper = (np.asarray(end * scale[:base]) for end in bounds)
+    gains = without - _changes_out_of_fold(m, s, (lower, upper), penalty)
+    total = m.sum(0) + penalty + 1e-9 * np.eye(count)
+    steps = _bounded(total, -s.sum(0), lower, upper)
+    inverse = np.linalg.inv(total)
+    scores = s + m @ steps
+    scatter = scores.T @ scores * blocks / max(blocks - 1, 1)
+    errors = np.sqrt(np.maximum(np.diag(inverse @ scatter @ inverse), 0.0))
+    return gains, steps[base:] / own, errors[base:] / own
+
+
+def _changes_out_of_fold(
+    products: Array, slopes: Array, bounds: tuple[Array, Array], penalty: Array
+) -> Array:
+    """Return by how much a fit to all other folds changes the cost of each block, (blocks,)."""
+    blocks = len(slopes)
+    total, slope = products.sum(0), slopes.sum(0)
+    total = total + penalty + 1e-9 * np.diag(np.maximum(np.diag(total), 1e-300))
+    folds = _folds(blocks)
+    changes = np.empty(blocks)
+    for fold in range(int(folds.max()) + 1):
+        out = folds == fold
+        m, s = products[out], slopes[out]
+        steps = _bounded(total - m.sum(0), s.sum(0) - slope, *bounds)
+        changes[out] = 2.0 * s @ steps + (m @ steps) @ steps
+    return changes
+
+
+def _bounded(matrix: Array, right: Array, lower: Array, upper: Array) -> Array:
+    """Return x (k,) with matrix x = right, its first elements held within bounds.
+
+    Elements beyond a bound are put there one after the other, and the others solved for again.
+    """
+    x = np.zeros(len(right))
+    free = np.ones(len(right), dtype=bool)
+    for _ in range(len(lower) + 1):
+        rest = right[free] - matrix[np.ix_(free, ~free)] @ x[~free]
+        x[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+        inside = np.clip(x[: len(lower)], lower, upper)
+        beyond = free[: len(lower)] & (inside != x[: len(lower)])
+        if not beyond.any():
+            break
+        free[: len(lower)][beyond] = False
+        x[: len(lower)][beyond] = inside[beyond]
+    return x
+
+
+def _folds(blocks: int) -> Array:
+    """Return the fold of each block (blocks,), from 0: neighbours are in the same fold."""
+    size = max(1, min(_FOLD, blocks // _FOLDS))
+    return np.asarray(np.minimum(np.arange(blocks) // size, max(blocks // size - 1, 0)))
