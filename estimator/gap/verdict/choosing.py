@@ -16,6 +16,7 @@ from estimator.gap.plant import Array, Plant
 from estimator.gap.prediction import Fitted, Variable
 from estimator.gap.search import (
     CHANCE,
+    FORM,
     DiscoveredModel,
     Discovering,
     Discovery,
@@ -29,8 +30,6 @@ EXPLAINED: Final = 0.8
 WHOLE: Final = 0.98
 """Part of the excess that disturbances alone must take away for names that do not to be given up at
 once."""
-NOTHING: Final = 1e-3
-"""Part of the excess that may be left where nothing more is looked for."""
 BEYOND: Final = 0.05
 """Least part of the excess by which one answer must be better than another."""
 PINNED: Final = 1e-3
@@ -69,17 +68,19 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     excess = found.refitted.cost - floor * found.samples
     left = found.fitted.cost - floor * found.samples
     nothing = DiscoveredModel(found.fitted, found.filtered, found.variables)
-    if left < material * found.samples + NOTHING * excess:
+    pinned = _pinned(plant, found)
+    settled = bool(found.named) and left < FORM * excess and not pinned
+    if left < material * found.samples or settled:
         return Choice(nothing, bool(found.named), {}, ())
     alone = discovering.run(found.refitted, discovering.nuisances, floor)
-    own = _own_effect(discovering, found, alone, excess)
+    weak = not found.named or found.explained < EXPLAINED
+    own = _own_effect(discovering, found, alone, excess) if weak else None
     if own is not None:
         found.named, found.fitted, found.variables = [own.named], own.fitted, own.variables
     elif not found.named:
         return Choice(alone, False, {}, tuple(alone.discoveries))
-    pinned = _pinned(plant, found)
     better = bool(alone.discoveries) and _beats(alone.fitted.costs, found.fitted.costs, excess)
-    stands_in = pinned or (better and own is None)
+    stands_in = pinned or (better and own is None and not _is_own(plant, found, alone))
     left_alone = alone.fitted.cost - floor * found.samples
     if better and stands_in and left_alone < (1.0 - WHOLE) * excess:
         return Choice(alone, False, {}, tuple(alone.discoveries))
@@ -158,6 +159,15 @@ def _beats(one: Array, other: Array, excess: float) -> bool:
     gains = other - one
     error = float(np.sqrt(len(gains)) * np.std(gains, ddof=1))
     return float(gains.sum()) > max(BEYOND * excess, SURE * error)
+
+
+def _is_own(plant: Plant, found: Found, alone: DiscoveredModel) -> bool:
+    """Return whether what was discovered alone begins with a named effect's own curve."""
+    if not alone.discoveries:
+        return False
+    first = alone.discoveries[0]
+    where = (first.addition.place, first.addition.of)
+    return any(where in plant.effects[named.effect].own for named in found.named)
 
 
 def _divided(
