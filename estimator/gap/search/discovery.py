@@ -7,14 +7,23 @@ with the variables of the fit, and judged on that one (cross-validation, Stone 1
 fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import SLOTS, TIME_NAME, Addition, Array, Layout, Plant
-from estimator.gap.prediction import Excerpt, Filtered, Fitted, Values, Variable, excerpts
+from estimator.gap.plant import SLOTS, TIME_NAME, Addition, Array, Effect, Layout, Plant
+from estimator.gap.prediction import (
+    Excerpt,
+    Filtered,
+    Fitted,
+    Values,
+    Variable,
+    excerpts,
+    freed,
+    started,
+)
 
 from .disturbances import Attribution, Place, places_of, varying_of
 from .findings import CHANCE, MATERIAL, deviate
@@ -319,7 +328,7 @@ def _crossed(
     if not np.any(scale[base:] > 0.0):
         return None
     scale[base:] = np.maximum(scale[base:], 1e-6 * float(scale[base:].max()))
-    scale = np.maximum(scale, 1e-300)
+    scale = np.where(scale > 0.0, scale, 1.0)
     m = products / np.outer(scale, scale)
     s = slopes / scale
     # The penalty is on the coefficients themselves; the columns were scaled one by one.
@@ -442,6 +451,28 @@ class Discovering:
             ]
         return found
 
+    def with_effect(
+        self, values: Values, effect: Effect
+    ) -> tuple[Fitted | None, tuple[Variable, ...]]:
+        """Return the best fit with an effect of the catalogue and its variables, from its starts.
+
+        The fit is None if the model breaks down. The filter's gains are those of the fit itself.
+
+        Args:
+            values: values of all parameters without the effect.
+            effect: the effect, which starts from its stated starts or else from these values.
+        """
+        variables = freed(self.nuisances, effect)
+        best: Fitted | None = None
+        starts: tuple[Mapping[str, float], ...] = effect.starts or ({},)
+        for start in starts:
+            began = started(self.plant, values, effect, start)
+            ended = self._refits.settled(began, variables, rounds=3)[0].values
+            costs = self._refits.fitter.filtered(ended).costs(ended)
+            if np.isfinite(costs).all() and (best is None or costs.sum() < best.cost):
+                best = Fitted(ended, costs)
+        return best, variables
+
     def _add(
         self,
         found: DiscoveredModel,
@@ -532,7 +563,8 @@ class Discovering:
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
             rivals = tuple(e for e in _distinct(near) if e.where != best.where)[:2]
-            if last or best.shape == of.shape:
+            same = best.where == of.where and best.shape.form == of.shape.form
+            if last or same:
                 break
             other = self._in_plant(found, best, added.fitted.values)
             if other is None or _loses(added, other):
@@ -575,6 +607,8 @@ class Discovering:
             if variable.parameter in sizes
         )
         present = held_as(layout, values, additions)
+        if not _is_possible(self.plant, values, each.place, present[-1]):
+            return None
         return _InPlant(
             each, fitted, filtered, variables, present[-1], shown, tuple(present[given:])
         )
@@ -608,15 +642,30 @@ def _worse(best: Explanation, other: Explanation) -> bool:
 
 
 def _simplest(ranked: Sequence[Explanation]) -> Explanation:
-    """Return the simplest of the explanations that predict as well as the first, to within chance.
+    """Return the simplest explanation at the first one's place that predicts as well as that.
 
-    An equation is simpler than a parameter, this is simpler than a reading, and fewer coefficients
-    are simpler. Among different places chance is not enough: the best is taken.
+    It depends on the same quantity or on none, and is as good to within chance. The simplest has
+    the fewest coefficients.
     """
     best = ranked[0]
-    equal = [e for e in ranked if e.where[0] == best.where[0] and not _worse(best, e)]
-    same = [e for e in equal if e.where == best.where or e.shape.of in ("", best.shape.of)]
+    same = [
+        e
+        for e in ranked
+        if e.where[0] == best.where[0] and e.shape.of in ("", best.shape.of) and not _worse(best, e)
+    ]
     return min(same, key=lambda each: (each.shape.count, -each.gain))
+
+
+def _is_possible(plant: Plant, values: Values, place: Place, addition: Addition) -> bool:
+    """Return whether a parameter that an addition changes stays above its least value.
+
+    A friction level below zero would be a force that drives the ram.
+    """
+    if place.varying is None or not addition.values:
+        return True
+    least = min(addition.values) if addition.form == "table" else 0.0
+    lower = {each.name: each.lower for each in plant.parameters}
+    return all(values[name] + least >= lower[name] for name in place.varying.parameters)
 
 
 def addition_variables(
