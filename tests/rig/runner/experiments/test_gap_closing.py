@@ -123,7 +123,8 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
 def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    values = rig_plant(Model()).nominal | {"bulk_modulus": 4e8, "command_delay": 4e-3}
+    wrong_values = {"bulk_modulus": 4e8, "command_delay": 4e-3}
+    values = {**rig_plant(Model()).nominal, **wrong_values}
     effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
     wrong = GapResult("missing_effect", [], [effect], values=values, names=("command_delay",))
     monkeypatch.setattr(gap_closing, "find_gap", lambda *_, **__: GapResult("missing_effect", []))
