@@ -123,7 +123,8 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
 def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    values = Model().parameters._asdict() | {"bulk_modulus": 4e8, "command_delay": 4e-3}
+    wrong_values = {"bulk_modulus": 4e8, "command_delay": 4e-3}
+    values = {**rig_plant(Model()).nominal, **wrong_values}
     effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
     wrong = GapResult("missing_effect", [], [effect], values=values, names=("command_delay",))
     monkeypatch.setattr(gap_closing, "find_gap", lambda *_, **__: GapResult("missing_effect", []))
@@ -136,7 +137,7 @@ def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_giv
     check, left = gap_closing.checked(print, Question(rig, Model()), wrong, fresh, fresh)
     assert check.gap_after > check.gap_before
     assert left.as_given
-    assert left.values == Model().parameters._asdict()
+    assert left.values == rig_plant(Model()).nominal
     assert left.gap_after == left.gap_before
     assert left.verdict == "unknown_effect"
     assert not left.effects
