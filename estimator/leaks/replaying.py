@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.accounts import BLOCK_TICKS
 from estimator.filters import DEFAULT_FILTER, FilterRun, run_filter
-from rig.plant import DATA_SHEET, Model, SensorParameters
+from rig.plant import DATA_SHEET, TICK, Model, SensorParameters
 from rig.recording import Recording
 
 from .detection import SILENT, Decision, Detector, OilAccountDetector, Samples
@@ -48,11 +48,12 @@ class ReplayResult:
         return found_in(self.history)
 
 
-def why_unfit(recording: Recording) -> str:
+def why_unfit(recording: Recording, filter_name: str = DEFAULT_FILTER) -> str:
     """Return in words why no leak can be told from how a recording was sampled; else "".
 
     Readings that were interpolated have neither the noise nor the changes that the detector weighs.
-    Over more than 5 ms without a reading the oil's flow is not known (`FlowAccount.add`).
+    Over more than 5 ms without a reading the oil's flow is not known (`FlowAccount.add`). The
+    thresholds of the thesis's filters hold for a reading in every ms.
     """
     sampling = recording.sampling
     if sampling is None:
@@ -65,6 +66,8 @@ def why_unfit(recording: Recording) -> str:
             f"a row every {sampling.period * 1e3:.4g} ms is too slow for the flow of the oil; "
             f"record one every {_LONGEST_S * 1e3:.0f} ms or more often, best every ms"
         )
+    if filter_name != DEFAULT_FILTER and (sampling.gaps or sampling.period > 1.01 * TICK):
+        return f"{filter_name} needs a row every ms, without gaps; the product filter does not"
     return ""
 
 
@@ -119,7 +122,7 @@ def replay(
             and at most 10000.
     """
     run = filter_recording(recording, model, filter_name, sensors)
-    if unfit := why_unfit(recording):
+    if unfit := why_unfit(recording, filter_name):
         unjudged = Decision("inconclusive")
         last_s = float(recording.time_s[-1])
         return ReplayResult(run, unjudged, None, ((last_s, unjudged),), unfit)

@@ -11,12 +11,10 @@ from .campaigns import (
 from .checking import check as check
 from .models import (
     PlantModel as PlantModel,
-    addition_of as addition_of,
     dump_model as dump_model,
     load_columns as load_columns,
     load_model as load_model,
     load_plant as load_plant,
-    term_of as term_of,
 )
 from .reading import (
     ConfigError as ConfigError,

@@ -64,7 +64,8 @@ class Sampling:
             how = "averaged to" if self.grid > GAP * self.period else "put on a grid of"
             notes.append(f"{rows}: {how} {self.grid * 1e3:.4g} ms")
         if self.gaps:
-            notes.append(f"{self.gaps} gaps, {self.gaps_s:.3g} s in all")
+            counted = "1 gap" if self.gaps == 1 else f"{self.gaps} gaps"
+            notes.append(f"{counted}, {self.gaps_s:.3g} s in all")
         notes += [f"{name} {found.words}" for name, found in self.interpolated.items()]
         notes += [f"{name} was not recorded" for name in self.unrecorded]
         return notes

@@ -1,4 +1,5 @@
 from .additions import (
+    DIRECTION as DIRECTION,
     EMPTY_SLOTS as EMPTY_SLOTS,
     EXTENSION as EXTENSION,
     KICKS as KICKS,
@@ -6,6 +7,7 @@ from .additions import (
     SHOWS as SHOWS,
     SLOT_PARAMETERS as SLOT_PARAMETERS,
     SLOTS as SLOTS,
+    TIME_NAME as TIME_NAME,
     VARIES as VARIES,
     Addition as Addition,
     Extension as Extension,
@@ -14,6 +16,8 @@ from .additions import (
     add_to_parameters as add_to_parameters,
     add_to_readings as add_to_readings,
     add_to_state as add_to_state,
+    as_addition as as_addition,
+    as_term as as_term,
     is_active as is_active,
     kicked_states as kicked_states,
     slot_field as slot_field,
@@ -36,7 +40,6 @@ from .interface import (
     Array as Array,
     Effect as Effect,
     Equation as Equation,
-    Held as Held,
     InLanes as InLanes,
     Knob as Knob,
     Motion as Motion,
@@ -59,10 +62,4 @@ from .records import (
     roughness as roughness,
     seen_parts as seen_parts,
     smoothed as smoothed,
-)
-from .terms import (
-    DIRECTION as DIRECTION,
-    TIME_NAME as TIME_NAME,
-    Term as Term,
-    dictionary as dictionary,
 )

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from .additions import EMPTY_SLOTS, SLOT_PARAMETERS
+from .additions import EMPTY_SLOTS, SLOT_PARAMETERS, Layout
 from .compiled_functions import PERIOD, Views, compiled, longest_delay, measures_of, sample_points
 from .description import EquationOf, MayLack, PlantDescription, PlantError, Start
 from .description_checks import check_description, check_functions
@@ -273,23 +273,25 @@ def _with_slots(plant: Plant, description: PlantDescription, views: Views) -> Pl
     except PlantError as error:
         (reason,) = error.problems
         why = f"models of this plant hold nothing that is discovered: {reason}"
-        return replace(plant, why_no_slots=why)
+        return replace(plant, why_no_layout=why)
     known = {each.name: each for each in description.parameters}
+    varying = tuple(
+        Varying(
+            each.name, each.parameters, known[each.parameters[0]].unit,
+            min(probe_of(known[name], plant.nominal[name]) for name in each.parameters),
+            each.of, each.shown or (known[each.parameters[0]].unit, 1.0),
+        )
+        for each in description.may_vary
+    )  # fmt: skip
+    channels = [output.channel for output in plant.outputs]
     return replace(
         plant,
         parameters=plant.parameters + SLOT_PARAMETERS,
         nominal={**plant.nominal, **EMPTY_SLOTS},
         measures=measures,
-        varying=tuple(
-            Varying(
-                each.name, each.parameters, known[each.parameters[0]].unit,
-                min(probe_of(known[name], plant.nominal[name]) for name in each.parameters),
-                each.of, each.shown or (known[each.parameters[0]].unit, 1.0),
-            )
-            for each in description.may_vary
-        ),
-        slots=True,
-    )  # fmt: skip
+        varying=varying,
+        layout=Layout(plant.equations, plant.regions, channels, varying, list(known)),
+    )
 
 
 # Steering

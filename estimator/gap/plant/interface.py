@@ -17,7 +17,6 @@ describes a second plant step by step.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -218,22 +217,6 @@ class Nuisance:
     tolerance: float
     nominal: float
     effect: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Held:
-    """A disturbance in symbols, as the values of a plant's parameters that represent it.
-
-    Attributes:
-        values: values of all parameters by name, with the disturbance; empty if the plant's
-            parameters can represent none of its terms.
-        knobs: knobs of the terms, with which these can be refitted.
-        refused: for each term that cannot be represented, its index and the reason in words.
-    """
-
-    values: Mapping[str, float]
-    knobs: tuple[Knob, ...]
-    refused: tuple[tuple[int, str], ...] = ()
 
 
 Rate = Callable[[Array, Mapping[str, float]], Array]
@@ -438,11 +421,6 @@ class Plant:
             words.
         motions: () -> motions that an experiment may consist of; by default there are none.
         loop: as `steering`, but for the control loop that the rig itself closes in those motions.
-        hold_terms: (name of an equation or reading, terms (`terms.Term`), their coefficients, SI,
-            values of all parameters by name) -> the disturbance as values of the plant's
-            parameters. None if the parameters cannot represent any disturbance.
-        held_terms: (values of all parameters by name) -> the name of the equation and its terms,
-            each with its coefficients, that these values represent. None as for `hold_terms`.
         in_lanes: functions that run the plant in several lanes side by side; None if it always runs
             alone.
         measures: function compiled with MEASURE: (state, inputs, parameters, measured) writes the
@@ -450,8 +428,9 @@ class Plant:
             disturbance changes its state, and its second state, over one sample (0 if it has none).
             With it a model can hold additions (`additions`).
         varying: parameters that may change with a quantity.
-        slots: whether `parameters` end with those of the slots for additions (`SLOT_PARAMETERS`).
-        why_no_slots: why models of the plant hold no additions, in words for the report; empty if
+        layout: how models of the plant hold additions; `parameters` then end with those of the
+            slots (`SLOT_PARAMETERS`). None if they hold none.
+        why_no_layout: why models of the plant hold no additions, in words for the report; empty if
             they do, or if nothing is to be told.
     """
 
@@ -484,33 +463,16 @@ class Plant:
     not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)
     motions: Callable[[], tuple[Motion, ...]] = tuple
     loop: tuple[tuple[int, int, float], ...] = ()
-    hold_terms: Callable[[str, Sequence[Any], Array, Mapping[str, float]], Held] | None = None
-    held_terms: Callable[[Mapping[str, float]], tuple[str, Any]] | None = None
     in_lanes: InLanes | None = None
     measures: Any = measures_nothing
     varying: tuple[Varying, ...] = ()
-    slots: bool = False
-    why_no_slots: str = ""
+    layout: "Layout | None" = None
+    why_no_layout: str = ""
 
     @property
     def own_parameters(self) -> tuple[Parameter, ...]:
-        """Return all parameters but those of the slots for additions."""
-        if not self.slots:
-            return self.parameters
-        from .additions import SLOT_PARAMETERS
-
-        return self.parameters[: -len(SLOT_PARAMETERS)]
-
-    @cached_property
-    def layout(self) -> "Layout | None":
-        """Return how slots hold the plant's additions; None if its models hold none."""
-        if not self.slots:
-            return None
-        from .additions import Layout
-
-        own = [parameter.name for parameter in self.own_parameters]
-        channels = [output.channel for output in self.outputs]
-        return Layout(self.equations, self.regions, channels, self.varying, own)
+        """Return the parameters without those of the slots."""
+        return tuple(each for each in self.parameters if not each.name.startswith("added_"))
 
     def remembers(self, values: Mapping[str, float]) -> bool:
         """Return whether any parameter of `memories` is not 0 in these values of all parameters."""

@@ -65,7 +65,7 @@ class Predictor:
         own = len(plant.own_parameters)
         quantities = len(plant.regions)
         return Extension(
-            self._kicked, self._changed, own, activity(values) if plant.slots else 0,
+            self._kicked, self._changed, own, activity(values) if plant.layout else 0,
             quantities + 2 * len(plant.equations), quantities, record.first * plant.period,
             plant.period,
         )  # fmt: skip

@@ -107,7 +107,8 @@ class Discovered:
         of: quantity that it depends on; "" for none.
         times: quantity that it is multiplied by; "" for none.
         form: "table", or its form in symbols.
-        text: what it is, in one sentence with units.
+        what: what it does, in one sentence with units and no full stop.
+        parts: parts of a rig that make such a shape, in words, likeliest first.
         estimates: of a form in symbols, its size and places with intervals; of a table none.
         at: float64 (knots,), of a table, SI; else empty.
         values: float64 (knots,), of a table, SI; else empty.
@@ -125,6 +126,7 @@ class Discovered:
         suspected_leak: whether it takes oil out of a chamber and grows with the pressure.
         in_model: whether the model written has it.
         experiment: what to run to confirm it, in words.
+        curve: the disturbance against its quantity, to be drawn; None if it depends on none.
     """
 
     name: str
@@ -132,7 +134,8 @@ class Discovered:
     of: str
     times: str
     form: str
-    text: str
+    what: str
+    parts: str
     estimates: tuple[Estimate, ...]
     at: Array
     values: Array
@@ -147,6 +150,18 @@ class Discovered:
     suspected_leak: bool = False
     in_model: bool = True
     experiment: str = ""
+    curve: "Curve | None" = None
+
+    @property
+    def where(self) -> str:
+        """Return what it enters and depends on, such as "force balance of position"."""
+        of = f"{self.of or 'nothing'}{f' x {self.times}' if self.times else ''}"
+        return f"{self.place} of {of}"
+
+    @property
+    def text(self) -> str:
+        """Return what it does and what may make it, in one plain sentence with units."""
+        return f"{self.what}; {self.parts} would do this."
 
 
 @dataclass(frozen=True)
@@ -316,6 +331,8 @@ class Check:
         gap_after: gap of the revised model on this run, with nothing refitted.
         scatter: standard deviation by which that gap varies by chance; where a ram sticks and
             slips, twins of the same rig differ by as much.
+        discovered: where disturbances enter that the revised model still lacks
+            (`Discovered.where`).
     """
 
     verdict: Verdict
@@ -323,6 +340,7 @@ class Check:
     gap_before: float
     gap_after: float
     scatter: float = 0.0
+    discovered: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -337,6 +355,7 @@ class Round:
         effects: effects named from all recordings up to this round.
         check: check of the model revised so far; None if there was nothing to check, or if a motion
             could first settle which effect is the cause.
+        discovered: disturbances discovered in all recordings up to this round.
     """
 
     why: str
@@ -345,6 +364,7 @@ class Round:
     verdict: Verdict
     effects: tuple[NamedEffect, ...]
     check: Check | None = None
+    discovered: tuple[Discovered, ...] = ()
 
 
 @dataclass

@@ -135,7 +135,7 @@ def _readings(records: Sequence[Record], index: int, output: Output, period: flo
             f"{name} hardly moves: {travel:.3g} {output.unit}, and its noise is {noise:.3g} "
             f"{output.unit}; {MOVES * noise:.3g} {output.unit} are needed (is it in {output.unit}?)"
         ]
-    seen = max(_noise(r.readings[:, index], period) for r in records)
+    seen = max(_noise(r, index, period) for r in records)
     if seen > NOISIER * noise:
         return [
             f"{name} is mostly noise: {seen:.3g} {output.unit} from sample to sample, and "
@@ -151,12 +151,19 @@ def _travel(readings: Array, good: BoolArray, count: int) -> float:
     return float(np.ptp(kept[:whole].reshape(-1, count).mean(1))) if whole else 0.0
 
 
-def _noise(readings: Array, period: float) -> float:
-    """Return the standard deviation of white noise in readings (n,), from second differences.
+def _noise(record: Record, index: int, period: float) -> float:
+    """Return the standard deviation of an output's white noise, from second differences.
 
-    Where samples are more than 1 ms apart, a motion may bend as much. It bends less than it moves
-    from sample to sample, and white noise more; the result is 0 if the readings do the former.
+    Samples without a reading are left out. Where readings are more than 1 ms apart, a motion may
+    bend as much. It bends less than it moves from reading to reading, and white noise more; the
+    result is 0 if the readings do the former.
     """
+    readings = record.readings[:, index]
+    if record.unread is not None:
+        readings = readings[~record.unread[:, index]]
+        period *= len(record) / max(len(readings), 1)
+    if len(readings) < 3:
+        return 0.0
     curved = np.median(np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2]))
     if period > _RESOLVED_S and curved < np.median(np.abs(np.diff(readings))):
         return 0.0

@@ -1,4 +1,5 @@
 from .discovery import (
+    ADDED as ADDED,
     DiscoveredModel as DiscoveredModel,
     Discovering as Discovering,
     Discovery as Discovery,

@@ -7,14 +7,23 @@ with the variables of the fit, and judged on that one (cross-validation, Stone 1
 fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import SLOTS, TIME_NAME, Addition, Array, Plant
-from estimator.gap.prediction import Excerpt, Filtered, Fitted, Values, Variable, excerpts
+from estimator.gap.plant import SLOTS, TIME_NAME, Addition, Array, Effect, Layout, Plant
+from estimator.gap.prediction import (
+    Excerpt,
+    Filtered,
+    Fitted,
+    Values,
+    Variable,
+    excerpts,
+    freed,
+    started,
+)
 
 from .disturbances import Attribution, Place, places_of, varying_of
 from .findings import CHANCE, MATERIAL, deviate
@@ -22,6 +31,8 @@ from .refits import Refits
 from .shapes import Shape, fine_shapes, finer, periodic, symbols, tables
 from .twins import Twins
 
+ADDED: Final = "added"
+"""Name of the variables of additions."""
 MOST: Final = 3
 """Greatest number of disturbances that are discovered."""
 SURE: Final = 2.0
@@ -121,6 +132,7 @@ class DiscoveredModel:
         variables: variables of that fit.
         discoveries: the disturbances, in the order in which they were found.
         near: explanations of what is left that come nearest, the best first.
+        additions: the disturbances as the fit has them, in the same order.
     """
 
     fitted: Fitted
@@ -128,6 +140,7 @@ class DiscoveredModel:
     variables: tuple[Variable, ...]
     discoveries: list[Discovery] = field(default_factory=list)
     near: list[Explanation] = field(default_factory=list)
+    additions: tuple[Addition, ...] = ()
 
 
 class Explaining:
@@ -315,7 +328,7 @@ def _crossed(
     if not np.any(scale[base:] > 0.0):
         return None
     scale[base:] = np.maximum(scale[base:], 1e-6 * float(scale[base:].max()))
-    scale = np.maximum(scale, 1e-300)
+    scale = np.where(scale > 0.0, scale, 1.0)
     m = products / np.outer(scale, scale)
     s = slopes / scale
     # The penalty is on the coefficients themselves; the columns were scaled one by one.
@@ -429,7 +442,36 @@ class Discovering:
             found.filtered = found.filtered.at(found.fitted.values)
             costs = found.filtered.costs(found.fitted.values)
             found.fitted = Fitted(found.fitted.values, costs)
+            given = layout.additions(self.plant.nominal)
+            every = held_as(layout, found.fitted.values, [*given, *found.additions])
+            found.additions = tuple(every[len(given) :])
+            found.discoveries = [
+                replace(each, addition=addition)
+                for each, addition in zip(found.discoveries, found.additions, strict=True)
+            ]
         return found
+
+    def with_effect(
+        self, values: Values, effect: Effect
+    ) -> tuple[Fitted | None, tuple[Variable, ...]]:
+        """Return the best fit with an effect of the catalogue and its variables, from its starts.
+
+        The fit is None if the model breaks down. The filter's gains are those of the fit itself.
+
+        Args:
+            values: values of all parameters without the effect.
+            effect: the effect, which starts from its stated starts or else from these values.
+        """
+        variables = freed(self.nuisances, effect)
+        best: Fitted | None = None
+        starts: tuple[Mapping[str, float], ...] = effect.starts or ({},)
+        for start in starts:
+            began = started(self.plant, values, effect, start)
+            ended = self._refits.settled(began, variables, rounds=3)[0].values
+            costs = self._refits.fitter.filtered(ended).costs(ended)
+            if np.isfinite(costs).all() and (best is None or costs.sum() < best.cost):
+                best = Fitted(ended, costs)
+        return best, variables
 
     def _add(
         self,
@@ -486,7 +528,7 @@ class Discovering:
                 )
             )  # fmt: skip
             found.fitted, found.filtered = added.fitted, added.filtered
-            found.variables = added.variables
+            found.variables, found.additions = added.variables, added.additions
             return True
         return False
 
@@ -521,7 +563,8 @@ class Discovering:
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
             rivals = tuple(e for e in _distinct(near) if e.where != best.where)[:2]
-            if last or best.shape == of.shape:
+            same = best.where == of.where and best.shape.form == of.shape.form
+            if last or same:
                 break
             other = self._in_plant(found, best, added.fitted.values)
             if other is None or _loses(added, other):
@@ -540,11 +583,12 @@ class Discovering:
         layout = self.plant.layout
         assert layout is not None
         at = found.fitted
-        additions = [*layout.additions(at.values), each.addition]
-        slot = len(additions) - 1
+        additions = [*layout.additions(self.plant.nominal), *found.additions, each.addition]
         values = {**(start or at.values), **layout.values(additions)}
-        own = addition_variables(each.addition, slot, each.errors)
-        variables = (*found.variables, *own)
+        base = tuple(v for v in found.variables if v.name != ADDED)
+        given = len(additions) - len(found.additions) - 1
+        own = addition_variables(layout, additions, range(given, len(additions)))
+        variables = (*base, *own)
         for _ in range(rounds):
             filtered = self._refits.fitter.filtered(values)
             values = filtered.fit(values, variables, 2, 3e-3).values
@@ -555,11 +599,19 @@ class Discovering:
         columns = filtered.columns(values, variables)
         names = [column.name for column in columns]
         linear = filtered.linearise(values, columns)
-        errors = linear.errors(names, linear.solve(names)[0])[len(found.variables) :]
-        addition = layout.additions(values)[slot]
-        sizes = [v.key.startswith("y") for v in own]
-        shown = tuple(float(e) for e, is_size in zip(errors, sizes, strict=True) if is_size)
-        return _InPlant(each, fitted, filtered, variables, addition, shown)
+        errors = linear.errors(names, linear.solve(names)[0])
+        sizes = set(layout.names(additions, len(additions) - 1)[0])
+        shown = tuple(
+            float(error)
+            for variable, error in zip(variables, errors, strict=True)
+            if variable.parameter in sizes
+        )
+        present = held_as(layout, values, additions)
+        if not _is_possible(self.plant, values, each.place, present[-1]):
+            return None
+        return _InPlant(
+            each, fitted, filtered, variables, present[-1], shown, tuple(present[given:])
+        )
 
 
 @dataclass(frozen=True)
@@ -572,6 +624,7 @@ class _InPlant:
     variables: tuple[Variable, ...]
     addition: Addition
     errors: tuple[float, ...]
+    additions: tuple[Addition, ...]
 
 
 def _loses(one: _InPlant, other: _InPlant) -> bool:
@@ -589,44 +642,81 @@ def _worse(best: Explanation, other: Explanation) -> bool:
 
 
 def _simplest(ranked: Sequence[Explanation]) -> Explanation:
-    """Return the simplest of the explanations that predict as well as the first, to within chance.
+    """Return the simplest explanation at the first one's place that predicts as well as that.
 
-    An equation is simpler than a parameter, this is simpler than a reading, and fewer coefficients
-    are simpler. Among different places chance is not enough: the best is taken.
+    It depends on the same quantity or on none, and is as good to within chance. The simplest has
+    the fewest coefficients.
     """
     best = ranked[0]
-    equal = [e for e in ranked if e.where[0] == best.where[0] and not _worse(best, e)]
-    same = [e for e in equal if e.where == best.where or e.shape.of in ("", best.shape.of)]
+    same = [
+        e
+        for e in ranked
+        if e.where[0] == best.where[0] and e.shape.of in ("", best.shape.of) and not _worse(best, e)
+    ]
     return min(same, key=lambda each: (each.shape.count, -each.gain))
 
 
-def addition_variables(addition: Addition, slot: int, errors: Array) -> tuple[Variable, ...]:
-    """Return the variables with which an addition in a slot is refitted.
+def _is_possible(plant: Plant, values: Values, place: Place, addition: Addition) -> bool:
+    """Return whether a parameter that an addition changes stays above its least value.
 
-    They are all values of a table, and of a form in symbols its size, with the phase and period of
-    a wave, the middle and width of a bump, or the beginning of a hinge.
+    A friction level below zero would be a force that drives the ram.
     """
-    name = f"added_{slot + 1}"
-    largest = max(abs(value) for value in addition.values)
-    reach = 10.0 * largest
-    probe = max(0.03 * largest, 0.1 * float(np.min(errors)) if len(errors) else 0.0)
-    found = [
-        Variable(name, f"y{k}", f"{name}_y{k}", probe, -reach, reach)
-        for k in range(len(addition.values))
-    ]
-    if addition.form == "wave":
-        pitch, phase = addition.at
+    if place.varying is None or not addition.values:
+        return True
+    least = min(addition.values) if addition.form == "table" else 0.0
+    lower = {each.name: each.lower for each in plant.parameters}
+    return all(values[name] + least >= lower[name] for name in place.varying.parameters)
+
+
+def addition_variables(
+    layout: Layout, additions: Sequence[Addition], which: Iterable[int]
+) -> tuple[Variable, ...]:
+    """Return the variables with which some of a model's additions are refitted.
+
+    They are all values of a table, and of a form in symbols its size, with the period and phase of
+    a wave, the middle and width of a bump, or the beginning of a hinge. Their name is `ADDED`, and
+    each key is the name of the parameter.
+
+    Args:
+        layout: how models of the plant hold additions.
+        additions: all additions of the model.
+        which: indices of those that are refitted.
+    """
+    found: list[Variable] = []
+    for index in which:
+        each = additions[index]
+        sizes, places = layout.names(additions, index)
+        largest = max(max(abs(value) for value in each.values), 1e-300)
+        steps = [(name, 0.03 * largest, -10.0 * largest, 10.0 * largest) for name in sizes]
+        if each.form == "wave":
+            pitch, phase = each.at
+            steps.append((places[0], 1e-3 * pitch, pitch / 1.3, pitch * 1.3))
+            steps.append((places[1], 0.03, phase - 10.0, phase + 10.0))
+        elif each.form == "bump":
+            middle, width = each.at
+            steps.append((places[0], 0.03 * width, middle - 2.0 * width, middle + 2.0 * width))
+            steps.append((places[1], 0.03 * width, width / 3.0, width * 3.0))
         found += [
-            Variable(name, "x0", f"{name}_x0", 1e-3 * pitch, pitch / 1.3, pitch * 1.3),
-            Variable(name, "x1", f"{name}_x1", 0.03, phase - 10.0, phase + 10.0),
-        ]
-    elif addition.form == "bump":
-        middle, width = addition.at
-        found += [
-            Variable(name, "x0", f"{name}_x0", 0.03 * width, middle - 2 * width, middle + 2 * width),
-            Variable(name, "x1", f"{name}_x1", 0.03 * width, width / 3.0, width * 3.0),
+            Variable(ADDED, name, name, probe, lower, upper) for name, probe, lower, upper in steps
         ]
     return tuple(found)
+
+
+def held_as(
+    layout: Layout, values: Values, additions: Sequence[Addition]
+) -> list[Addition]:
+    """Return a model's additions with the values that it has for them now."""
+    found = []
+    for index, each in enumerate(additions):
+        sizes, places = layout.names(additions, index)
+        found.append(
+            replace(
+                each,
+                values=tuple(float(values[name]) for name in sizes),
+                at=tuple(float(values[name]) for name in places),
+            )
+        )
+    return found
 
 
 def _distinct(ranked: Sequence[Explanation]) -> list[Explanation]:

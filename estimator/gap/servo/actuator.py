@@ -54,6 +54,7 @@ from rig.plant import (
 
 from .effects import EFFECTS, NOT_TOLD_APART, nuisances
 from .lanes import IN_LANES
+from .layout import ServoLayout
 from .memory import (
     BEHIND,
     COMMAND,
@@ -67,7 +68,6 @@ from .memory import (
     SEEN_2,
     parameters_of,
 )
-from .terms import held_terms, hold_terms
 
 STATES: Final = (
     "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
@@ -370,28 +370,33 @@ def _states(par: Parameters) -> tuple[State, ...]:
     )
 
 
+def _outputs(sensors: SensorParameters) -> tuple[Output, ...]:
+    return (
+        Output("position_m", "m", 1e-7, sensors.position_resolution, shown=("um", 1e6),
+               of=("position", "velocity", "direction")),
+        Output("pressure_1_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
+               sensors.pressure_max, ("kPa", 1e-3), ("pressure 1", "velocity")),
+        Output("pressure_2_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
+               sensors.pressure_max, ("kPa", 1e-3), ("pressure 2", "velocity")),
+        Output("spool_m", "m", sensors.spool_noise, 0.0, -sensors.spool_range,
+               sensors.spool_range, ("um", 1e6), ("spool opening",)),
+    )  # fmt: skip
+
+
 def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plant:
     """Return the servo-actuator with this model as a plant of the gap workflow.
 
     `sensors` is the data sheet of the transducers. The plant has no motions and no control loop of
     its own, and writes no model file: whoever needs these replaces `motions`, `loop` and `write`.
     """
-    known = quantities()
+    known, own = quantities(), Parameters._fields
+    outputs = _outputs(sensors)
     return Plant(
         name=model.name,
         states=_states(model.parameters),
         inputs=("command_V",),
         input_units=("V",),
-        outputs=(
-            Output("position_m", "m", 1e-7, sensors.position_resolution, shown=("um", 1e6),
-                   of=("position", "velocity", "direction")),
-            Output("pressure_1_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
-                   sensors.pressure_max, ("kPa", 1e-3), ("pressure 1", "velocity")),
-            Output("pressure_2_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
-                   sensors.pressure_max, ("kPa", 1e-3), ("pressure 2", "velocity")),
-            Output("spool_m", "m", sensors.spool_noise, 0.0, -sensors.spool_range,
-                   sensors.spool_range, ("um", 1e6), ("spool opening",)),
-        ),
+        outputs=outputs,
         parameters=tuple(
             Parameter(name, known[name].unit, known[name].lower, known[name].upper)
             if name in known
@@ -415,10 +420,10 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         shares=_shares,
         memories=("position_delay", "position_backlash"),
         not_told_apart=NOT_TOLD_APART,
-        hold_terms=hold_terms,
-        held_terms=held_terms,
         in_lanes=IN_LANES,
         measures=_measures,
         varying=VARYING,
-        slots=True,
+        layout=ServoLayout(
+            EQUATIONS, REGIONS, [channel.channel for channel in outputs], VARYING, own
+        ),
     )  # fmt: skip

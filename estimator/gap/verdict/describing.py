@@ -7,14 +7,26 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import Addition, Plant
-from estimator.gap.prediction import Discovered, Estimate, Fitter, Values, channel_gaps, mean_gap
-from estimator.gap.search import Discovery, Found, Search, addition_variables
+from estimator.gap.prediction import (
+    Curve,
+    Discovered,
+    Estimate,
+    Fitter,
+    Values,
+    channel_gaps,
+    mean_gap,
+)
+from estimator.gap.search import ADDED, Discovery, Found, Search, addition_variables
 
 from .choosing import Choice
-from .lexicon import LEXICON, is_leak, sentence, shape_of, si_unit_of
+from .lexicon import LEXICON, is_leak, likely_parts, shape_of
+from .sentences import NORMAL_95 as _NORMAL_95, quantity_unit, sentence, si_unit_of, unit_of
 
-_NORMAL_95: Final = 1.96
-_KEYS: Final = {"wave": ("pitch", "phase"), "bump": ("middle", "width"), "hinge": ("from", "")}
+_KEYS: Final = {"wave": ("pitch", "phase"), "bump": ("middle", "width"), "hinge": ("from",)}
+_POWERS: Final = {"x": 1, "|x|": 1, "hinge": 1, "x^2": 2, "x |x|": 2}
+"""Power of the quantity in a form in symbols, from which the unit of its size follows."""
+_DRAWN: Final = 121
+"""Number of points at which a form in symbols is drawn."""
 
 
 @dataclass(frozen=True)
@@ -47,38 +59,68 @@ def described_as(each: Discovery, plant: Plant) -> Discovered:
     """Return a disturbance with its shape's name, its units, and what it could be, in words."""
     addition = each.addition
     low, high = each.reach
-    word = LEXICON[shape_of(addition, low, high)]
+    name = shape_of(addition, low, high, plant)
     unit = si_unit_of(addition.place, plant)
     of_unit = plant.regions[addition.of].unit if addition.of in plant.regions else "s"
-    estimates: list[Estimate] = []
     is_table = addition.form == "table"
-    if not is_table:
-        reach = _NORMAL_95 * (each.errors[0] if each.errors else float("nan"))
-        size = addition.values[0]
-        estimates.append(Estimate("size", "", size, size - reach, size + reach, unit, 0.0))
-        for key, value in zip(_KEYS.get(addition.form, ()), addition.at, strict=False):
-            at_unit = "rad" if key == "phase" else of_unit
-            nan = float("nan")
-            estimates.append(Estimate(key, "", value, nan, nan, at_unit, 0.0))
     return Discovered(
-        word.name, addition.place, addition.of, addition.times, addition.form,
-        sentence(addition, word, plant, low, high), tuple(estimates),
+        name, addition.place, addition.of, addition.times, addition.form,
+        sentence(addition, name, each.errors, plant, low, high),
+        likely_parts(name, addition.place, plant),
+        () if is_table else _estimates(each, unit, of_unit),
         np.array(addition.at if is_table else ()), np.array(addition.values if is_table else ()),
         np.array(each.errors if is_table else ()), unit, of_unit if addition.of else "",
         each.explanation.gain, each.explanation.z, each.share,
         could_also_be=tuple(
-            _rival(rival.addition, each.reach if rival.shape.of == addition.of else None)
+            _rival(rival.addition, each.reach if rival.shape.of == addition.of else None, plant)
             for rival in each.rivals
         ),
         suspected_leak=is_leak(addition, low, high),
-        experiment=word.experiment,
+        experiment=LEXICON[name].experiment,
+        curve=_drawn(each, plant, unit, of_unit) if addition.of else None,
     )  # fmt: skip
 
 
-def _rival(addition: Addition, reach: tuple[float, float] | None) -> str:
+def _estimates(each: Discovery, unit: str, of_unit: str) -> tuple[Estimate, ...]:
+    """Return the size of a form in symbols and what else it has, with intervals, SI.
+
+    Only the size has an interval; the others' ends are NaN.
+    """
+    addition = each.addition
+    power = _POWERS.get(addition.form, 0)
+    per = f"{unit or '1'}/({of_unit})" + ("^2" if power == 2 else "") if power else unit
+    reach = _NORMAL_95 * (each.errors[0] if each.errors else float("nan"))
+    size = addition.values[0]
+    found = [Estimate("size", "", size, size - reach, size + reach, per, 0.0)]
+    nan = float("nan")
+    for key, value in zip(_KEYS.get(addition.form, ()), addition.at, strict=True):
+        found.append(Estimate(key, "", value, nan, nan, "rad" if key == "phase" else of_unit, 0.0))
+    return tuple(found)
+
+
+def _drawn(each: Discovery, plant: Plant, unit: str, of_unit: str) -> Curve:
+    """Return a disturbance as a curve against its quantity: at a table's knots, else in between."""
+    addition = each.addition
+    if addition.form == "table":
+        at, values = np.array(addition.at), np.array(addition.values)
+        errors = np.array(each.errors) if each.errors else np.full(len(at), np.nan)
+    else:
+        low, high = each.reach
+        at = np.linspace(low, high, _DRAWN)
+        values = addition.shape(at)
+        of_size = each.errors[0] / abs(addition.values[0]) if each.errors else np.nan
+        errors = np.abs(values) * of_size
+    return Curve(
+        addition.place, addition.of, at, values, errors, unit, of_unit,
+        unit_of(addition.place, plant), quantity_unit(addition.of, plant),
+        each.explanation.gain, each.share,
+    )  # fmt: skip
+
+
+def _rival(addition: Addition, reach: tuple[float, float] | None, plant: Plant) -> str:
     """Return another explanation in words: the name of its shape, its place and its quantity."""
     ends = reach or ((addition.at[0], addition.at[-1]) if len(addition.at) > 2 else (0.0, 1.0))
-    name = shape_of(addition, *ends)
+    name = shape_of(addition, *ends, plant)
     times = f" x {addition.times}" if addition.times else ""
     return f"{name} in {addition.place} of {addition.of or 'nothing'}{times}"
 
@@ -111,18 +153,12 @@ def kept_of(
     given = layout.additions(search.plant.nominal)
     additions = [*given, *(each.addition for each in held)]
     values = {**found.fitted.values, **layout.values(additions)}
-    own = [
-        variable
-        for slot, each in enumerate(held, len(given))
-        for variable in addition_variables(each.addition, slot, np.array(each.errors))
-    ]
-    others = [v for v in found.variables if not v.name.startswith("added_")]
+    own = addition_variables(layout, additions, range(len(given), len(additions)))
+    others = [v for v in found.variables if v.name != ADDED]
     return Kept(search.refits.settled(values, (*others, *own))[0].values, held)
 
 
-def measured(
-    discovered: Discovered, each: Discovery, fitter: Fitter, judged: Fitter
-) -> Discovered:
+def measured(discovered: Discovered, each: Discovery, fitter: Fitter, judged: Fitter) -> Discovered:
     """Return a disturbance with the held-out gap before it was added and with it."""
     gaps = channel_gaps(fitter.predictor, judged.records, each.before, each.after, fitter.pool)
     return replace(discovered, gap=mean_gap(gaps))

@@ -25,11 +25,6 @@ is located. This bound was chosen."""
 NOWHERE: Final = 0.3
 """Part of an excess that must be explained for the recordings to be those of this rig. It is more
 than each equation would explain if force, both flows and the spool were wrong alike."""
-PINNED: Final = 1e-3
-"""Part of a size's plausible range. A size that is nearer than this to an end of the range counts
-as being at that end. This bound was chosen: it is far less than the errors of fitted sizes."""
-SURE: Final = 2.0
-"""Standard deviations by which a growth of errors must exceed chance."""
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,26 @@
 """This module names a disturbance by its shape, in an engineer's words.
 
 A shape has a name, parts of a rig that make it, and an experiment that would confirm it. It says
-how a disturbance looks, not what its cause is.
+how a disturbance looks, not what its cause is. `sentences` puts a disturbance into a sentence.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Addition, Array, Plant
+from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Array, Plant
+
+from .sentences import si_unit_of
 
 LOCAL: Final = 0.4
 """Part of a quantity's range; a table that is large in less of it is local."""
 BENT: Final = 0.15
-"""Part of a table's reach by which it must leave a straight line for a bend to be named."""
+"""Part of a table's variance, or of its largest value, that counts as a mere ripple on a simpler
+shape."""
+_POINTS: Final = 201
+"""Number of evenly spaced places at which a disturbance is looked at."""
 
 
 @dataclass(frozen=True)
@@ -23,153 +29,326 @@ class Word:
 
     Attributes:
         name: name of the shape.
-        says: what the disturbance does, to be followed by its place.
-        parts: parts of a rig that make such a shape, likeliest first.
+        parts: parts of a rig that make such a shape, likeliest first, by the kind of place that it
+            enters (`kind_of`); "" for any other kind.
         experiment: what to run to confirm it.
     """
 
     name: str
-    says: str
-    parts: str
+    parts: Mapping[str, str]
     experiment: str
 
 
 _SLOW: Final = "slow strokes over the whole length, both ways"
+_TWO_SUPPLIES: Final = "the same motion at two supply pressures"
 LEXICON: Final = {
     word.name: word
     for word in (
-        Word("constant", "is constant", "a weight, a zero that is off, or a leak",
-             "the same motion with another load, and a rest at both ends"),
-        Word("periodic_in_position", "repeats along the stroke",
-             "cogging of a motor or rack, a screw, or an encoder that is eccentric",
-             f"{_SLOW}, at two speeds: the pitch stays the same in mm"),
-        Word("local_in_position", "acts at one place of the stroke",
-             "a tight spot, a worn or scored bore, or a damaged piece of the scale",
-             f"{_SLOW}, through that place"),
-        Word("grows_with_pressure", "grows with the pressure",
-             "a seal that is pressed on, or a part that gives way under pressure",
-             "the same motion at two supply pressures"),
-        Word("power_of_velocity", "grows with a power of the velocity",
-             "drag of oil in a line or port, or a damper", "strokes at three speeds"),
-        Word("depends_on_velocity", "goes with the velocity",
-             "friction of another form than the model's, or drag", "ramps from creep to full speed"),
-        Word("depends_on_position", "goes with the position",
-             "a spring, a stroke whose bore changes, or a scale that is not straight", _SLOW),
-        Word("depends_on_pressure", "goes with the pressure",
-             "air in the oil, a hose, or a transducer that is not straight",
-             "the same motion at two supply pressures"),
-        Word("depends_on_opening", "goes with the opening of the valve",
-             "edges of the spool that are not square, or worn", "slow strokes through null"),
-        Word("threshold", "begins at a threshold",
-             "a relief or check valve that opens, a stop, or a spring that is met",
-             "a motion that passes the threshold slowly"),
-        Word("tone", "is a tone", "a pump, a pulsation damper, or electrical hum",
-             "a rest with the pump on, then off"),
-        Word("trend", "drifts with time", "oil that warms, or an amplifier that drifts",
-             "the same motion cold and warm"),
-        Word("step_in_time", "changes at one moment", "something that came loose, or slipped",
-             "the same motion again: it stays as it was at the end"),
-        Word("lag", "is late", "a line, a filter, or slow electronics", "steps and fast sines"),
-        Word("resonance", "rings", "a pilot stage, a mass on a spring, or a line",
-             "a sweep through its frequency"),
-        Word("random_delay", "comes at random times",
-             "a bus or a controller that is overloaded", "small steps, many of them"),
-        Word("play", "follows with play", "a worn joint or a spool that sticks",
-             "small reversals"),
-        Word("saturation", "stops growing", "an amplifier or a valve at its end",
-             "large and small steps"),
-        Word("stuck_channel", "does not follow", "a transducer or cable that failed",
-             "a look at the channel alone"),
-        Word("mixed_up_channel", "is that of another channel", "cables that are swapped",
-             "a look at the cables"),
+        Word(
+            "constant",
+            {
+                "force": "a weight, a preloaded spring, or a seal whose friction is other",
+                "flow": "a leak, or a connection that is not shut",
+                "valve": "a spool that is off its centre",
+                "edges": "edges of the spool that are worn, or ground with another lap",
+                "reading": "a transducer whose zero is off",
+                "": "a value of the data sheet that does not hold",
+            },
+            "the same motion with another load, and a rest at both ends",
+        ),
+        Word(
+            "periodic_in_position",
+            {
+                "force": "the teeth of a rack, the pitch of a screw, or the poles of a motor",
+                "reading": "an encoder whose wheel is eccentric, or the teeth that it runs on",
+                "": "something that turns as the ram moves",
+            },
+            f"{_SLOW}, at two speeds: the pitch stays the same",
+        ),
+        Word(
+            "local_in_position",
+            {
+                "force": "a tight spot, a guide that is bent, or a seal that passes a burr",
+                "flow": "a bore that is worn or scored there",
+                "reading": "a damaged piece of the scale",
+                "": "a damaged place of the stroke",
+            },
+            f"{_SLOW}, through that place",
+        ),
+        Word(
+            "grows_with_pressure",
+            {
+                "force": "a seal that is pressed on by the pressure",
+                "flow": "a leak, or a hose that widens",
+                "reading": "a transducer whose gain is off, or that is not linear",
+                "oil": "air in the oil",
+                "": "a part that gives way under pressure",
+            },
+            _TWO_SUPPLIES,
+        ),
+        Word(
+            "power_of_velocity",
+            {
+                "force": "drag of oil in a line or port, or a damper",
+                "flow": "a narrow line or port",
+                "": "a flow through something narrow",
+            },
+            "strokes at three speeds",
+        ),
+        Word(
+            "depends_on_velocity",
+            {
+                "force": "friction whose course is other than the model's, or a damper",
+                "flow": "a seal that carries oil along, or a piston area that is other",
+                "reading": "a transducer that is late",
+                "": "something that moves with the ram",
+            },
+            "ramps from creep to full speed",
+        ),
+        Word(
+            "depends_on_position",
+            {
+                "force": "a spring, a load that hangs over, or a bore that narrows",
+                "flow": "a bore that is worn, or a volume other than the model's",
+                "reading": "a scale that is not straight",
+                "": "something that changes along the stroke",
+            },
+            _SLOW,
+        ),
+        Word(
+            "depends_on_pressure",
+            {
+                "force": "seals that are pressed on, or unequal piston areas",
+                "flow": "air in the oil, a hose, or a valve that opens",
+                "reading": "a transducer that is not linear",
+                "oil": "air in the oil, or a hose",
+                "": "a part that gives way under pressure",
+            },
+            _TWO_SUPPLIES,
+        ),
+        Word(
+            "depends_on_opening",
+            {
+                "flow": "edges of the spool that are worn, or not square",
+                "valve": "edges of the spool that are worn, or not square",
+                "edges": "edges of the spool that are worn, or not square",
+                "reading": "crosstalk of the valve's command into the transducer's cable",
+                "": "the valve or its amplifier",
+            },
+            "slow strokes through null",
+        ),
+        Word(
+            "depends_on_a_quantity",
+            {"": "something that the model does not have"},
+            "a motion in which this quantity changes and all others stay",
+        ),
+        Word(
+            "threshold",
+            {
+                "force": "a stop or a spring that is met, or a cushion",
+                "flow": "a relief or check valve that opens",
+                "valve": "a spool that is held until it is asked to go far",
+                "": "something that opens or is met there",
+            },
+            "a motion that passes the threshold slowly",
+        ),
+        Word(
+            "tone",
+            {
+                "flow": "the strokes of a pump, or a pulsation damper",
+                "supply": "the strokes of a pump, or a controller of it that hunts",
+                "force": "a machine beside the rig, or something that turns on it",
+                "": "hum of the mains, or a pump",
+            },
+            "a rest with the pump on, then off",
+        ),
+        Word(
+            "trend",
+            {
+                "reading": "a transducer or amplifier that drifts",
+                "valve": "an amplifier that drifts, or a valve that warms",
+                "": "oil that warms",
+            },
+            "the same motion cold and warm",
+        ),
+        Word(
+            "step_in_time",
+            {
+                "reading": "a transducer that was knocked, or a connector that slipped",
+                "flow": "a leak that opened",
+                "": "something that came loose or slipped",
+            },
+            "the same motion again: it stays as it was at the end",
+        ),
+        Word(
+            "lag",
+            {"": "a filter, slow electronics, or a long line to the transducer"},
+            "steps and fast sines",
+        ),
+        Word(
+            "resonance",
+            {"": "a pilot stage, a mass on a spring, or a line"},
+            "a sweep through its frequency",
+        ),
+        Word(
+            "random_delay",
+            {"": "a bus or a controller that is overloaded"},
+            "small steps, many of them",
+        ),
+        Word(
+            "play",
+            {"valve": "a spool that sticks, or hysteresis of its magnet",
+             "": "a worn joint, or a coupling with play"},
+            "small reversals",
+        ),
+        Word(
+            "saturation",
+            {"": "an amplifier or a valve at its end"},
+            "large and small steps",
+        ),
+        Word(
+            "stuck_channel",
+            {"": "a transducer or cable that failed"},
+            "a look at the channel alone",
+        ),
+        Word(
+            "mixed_up_channel",
+            {"": "cables that are swapped"},
+            "a look at the cables",
+        ),
     )
 }  # fmt: skip
+"""All shapes by name. Curves show no `resonance`, `random_delay`, `stuck_channel` and
+`mixed_up_channel`: whoever finds these in another way names them so."""
 
 
-def shape_of(addition: Addition, low: float, high: float) -> str:
+def likely_parts(name: str, place: str, plant: Plant) -> str:
+    """Return which parts of a rig make a shape with this name at a place, in words."""
+    parts = LEXICON[name].parts
+    return parts.get(kind_of(place, plant), parts.get("", next(iter(parts.values()))))
+
+
+_KINDS: Final = {
+    "spool": "valve", "valve edges": "edges", "null of the spool": "valve",
+    "spool per volt": "valve", "discharge coefficient": "valve", "command": "valve",
+    "friction level": "force", "viscous friction": "force", "payload": "force",
+    "bulk modulus": "oil", "supply pressure": "supply", "return pressure": "supply",
+}  # fmt: skip
+"""Kinds of places that their units do not tell, by the names that the servo-actuator gives them."""
+_BY_UNIT: Final = {"N": "force", "N m": "force", "m^3/s": "flow", "m^3/(s Pa^0.5)": "flow"}
+
+
+def kind_of(place: str, plant: Plant) -> str:
+    """Return the kind of a place: force, flow, valve, edges, reading, oil, supply, or ""."""
+    if place.startswith(("reading of ", "gain of ")):
+        return "reading"
+    return _KINDS.get(place, _BY_UNIT.get(si_unit_of(place, plant), ""))
+
+
+def shape_of(addition: Addition, low: float, high: float, plant: Plant) -> str:
     """Return the name of an addition's shape, from its form and what it depends on.
 
     Args:
         addition: the disturbance.
         low: least value of its quantity in the recordings, SI.
         high: greatest value.
+        plant: plant that the disturbance belongs to.
     """
-    of, form = addition.of, addition.form
+    form, times = addition.form, addition.times
+    sort = _sort_of(addition.of, plant)
+    turns = DIRECTION in (addition.of, times)
+    if turns and (form == "constant" or addition.of == DIRECTION):
+        is_play = kind_of(addition.place, plant) in ("reading", "valve")
+        return "play" if is_play else "depends_on_velocity"
+    if not addition.of or form == "constant":
+        return "constant"
     if form == "wave":
-        return "tone" if of == "time" else "periodic_in_position"
+        return "tone" if sort == "time" else "periodic_in_position"
     if form == "bump":
-        return "local_in_position" if of == "position" else _general(of)
+        return "local_in_position" if sort == "position" else _general(sort)
     if form == "hinge":
         return "threshold"
-    if not of or form == "constant":
-        return "constant"
-    x = np.linspace(low, high, 201)
+    x = np.linspace(low, high, _POINTS)
     y = addition.shape(x)
-    if of == "time":
+    if sort == "time":
         return "step_in_time" if _is_step(x, y) else "trend"
+    if sort == "velocity" and _is_late(addition.place, plant, x, y):
+        return "lag"
     if form == "table":
-        return _of_table(of, x, y)
-    if of == "velocity" and form in ("x^2", "x |x|"):
+        return _of_table(sort, x, y)
+    if sort == "velocity" and form in ("x^2", "x |x|"):
         return "power_of_velocity"
-    if of.startswith("pressure") and float(np.ptp(np.abs(y))) > 0.0:
-        return "grows_with_pressure"
-    return _general(of)
+    return "grows_with_pressure" if sort == "pressure" else _general(sort)
 
 
-def _general(of: str) -> str:
-    if of.startswith("pressure"):
-        return "depends_on_pressure"
-    if of in ("velocity", "direction"):
-        return "depends_on_velocity"
-    if of in ("spool opening", "command"):
-        return "depends_on_opening"
-    return "depends_on_position" if of == "position" else "constant"
+def _sort_of(of: str, plant: Plant) -> str:
+    """Return the sort of a quantity: time, velocity, position, pressure or opening; else ""."""
+    if of == TIME_NAME:
+        return "time"
+    if of in ("spool opening", *plant.inputs) or of == "command":
+        return "opening"
+    if of == DIRECTION:
+        return "velocity"
+    unit = plant.regions[of].unit if of in plant.regions else ""
+    sorts = {"m/s": "velocity", "rad/s": "velocity", "m": "position", "rad": "position",
+             "Pa": "pressure"}  # fmt: skip
+    return sorts.get(unit, "")
 
 
-def _of_table(of: str, x: Array, y: Array) -> str:
+def _general(sort: str) -> str:
+    return f"depends_on_{sort or 'a_quantity'}"
+
+
+def _of_table(sort: str, x: Array, y: Array) -> str:
     """Return the name of the shape of a table with values y (n,) at evenly spaced places x (n,)."""
     reach = float(np.ptp(y))
-    if not reach > 0.0:
+    if not reach > BENT * float(np.abs(y).max()):
         return "constant"
-    if reach < BENT * float(np.abs(y).max()):
-        return "constant"
-    edge = 0.5 * (y[0] + y[-1])
-    away = np.abs(y - edge)
-    if of == "position":
+    if sort == "position":
+        away = np.abs(y - 0.5 * (y[0] + y[-1]))
         near = float(np.mean(away > 0.5 * away.max()))
-        ends = abs(y[0] - y[-1]) < 0.5 * away.max()
-        return "local_in_position" if near < LOCAL and ends else "depends_on_position"
-    if of.startswith("pressure"):
-        if _is_hinge(x, y):
-            return "threshold"
-        rising = float(np.mean(np.diff(np.abs(y)) >= -0.02 * reach))
-        return "grows_with_pressure" if rising > 0.8 else "depends_on_pressure"
-    if of == "velocity":
-        speeds = np.abs(x)
-        curved = np.column_stack([np.sign(x) * speeds**2, np.ones_like(x)])
-        rest = y - curved @ np.linalg.lstsq(curved, y, rcond=None)[0]
-        if float(np.var(rest)) < BENT * float(np.var(y)):
+        if near < LOCAL and abs(y[0] - y[-1]) < 0.5 * away.max():
+            return "local_in_position"
+    if sort in ("pressure", "position", "") and (_is_hinge(x, y) or _is_hinge(-x[::-1], y[::-1])):
+        return "threshold"
+    if sort == "pressure":
+        falls = -float(np.minimum(np.diff(np.abs(y)), 0.0).sum())
+        return "grows_with_pressure" if falls < BENT * reach else "depends_on_pressure"
+    if sort == "velocity":
+        squared = float(np.var(_left(y, x * np.abs(x))))
+        if squared < min(BENT * float(np.var(y)), 0.5 * float(np.var(_left(y, x)))):
             return "power_of_velocity"
-    if of == "command" and _is_flat_outside(x, y):
+    if sort == "opening" and _is_flat_outside(x, y):
         return "saturation"
-    return _general(of)
+    return _general(sort)
+
+
+def _left(y: Array, *shapes: Array) -> Array:
+    """Return what a constant and some shapes (n,) leave of a curve y (n,) by least squares."""
+    columns = np.column_stack([*shapes, np.ones_like(y)])
+    return np.asarray(y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0])
+
+
+def _is_late(place: str, plant: Plant, x: Array, y: Array) -> bool:
+    """Return whether an error of a position's reading is proportional to the velocity."""
+    outputs = {f"reading of {each.channel}": each.unit for each in plant.outputs}
+    if outputs.get(place) not in ("m", "rad"):
+        return False
+    slope = float(x @ y) / max(float(x @ x), 1e-300)
+    return slope < 0.0 and float(np.square(y - slope * x).sum()) < BENT * float(y @ y)
 
 
 def _is_hinge(x: Array, y: Array) -> bool:
     """Return whether a curve is flat at first and then rises, much better than a straight line."""
-    line = np.column_stack([x, np.ones_like(x)])
-    straight = float(np.sum((y - line @ np.linalg.lstsq(line, y, rcond=None)[0]) ** 2))
-    best = straight
-    for at in x[30:-20:10]:
-        bent = np.column_stack([np.maximum(x - at, 0.0), np.ones_like(x)])
-        best = min(best, float(np.sum((y - bent @ np.linalg.lstsq(bent, y, rcond=None)[0]) ** 2)))
-    return best < 0.3 * straight and straight > 0.02 * float(np.sum((y - y.mean()) ** 2))
+    straight = float(np.sum(_left(y, x) ** 2))
+    bends = x[int(0.2 * len(x)) : -int(0.1 * len(x)) : 5]
+    best = min(float(np.sum(_left(y, np.maximum(x - at, 0.0)) ** 2)) for at in bends)
+    return best < 0.1 * straight and straight > 0.02 * float(np.sum((y - y.mean()) ** 2))
 
 
 def _is_step(x: Array, y: Array) -> bool:
     """Return whether a course in time is one step, much better than a straight line."""
-    line = np.column_stack([x, np.ones_like(x)])
-    straight = float(np.sum((y - line @ np.linalg.lstsq(line, y, rcond=None)[0]) ** 2))
+    straight = float(np.sum(_left(y, x) ** 2))
     steps = (
         float(np.sum((y[:k] - y[:k].mean()) ** 2) + np.sum((y[k:] - y[k:].mean()) ** 2))
         for k in range(20, len(y) - 20, 5)
@@ -179,72 +358,10 @@ def _is_step(x: Array, y: Array) -> bool:
 
 def _is_flat_outside(x: Array, y: Array) -> bool:
     """Return whether a curve rises in the middle and is flat at both ends."""
-    third = len(x) // 4
-    middle = abs(float(y[2 * third] - y[third])) + abs(float(y[3 * third] - y[2 * third]))
-    ends = abs(float(y[third] - y[0])) + abs(float(y[-1] - y[3 * third]))
+    quarter = len(x) // 4
+    middle = abs(float(y[3 * quarter] - y[quarter]))
+    ends = abs(float(y[quarter] - y[0])) + abs(float(y[-1] - y[3 * quarter]))
     return ends < 0.25 * middle
-
-
-def sentence(addition: Addition, word: Word, plant: Plant, low: float, high: float) -> str:
-    """Return what a disturbance is, in one sentence with units, and what makes it.
-
-    Args:
-        addition: the disturbance.
-        word: its entry in the lexicon.
-        plant: plant that it belongs to.
-        low: least value of its quantity in the recordings, SI.
-        high: greatest value.
-    """
-    unit, factor = unit_of(addition.place, plant)
-    x = np.linspace(low, high, 201) if addition.of else np.zeros(1)
-    y = addition.shape(x)
-    top = int(np.argmax(np.abs(y)))
-    of_unit, of_factor = quantity_unit(addition.of, plant)
-    size = f"{y[top] * factor:.3g} {unit}".strip()
-    what = f"{addition.place}: a disturbance that {word.says}"
-    if addition.form == "wave":
-        pitch = f"{addition.at[0] * of_factor:.4g} {of_unit}"
-        what += f", {abs(addition.values[0]) * factor:.3g} {unit} with a pitch of {pitch}"
-    elif addition.form == "hinge":
-        begins = f"{addition.at[0] * of_factor:.4g} {of_unit}"
-        what += f", from {addition.of} {begins} on; up to {size}"
-    elif addition.of:
-        at = f"{x[top] * of_factor:.4g} {of_unit}"
-        what += f" ({addition.of}{' and the direction' if addition.times else ''}), {size} at {at}"
-    else:
-        what += f", {size}"
-    return f"{what}. It could be {word.parts}."
-
-
-def unit_of(place: str, plant: Plant) -> tuple[str, float]:
-    """Return the unit in which a disturbance of a place is shown, and its number in one SI unit."""
-    for equation in plant.equations:
-        if equation.name == place:
-            return equation.shown
-    for varying in plant.varying:
-        if varying.name == place:
-            return varying.shown
-    for output in plant.outputs:
-        if place == f"reading of {output.channel}":
-            return output.shown or (output.unit, 1.0)
-    return "", 1.0
-
-
-def si_unit_of(place: str, plant: Plant) -> str:
-    """Return the SI unit of a disturbance of a place."""
-    places = {
-        **{each.name: each.unit for each in plant.equations},
-        **{each.name: each.unit for each in plant.varying},
-        **{f"reading of {each.channel}": each.unit for each in plant.outputs},
-    }
-    return places.get(place, "")
-
-
-def quantity_unit(of: str, plant: Plant) -> tuple[str, float]:
-    """Return the unit in which a quantity is shown, and its number in one SI unit."""
-    if of in plant.regions:
-        return plant.regions[of].shown
-    return ("s", 1.0) if of == "time" else ("", 1.0)
 
 
 _LEAKING: Final = {"flow, chamber 1": ("pressure 1", -1.0), "flow, chamber 2": ("pressure 2", -1.0)}

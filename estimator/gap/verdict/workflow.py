@@ -224,9 +224,7 @@ def _search(
         for named in found.named
     ]  # fmt: skip
     result.refitted = [
-        _estimate(plant, found, v, known.errors)
-        for v in found.variables
-        if not v.key
+        _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
     ]
     if worse is not None:
         names = " and ".join(named.effect for named in found.named)

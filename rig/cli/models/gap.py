@@ -66,16 +66,29 @@ class ManyHeldOut(click.Command):
     type=click.Path(path_type=Path),
     help="YAML: how the files name each channel of the rig, and in which unit.",
 )
+@click.option(
+    "--no-discovered",
+    is_flag=True,
+    help="Leave out of model.yaml what no effect of the catalogue explains; it is reported still.",
+)
+@click.option(
+    "--accept-leaks",
+    is_flag=True,
+    help="Let model.yaml have what is suspected to be a leak; the detector will not see it then.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One object instead of a table.")
 def command(**options: Any) -> int:
-    """Find where a model and recordings disagree, name what the model lacks, and add it.
+    """Find where a model and recordings disagree, say what the model lacks, and add it.
 
-    Recordings are .mcap, .csv, .csv.gz or .parquet, a row every 0.1 ms to 1 s (0.1 s of the rig);
+    Recordings are .mcap, .csv, .csv.gz or .parquet, a row every 0.1 ms to 1 ms (1 s with --plant);
     gaps, uneven rows and empty cells are missing readings. The model is a shipped name or a file.
     Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
-    their tolerances first. DIR/model.yaml is the model with the missing effects added, or the given
-    model where the additions would predict worse; DIR/report.html is one page with the whole story,
-    DIR/gap.json holds all figures. Where the recordings do not show which of two effects is missing
+    their tolerances first. Then effects of the catalogue are tried, and what they do not explain is
+    discovered: disturbances of an equation, a reading or a parameter as curves, with units, that
+    predict what they were not fitted to. DIR/model.yaml is the model with both added, except what
+    looks like a leak, or the given model where the additions would predict worse; DIR/report.html
+    is one page with the whole story, DIR/gap.json holds all figures. What is being tried is told on
+    stderr. Where the recordings do not show which of two effects is missing
     and some motion would, DIR/experiment.yaml is the campaign that settles the question.
 
     With --live --rig RIG no recordings are given: strokes, steps and slow reversals are run on the

@@ -9,7 +9,7 @@ from typing import Any, Final
 import click
 import yaml
 
-from estimator.gap import GapResult
+from estimator.gap import GapResult, Wanted
 from rig.cli.application import EXIT_CRASHED
 from rig.cli.rig_failures import require_possible_pace
 from rig.configuration import Rig
@@ -42,7 +42,14 @@ def show_motions(rig: Rig, assumed: Model) -> int:
 
 
 def close_on_rig(
-    rig: Rig, given: Model, pace: Pace | None, rounds: int, out: Path, *, as_json: bool
+    rig: Rig,
+    given: Model,
+    pace: Pace | None,
+    rounds: int,
+    out: Path,
+    wanted: Wanted,
+    *,
+    as_json: bool,
 ) -> GapResult:
     """Close the gap of a model by motions on a rig, and return the result.
 
@@ -52,6 +59,7 @@ def close_on_rig(
         pace: the pace that the user asks for; None for the rig's own.
         rounds: the most rounds of motions and revisions.
         out: new or empty folder for the recordings.
+        wanted: what the revised model may hold of what is discovered.
         as_json: whether the screen stays silent.
 
     Raises:
@@ -66,8 +74,8 @@ def close_on_rig(
     with experiment(rig, pace, out, as_json=as_json) as (_, stop, progress):
         try:
             return close_gap(
-                rig, given, out, rounds=rounds, pace=pace, observer=progress, stop=stop,
-                worker=apart, seed=seed,
+                rig, given, out, rounds=rounds, wanted=wanted, pace=pace, observer=progress,
+                stop=stop, worker=apart, seed=seed,
             )  # fmt: skip
         except ApartError as error:
             click.echo(f"rig: nothing was found: {error}; recordings are in {out}", err=True)

@@ -1,4 +1,3 @@
-from .additions import addition_of as addition_of, term_of as term_of
 from .columns import load_columns as load_columns
 from .discovered import term_lines as term_lines
 from .model import (

@@ -7,9 +7,8 @@ the plant. The plant's slots hold all of these terms.
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from estimator.gap import SLOTS, Addition, Plant, PlantDescription
+from estimator.gap import SLOTS, Addition, Plant, PlantDescription, as_addition, as_term
 from rig.configuration.reading import Located, Problems, shown
-from rig.plant import AddedTerm
 
 from .discovered import KEY, Vocabulary, lines_of, read_term
 
@@ -47,34 +46,11 @@ def read_additions(root: Located, known: Vocabulary, problems: Problems) -> list
         limit = f"is not a list of at most {SLOTS} terms"
         problems.add(section.place, section.name, shown(section), limit, _EXAMPLE)
     terms = [read_term(entry, known, problems) for entry in entries]
-    return [addition_of(term) for term in terms if term is not None]
+    return [as_addition(term) for term in terms if term is not None]
 
 
 def written_additions(plant: Plant, values: Mapping[str, float]) -> Iterator[str]:
     """Yield the lines of a model file with the additions in these values of all parameters."""
     if plant.layout is not None:
-        terms = [term_of(each) for each in plant.layout.additions(values)]
+        terms = [as_term(each) for each in plant.layout.additions(values)]
         yield from lines_of(terms, vocabulary(plant))
-
-
-def addition_of(term: AddedTerm) -> Addition:
-    """Return the addition that a slot holds for a term of a model file; `term_of` inverts it."""
-    times = _DIRECTION if term.turned else ""
-    if term.form == "table":
-        at, values = zip(*term.knots, strict=True)
-        scaled = tuple(term.size * value for value in values)
-        return Addition(term.place, term.of, times, "table", at, scaled)
-    form = "constant" if term.form == "1" else term.form
-    count = {"wave": 2, "bump": 2, "hinge": 1}.get(form, 0)
-    return Addition(term.place, term.of, times, form, (term.at, term.by)[:count], (term.size,))
-
-
-def term_of(addition: Addition) -> AddedTerm:
-    """Return the term of a model file for an addition in a slot."""
-    turned = addition.times == _DIRECTION
-    form = "1" if addition.form == "constant" else addition.form
-    if form == "table":
-        knots = tuple(zip(addition.at, addition.values, strict=True))
-        return AddedTerm(addition.place, addition.of, form, turned, 1.0, knots=knots)
-    at, by = (*addition.at, 0.0, 0.0)[:2]
-    return AddedTerm(addition.place, addition.of, form, turned, addition.values[0], at, by)

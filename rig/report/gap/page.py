@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from estimator.gap import ChannelGap, Curve, FreeRun, GapResult, Plant
+from estimator.gap import ChannelGap, Curve, Discovered, FreeRun, GapResult, Plant
 from rig.report.templating import numbers, rendered
 from rig.runner.outcomes import versions
 
@@ -74,6 +74,13 @@ def figures_of(result: GapResult) -> dict[str, Any]:
         f"curve_{number}": _curve(curve, None if result.as_given else _same(result.rest, curve))
         for number, curve in enumerate(drawn_curves(result))
     }
+    for number, each in enumerate(result.discovered):
+        if each.curve is not None:
+            drawn[f"found_{number}"] = _disturbance(each, each.curve)
+    for number, effect in enumerate(result.effects):
+        correction = effect.correction
+        if correction is not None and correction.curve is not None:
+            drawn[f"corrected_{number}"] = _disturbance(correction, correction.curve)
     if result.channels:
         drawn["gap"] = _bars(result.channels)
     if result.channels and result.channels[0].bands:
@@ -96,6 +103,21 @@ def _curve(curve: Curve, rest: Curve | None) -> dict[str, Any]:
         "traces": traces,
         "across": f"{curve.region}, {curve.region_shown[0]}",
         "up": f"{curve.equation}, {curve.shown[0]}",
+    }
+
+
+def _disturbance(each: Discovered, curve: Curve) -> dict[str, Any]:
+    """Return the plot of a discovered disturbance; of a table, its knots are marked."""
+    role = "found" if each.in_model else "bad"
+    line = _line(curve, "disturbance", role) | {
+        "mode": "lines+markers" if each.form == "table" else "lines"
+    }
+    band = [_band(curve, role)] if np.isfinite(curve.errors).all() else []
+    turned = " while extending" if each.times == "direction" else ""
+    return {
+        "traces": [*band, line],
+        "across": f"{curve.region}, {curve.region_shown[0]}".rstrip(", "),
+        "up": f"{each.place}{turned}, {curve.shown[0]}".rstrip(", "),
     }
 
 

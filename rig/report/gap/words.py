@@ -10,6 +10,7 @@ from estimator.gap import (
     ChannelGap,
     Curve,
     DetectionLimit,
+    Discovered,
     Estimate,
     GapResult,
     NamedEffect,
@@ -22,6 +23,12 @@ VERDICT_WORDS: Final = {
     "unknown_effect": "Something is missing that the catalogue does not have",
     "inconclusive": "These recordings do not tell",
 }
+_ALL: Final = 0.98
+"""Part of the excess from which on all of it counts as explained."""
+_TRIFLE: Final = 0.1
+"""Gap in noise variances below which the page does not say where it is."""
+_SOME: Final = 0.1
+"""Least part of what is left that a place must explain so that the page names it."""
 _PREFIXES: Final = {
     "Pa": (("MPa", 1e-6), ("kPa", 1e-3), ("Pa", 1.0)),
     "m": (("m", 1.0), ("mm", 1e3), ("um", 1e6)),
@@ -120,10 +127,57 @@ def _named(effect: NamedEffect) -> str:
     return f"{name} (or {others}: these recordings cannot tell)" if others else name
 
 
+def extent(each: Discovered) -> str:
+    """Return how large a discovered disturbance is: its numbers, or the ends of its table."""
+    if each.estimates:
+        return ", ".join(f"{in_words(one.key)} {estimated(one)}" for one in each.estimates)
+    if each.curve is None:
+        return ""
+    unit, factor = each.curve.shown
+    low, high = (number(float(end) * factor) for end in (min(each.values), max(each.values)))
+    return f"{low} to {high} {unit}".strip()
+
+
+def knots(each: Discovered) -> Iterator[tuple[str, str]]:
+    """Yield position and value, with its 95 % interval, of each knot of a discovered table."""
+    if each.curve is None:
+        return
+    factor, of_factor = each.curve.shown[1], each.curve.region_shown[1]
+    for at, value, error in zip(each.at, each.values, each.errors, strict=True):
+        half = 1.96 * float(error) * factor
+        interval = f" ± {number(half, 2)}" if isfinite(half) else ""
+        yield number(float(at) * of_factor), f"{number(float(value) * factor)}{interval}"
+
+
+def _discovered(result: GapResult) -> str:
+    """Return what was discovered, in the middle of a sentence: briefly if it is not one alone."""
+    if len(result.discovered) == 1 and not result.effects:
+        (only,) = result.discovered
+        return f"{only.what[0].lower()}{only.what[1:]}"
+    return "; ".join(f"a disturbance of the {called(each)}" for each in result.discovered)
+
+
+def called(each: Discovered) -> str:
+    """Return where a discovered disturbance enters, with the name of its shape."""
+    return f"{each.place} ({in_words(each.name)})"
+
+
+def _explains(result: GapResult) -> str:
+    """Return how much all that is claimed explains, if that is not everything; else ""."""
+    if not (isfinite(result.accounted) and result.accounted < _ALL):
+        return ""
+    return f". This explains {share(result.accounted)} of the excess, nothing known the rest"
+
+
 def headline(result: GapResult) -> str:
-    """Return the result of a gap search in one sentence."""
+    """Return the result of a gap search in one sentence, or two if something stays unexplained."""
     if result.verdict == "missing_effect":
-        return f"The model lacks {'; '.join(_named(each) for each in result.effects)}."
+        named = "; ".join(_named(each) for each in result.effects)
+        besides = f"; besides, {_discovered(result)}" if result.discovered else ""
+        return f"The model lacks {named}{besides}{_explains(result)}."
+    if result.verdict == "unknown_effect" and result.discovered:
+        what = "Something is missing that the catalogue does not have"
+        return f"{what}: {_discovered(result)}{_explains(result)}."
     if result.verdict == "unknown_effect":
         curve = result.rest[0] if result.rest else None
         if curve is None or curve.share < NOWHERE:
@@ -150,15 +204,40 @@ def gap_words(result: GapResult) -> str:
         return f"{words}; the model is written as given."
     words = f"{words} before, {number(after)} after"
     part = shrunk(result)
-    if result.effects and isfinite(part) and part > 0.0:
+    if (result.effects or result.discovered) and isfinite(part) and part > 0.0:
         return f"{words}; {floor(1000.0 * part) / 10.0:g} % of it is gone."
     return f"{words}."
 
 
+def left_words(result: GapResult) -> Iterator[str]:
+    """Yield what the model written leaves on recordings held out, with units, and where that is.
+
+    Nothing is yielded if the gap was not measured.
+    """
+    if not (result.channels and isfinite(result.gap_after)):
+        return
+    channels = ", ".join(
+        f"{channel(gap.channel)} {with_unit(gap.rms_after, gap.unit)}" for gap in result.channels
+    )
+    words = (
+        f"What is left: {excess(result.gap_after)} noise variances above the floor, as rms "
+        f"{channels}"
+    )
+    curve = result.rest[0] if result.rest else None
+    if result.gap_after < _TRIFLE or curve is None or not curve.share > _SOME:
+        yield f"{words}."
+        return
+    yield (
+        f"{words}; of what is left in the recordings fitted to, {share(curve.share)} goes with the "
+        f"{curve.region}, in the {curve.equation}."
+    )
+
+
 def found_in(ended: Round) -> str:
-    """Return in words the effects that are known at the end of a round, else its verdict."""
-    named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in ended.effects)
-    return named or VERDICT_WORDS[ended.verdict].lower()
+    """Return in words what is known to be missing at the end of a round, else its verdict."""
+    named = [f"{or_else(each)}, {sizes(each)}" for each in ended.effects]
+    named += [f"{in_words(each.name)} in {each.where}" for each in ended.discovered]
+    return "; ".join(named) or VERDICT_WORDS[ended.verdict].lower()
 
 
 def checked_in(ended: Round) -> str:
@@ -167,10 +246,11 @@ def checked_in(ended: Round) -> str:
     if check is None:
         return "not checked: " + (
             "there was nothing to revise"
-            if not ended.effects
+            if not (ended.effects or ended.discovered)
             else "it could be settled first which effect it is"
         )
-    missing = f": {', '.join(map(in_words, check.effects))}" if check.effects else ""
+    lacks = [*map(in_words, check.effects), *check.discovered]
+    missing = f": {', '.join(lacks)}" if lacks else ""
     return (
         f"{VERDICT_WORDS[check.verdict].lower()}{missing}; error above the noise floor "
         f"{number(check.gap_before)} before, {number(check.gap_after)} after, noise variances"

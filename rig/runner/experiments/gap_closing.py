@@ -10,9 +10,9 @@ end when a model is adequate, when nothing more can be found, or at the greatest
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, ParamSpec, TypeVar
+from typing import Concatenate, Final, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from estimator.gap import (
     Predictor,
     Round,
     Separation,
+    Wanted,
     channel_gaps,
     find_gap,
     growth,
@@ -36,16 +37,17 @@ from estimator.gap import (
 from faults import Campaign
 from rig.configuration import Rig
 from rig.loop import StopRequestedError, TripError
-from rig.plant import Model, Parameters
+from rig.plant import Model
 from rig.recording import Recording, read_recording
 from rig.runner.campaign import Bench, Pace, StopFlag, bench_of
 from rig.runner.outcomes import EXIT_STOPPED, Observer
 
+from .gap_additions import with_terms
 from .gap_motions import EXPERIMENT_S
 from .gap_plan import Programme, motions_campaign, room_of
 from .gap_results import rig_plant
 from .parts import ExperimentStoppedError, Parts
-from .worker_process import Worker, at_once
+from .worker_process import Said, Worker, at_once
 
 ROUNDS: Final = 4
 """Greatest number of rounds: the programme, two experiments, and one round after a check."""
@@ -68,12 +70,14 @@ class Question:
         model: the model to be tested.
         among: names of the effects to look for; all of the catalogue if empty.
         experiment_s: duration of a motion that distinguishes effects, s.
+        wanted: what the revised model may hold of what is discovered.
     """
 
     rig: Rig
     model: Model
     among: tuple[str, ...] = ()
     experiment_s: float = EXPERIMENT_S
+    wanted: Wanted = field(default_factory=Wanted)
 
     def plant(self) -> Plant:
         """Return the rig with the model, and the effects to look for, as the workflow's `Plant`."""
@@ -84,29 +88,38 @@ class Question:
         return replace(plant, effects={name: plant.effects[name] for name in self.among})
 
 
-def answer_to(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+def answer_to(
+    said: Said, question: Question, fitted: Sequence[Path], held: Sequence[Path]
+) -> GapResult:
     """Return the result of the gap search for a model.
 
     A recording that cannot be read, or lacks one of `CHANNELS`, raises RecordingError.
 
     Args:
+        said: is told in words what is being done.
         question: rig, model, and effects to look for.
         fitted: files of the recordings that the model is fitted to.
         held: files of the recordings that are held out.
     """
-    return find_gap(_read(fitted), _read(held), question.plant())
+    plant = question.plant()
+    return find_gap(_read(fitted), _read(held), plant, wanted=question.wanted, said=said)
 
 
 def checked(
-    question: Question, found: GapResult, fresh: Sequence[Path], held: Sequence[Path]
+    said: Said,
+    question: Question,
+    found: GapResult,
+    fresh: Sequence[Path],
+    held: Sequence[Path],
 ) -> tuple[Check, GapResult]:
     """Return the check of a revised model on new recordings, and the result with its gap on them.
 
     The result is that of the search, but with the new recordings in place of the held-out ones and
     with the gap on them. If the revised model predicts the new recordings worse than the given one,
-    the effects and the refit are taken back in it.
+    the effects, what was discovered and the refit are taken back in it.
 
     Args:
+        said: is told in words what is being done.
         question: rig, given model, and effects to look for.
         found: result of the gap search, from which the revised model follows; it is not changed.
         fresh: files of recordings that were made after the model was revised.
@@ -114,7 +127,7 @@ def checked(
     """
     plant, recordings = question.plant(), _read(fresh)
     revised = replace(question, model=revised_model(question.model, found))
-    again = find_gap(recordings, _read(held), revised.plant())
+    again = find_gap(recordings, _read(held), revised.plant(), wanted=question.wanted, said=said)
     records = usable([record_of(recording, plant) for recording in recordings], plant)
     predictor, given = Predictor(plant), plant.nominal
     found = replace(found, reasons=list(found.reasons))
@@ -126,13 +139,15 @@ def checked(
         if worse is not None:
             named = " and ".join(effect.name for effect in found.effects)
             take_back(found, plant, f"{named or 'the refit'}, on the check", worse)
+            found.discovered = [replace(each, in_model=False) for each in found.discovered]
             written = channel_gaps(predictor, records, given, given, pool)
         else:
             written = gaps
     seconds = sum(map(len, records)) * plant.period
     names = tuple(effect.name for effect in again.effects)
     scatter = float(np.mean([gap.scatter for gap in gaps]))
-    check = Check(again.verdict, names, before, after, scatter)
+    places = tuple(each.where for each in again.discovered)
+    check = Check(again.verdict, names, before, after, scatter, places)
     return check, replace(
         found,
         channels=written,
@@ -144,9 +159,9 @@ def checked(
 
 
 def revised_model(given: Model, found: GapResult) -> Model:
-    """Return the given model with the parameters that were found; its name and effects stay."""
-    parameters = Parameters(**{name: found.values[name] for name in Parameters._fields})
-    return replace(given, parameters=parameters)
+    """Return the given model with what was found, also what was discovered; its name stays."""
+    parameters, others = with_terms(found.values)
+    return replace(given, parameters=parameters, discovered=others)
 
 
 def _read(files: Sequence[Path]) -> list[Recording]:
@@ -161,6 +176,7 @@ def close_gap(
     programme: Programme | None = None,
     rounds: int = ROUNDS,
     among: tuple[str, ...] = (),
+    wanted: Wanted | None = None,
     pace: Pace | None = None,
     observer: Observer | None = None,
     stop: StopFlag | None = None,
@@ -180,6 +196,7 @@ def close_gap(
         programme: the motions to run; the default programme if not given.
         rounds: greatest number of rounds, at least 1.
         among: names of the effects to look for; all of the catalogue if empty.
+        wanted: what the model may hold of what is discovered; None for all but suspected leaks.
         pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
             rig's file if not given.
         observer: its methods are called as the experiment goes on.
@@ -195,7 +212,7 @@ def close_gap(
     """
     stop, observer = stop or StopFlag(), observer or Observer()
     plan = programme or Programme()
-    question = Question(rig, given, among, plan.experiment_s)
+    question = Question(rig, given, among, plan.experiment_s, wanted or Wanted())
     closing = _Closing(question, plan, directory, observer, stop, worker, seed)
     first = closing.campaign("held_out", plan.held, rounds)
     bench = bench_of(first, rig, directory, observer, stop)
@@ -302,17 +319,27 @@ class _Closing:
     def _is_done(found: GapResult, check: Check) -> bool:
         """Return whether a further round of the programme would bring nothing new.
 
-        That is so if the check found no new effect and most of the gap is gone (see `CLOSED`).
+        That is so if the check found nothing but what is known, and either most of the gap is gone
+        (see `CLOSED`), or the check found again only what is left out of the model on purpose, such
+        as a suspected leak.
         """
         known = {effect.name for effect in found.effects}
         known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
+        if not set(check.effects) <= known:
+            return False
+        left_out = {each.where for each in found.discovered if not each.in_model}
+        if not set(check.discovered) <= left_out:
+            return False
+        if check.discovered:
+            return True
         left = max((1.0 - CLOSED) * check.gap_before, SURE * check.scatter)
-        gone = check.gap_after <= left
-        return gone and set(check.effects) <= known and check.verdict != "unknown_effect"
+        return check.gap_after <= left and check.verdict != "unknown_effect"
 
-    def _compute(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    def _compute(
+        self, function: Callable[Concatenate[Said, P], T], *args: P.args, **kwargs: P.kwargs
+    ) -> T:
         """Return the result of a function that the worker calls while the rig is supervised."""
-        return self._worker(self._wait, function, *args, **kwargs)
+        return self._worker(self._wait, self._say, function, *args, **kwargs)
 
     def _wait(self) -> None:
         if self._stop.requested:
@@ -336,11 +363,13 @@ class _Closing:
         found: GapResult,
         check: Check | None,
     ) -> None:
-        self._rounds.append(Round(why, motions, made, found.verdict, tuple(found.effects), check))
-        names = ", ".join(
+        effects, discovered = tuple(found.effects), tuple(found.discovered)
+        self._rounds.append(Round(why, motions, made, found.verdict, effects, check, discovered))
+        named = (
             " or ".join([effect.name, *(rival.effect for rival in effect.indistinguishable)])
             for effect in found.effects
         )
+        names = ", ".join([*named, *(f"{d.name} in {d.where}" for d in found.discovered)])
         self._say(f"round {len(self._rounds)}: {found.verdict}{': ' if names else ''}{names}")
 
     def _say(self, text: str) -> None:

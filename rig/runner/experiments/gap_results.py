@@ -87,9 +87,7 @@ def _write_model(
     kept = [name for name in parent.effects if name not in effects]
     added = [name for name in effects if name in CATALOGUE]
     parameters, others = with_terms(values)
-    same = (
-        parameters == parent.parameters and not added and others == parent.discovered
-    )
+    same = parameters == parent.parameters and not added and others == parent.discovered
     revised = same or parent.name.endswith(f" {REVISED}")
     name = parent.name if revised else f"{parent.name} {REVISED}"
     parents: dict[str, Any] = {"name": parent.name, "sha256": model_sha256(parent)}
@@ -99,9 +97,7 @@ def _write_model(
     dump_model(Model(name, parameters, (*kept, *added), origin, others), path)
 
 
-def provenance_of(
-    result: GapResult, command: tuple[str, ...] = ()
-) -> dict[str, Any]:
+def provenance_of(result: GapResult, command: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the provenance of a model that the gap workflow writes, as plain values.
 
     Args:
@@ -376,11 +372,13 @@ def round_figures(number: int, settled: Round) -> dict[str, Any]:
         "recordings": list(settled.recordings),
         "verdict": settled.verdict,
         "effects": [_short(effect) for effect in settled.effects],
+        "discovered": [discovered_figures(each) for each in settled.discovered],
         "check": None
         if check is None
         else {
             "verdict": check.verdict,
             "effects": list(check.effects),
+            "discovered": list(check.discovered),
             "gap": _gap(check.gap_before, check.gap_after),
         },
     }

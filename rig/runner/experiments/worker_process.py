@@ -13,13 +13,17 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, ParamSpec, Protocol, TypeVar
+from typing import Any, Concatenate, Final, ParamSpec, Protocol, TextIO, TypeVar
 
 _NICE: Final = 10
 _NAP_S: Final = 0.05
+_MARK: Final = "said: "
+"""Begins the lines that a computation says, among all else that its process may print."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Said = Callable[[str], None]
+"""Is told in words what a computation is doing."""
 
 
 class ApartError(Exception):
@@ -33,43 +37,58 @@ class Worker(Protocol):
     """A function that calls another function, in this process or in one of its own."""
 
     def __call__(
-        self, waits: Callable[[], None], function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
+        self,
+        waits: Callable[[], None],
+        said: Said,
+        function: Callable[Concatenate[Said, P], T],
+        *args: P.args,
+        **kwargs: P.kwargs,
     ) -> T:
-        """Return the result of `function(*args, **kwargs)`.
+        """Return the result of `function(said, *args, **kwargs)`.
 
         `waits` is called at least once; a worker with a process of its own calls it every 50 ms.
+        `said` is called with each line that the function says through its first argument.
         """
 
 
 def at_once(
-    waits: Callable[[], None], function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
+    waits: Callable[[], None],
+    said: Said,
+    function: Callable[Concatenate[Said, P], T],
+    *args: P.args,
+    **kwargs: P.kwargs,
 ) -> T:
     """Return the result of a function that is called in this process, after one call of `waits`."""
     waits()
-    return function(*args, **kwargs)
+    return function(said, *args, **kwargs)
 
 
 def apart(
-    waits: Callable[[], None], function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
+    waits: Callable[[], None],
+    said: Said,
+    function: Callable[Concatenate[Said, P], T],
+    *args: P.args,
+    **kwargs: P.kwargs,
 ) -> T:
     """Return the result of a function that is called in a process of its own.
 
     Args:
         waits: is called every 50 ms meanwhile; if it raises an exception, the process is killed and
             the exception is raised on.
+        said: is called in this process with each line that the function says.
         function: a function at the top level of a module; it, its arguments and its result are
-            pickled.
-        args: arguments of the function.
+            pickled. Its first argument is a function that is called with what it says.
+        args: further arguments of the function.
         kwargs: keyword arguments of the function.
 
     Raises:
         ApartError: the function raised an exception, or the process ended without a result.
     """
     with tempfile.TemporaryDirectory(prefix="rig-apart-") as folder:
-        asked, answered, said = (Path(folder, name) for name in ("asked", "answered", "said"))
+        asked, answered, printed = (Path(folder, name) for name in ("asked", "answered", "said"))
         asked.write_bytes(pickle.dumps((function, args, kwargs)))
         command = [sys.executable, "-m", __name__, str(asked), str(answered)]
-        with said.open("wb") as log:
+        with printed.open("wb") as log:
             # In a session of its own, so that Ctrl-C reaches only the process that supervises.
             process = subprocess.Popen(
                 command,
@@ -79,19 +98,39 @@ def apart(
                 start_new_session=True,
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
             )
-        try:
-            while process.poll() is None:
-                waits()
-                time.sleep(_NAP_S)
-        finally:
-            process.kill()
-            process.wait()
+        with printed.open(errors="replace") as lines_of:
+            try:
+                while process.poll() is None:
+                    waits()
+                    _pass_on(lines_of, said)
+                    time.sleep(_NAP_S)
+            finally:
+                process.kill()
+                process.wait()
+            _pass_on(lines_of, said)
         if process.returncode != 0 or not answered.is_file():
-            lines = said.read_text(errors="replace").strip().splitlines()
+            lines = printed.read_text(errors="replace").strip().splitlines()
             raise ApartError(lines[-1] if lines else f"ended with {process.returncode}")
         # Safe to unpickle: the process that just ended wrote it, in a folder of this user alone.
         result: T = pickle.loads(answered.read_bytes())
         return result
+
+
+def _pass_on(lines: TextIO, said: Said) -> None:
+    """Pass on those lines that a process has completed since the last call and that are marked."""
+    while True:
+        place = lines.tell()
+        line = lines.readline()
+        if not line.endswith("\n"):
+            lines.seek(place)
+            return
+        if line.startswith(_MARK):
+            said(line.removeprefix(_MARK).rstrip("\n"))
+
+
+def _say(words: str) -> None:
+    """Print a line, marked, for the process that waits for this one."""
+    print(f"{_MARK}{words}", flush=True)
 
 
 def main() -> None:
@@ -100,7 +139,7 @@ def main() -> None:
     with contextlib.suppress(OSError):
         os.nice(_NICE)
     function, args, kwargs = pickle.loads(asked.read_bytes())
-    result: Any = function(*args, **kwargs)
+    result: Any = function(_say, *args, **kwargs)
     partial = answered.with_suffix(".partial")
     partial.write_bytes(pickle.dumps(result))
     partial.replace(answered)

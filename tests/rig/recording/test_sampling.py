@@ -83,7 +83,7 @@ def test_a_gap_is_missing_samples_and_later_rows_keep_their_time(
     assert np.isnan(made["position_m"]).sum() == 120
     assert made["position_m"][620:] == pytest.approx(healthy["position_m"][620:])
     assert made.sampling is not None
-    assert made.sampling.notes() == ["1 gaps, 0.12 s in all"]
+    assert made.sampling.notes() == ["1 gap, 0.12 s in all"]
     assert np.isfinite(made["command_V"]).all()
 
 

@@ -49,6 +49,28 @@ def reasons_of(recording: Recording) -> list[str]:
         return unsuitable(fitter, fitter)
 
 
+def test_a_rig_without_a_spool_sensor_is_suitable_and_judged_by_the_others() -> None:
+    blind = changed(lambda c: {"spool_m": np.full(len(c["spool_m"]), np.nan)})
+    assert reasons_of(blind) == []
+    (record,) = usable([record_of(blind, PLANT)], PLANT)
+    with ThreadPoolExecutor(1) as pool:
+        gaps = channel_gaps(Predictor(PLANT), [record], PLANT.nominal, PLANT.nominal, pool)
+    assert [gap.channel for gap in gaps] == ["position_m", "pressure_1_Pa", "pressure_2_Pa"]
+    assert all(gap.before == pytest.approx(gap.floor, rel=0.3) for gap in gaps)
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_readings_of_some_samples_only_are_suitable(every: int) -> None:
+    def seldom(c: dict[str, Array]) -> dict[str, Array]:
+        kept = np.arange(len(c["spool_m"])) % every == 0
+        return {name: np.where(kept, c[name], np.nan) for name in CHANNELS[2:]}
+
+    record = record_of(changed(seldom), PLANT)
+    assert np.isinf(record.variances[1::every]).all()
+    assert usable([record], PLANT) == [record]
+    assert reasons_of(changed(seldom)) == []
+
+
 def noise(n: int, size: float) -> Array:
     return np.asarray(size * np.random.default_rng(3).standard_normal(n))
 

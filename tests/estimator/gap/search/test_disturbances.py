@@ -1,4 +1,4 @@
-"""Where a model disagrees with a recording: the equation, the region, and the term in symbols."""
+"""Where a model disagrees with a recording: the equation, the region, and what is discovered."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -26,9 +26,11 @@ from estimator.gap.prediction.predictor import Predictor
 from estimator.gap.prediction.results import Curve
 from estimator.gap.prediction.sensitivities import course_of
 from estimator.gap.prediction.variables import Variable
-from estimator.gap.search.disturbances import attribution, hats, places_of
+from estimator.gap.search.discovery import Explaining
+from estimator.gap.search.disturbances import attribution
 from estimator.gap.search.drift import drifts
-from estimator.gap.verdict.unknown import find_unknown, in_symbols
+from estimator.gap.search.findings import CHANCE
+from estimator.gap.search.shapes import Shape, hats
 
 TICK, MASS, DRAG = 1e-3, 10.0, 300.0
 POSITION_NOISE, SPEED_NOISE = 1e-6, 1e-3
@@ -99,6 +101,9 @@ def _moved(
     return made_of("sled", pushed[:, None], readings, SLED)
 
 
+FITTED = Variable("drag", "", "drag", 1.0, 0.0, 1e4)
+
+
 @pytest.fixture(scope="module")
 def pool() -> Iterator[ThreadPoolExecutor]:
     with ThreadPoolExecutor(1) as threads:
@@ -129,36 +134,50 @@ def test_a_drag_that_grows_with_the_square_of_speed_is_found_there_in_newtons(
     # hundredths of a disturbance that has moved the course.
     bent = 800.0 * (best.at[1] - best.at[0]) ** 2 / 8.0 + 0.03 * np.abs(expected[inner])
     assert np.all(np.abs(best.values - expected)[inner] < 4.0 * best.errors[inner] + bent)
-    unknown = in_symbols(found, places_of(SLED)[0], 1.0)
-    assert unknown is not None
-    assert unknown.terms[0].form == "x |x|"
+
+
+def _explaining(record: Record, pool: ThreadPoolExecutor) -> Explaining:
+    filtered = Fitter(Predictor(SLED), [record], pool).filtered(SLED.nominal)
+    return Explaining(filtered, SLED.nominal, [FITTED], 1.0)
+
+
+def test_a_curve_is_explained_where_it_enters_by_what_it_depends_on(
+    pool: ThreadPoolExecutor,
+) -> None:
+    explaining = _explaining(_moved(lambda x, v: 400.0 * v * abs(v)), pool)
+    best = explaining.explanations()[0]
+    assert best.where == ("force balance", "velocity", "")
+    assert best.share > 0.8
+    assert best.z > 5.0
+    (simple,) = explaining.of(best.place, [Shape("velocity", "", "x |x|")])
+    # Fewer coefficients predict what they were not fitted to as well as a table does.
+    assert simple.gain > 0.98 * best.gain
     # To first order: it says how large the disturbance is to a tenth.
-    assert unknown.coefficients[0] == pytest.approx(400.0, rel=0.1)
-    assert "N/(m/s)^2 v |v|" in unknown.text(SLED)
+    assert simple.coefficients[0] == pytest.approx(400.0, rel=0.1)
 
 
 def test_a_wave_along_the_stroke_is_told_with_its_pitch(pool: ThreadPoolExecutor) -> None:
-    found = _attributed(_moved(lambda x, v: 15.0 * np.sin(2.0 * np.pi * x / 0.02)), pool)
-    unknown = find_unknown(found, found.curves(1.0), 1.0)
-    assert unknown is not None
-    assert unknown.place.name == "force balance"
-    assert unknown.terms[0].form == "wave"
-    assert unknown.terms[0].at[0] == pytest.approx(0.02, rel=0.03)
-    assert np.hypot(*unknown.coefficients[:2]) == pytest.approx(15.0, rel=0.1)
+    record = _moved(lambda x, v: 15.0 * np.sin(2.0 * np.pi * x / 0.02))
+    best = _explaining(record, pool).explanations()[0]
+    assert best.where == ("force balance", "position", "")
+    assert best.shape.form == "wave"
+    assert best.shape.at[0] == pytest.approx(0.02, rel=0.03)
+    assert best.addition.values[0] == pytest.approx(15.0, rel=0.1)
+
+
+def test_nothing_predicts_what_it_was_not_fitted_to_where_there_is_noise_only(
+    pool: ThreadPoolExecutor,
+) -> None:
+    found = _explaining(_moved(lambda x, v: 0.0), pool).explanations()
+    assert max(each.gain for each in found) < CHANCE
+    # A table fitted to all blocks would gain half a variance for each of its knots.
+    assert np.mean([each.gain for each in found]) < 0.0
 
 
 def test_an_error_of_a_sensor_is_no_force(pool: ThreadPoolExecutor) -> None:
     found = _attributed(_moved(lambda x, v: 0.0, lambda x: 2e-3 * (x - 0.1) ** 2), pool)
     best = found.curves(1.0)[0]
     assert (best.equation, best.region) == ("reading of position_m", "position")
-
-
-def test_noise_has_no_terms(pool: ThreadPoolExecutor) -> None:
-    found = _attributed(_moved(lambda x, v: 0.0), pool)
-    assert all(in_symbols(found, place, 1.0) is None for place in places_of(SLED))
-
-
-FITTED = Variable("drag", "", "drag", 1.0, 0.0, 1e4)
 
 
 def _drifts(record: Record, pool: ThreadPoolExecutor) -> list[Curve]:

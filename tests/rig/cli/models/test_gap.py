@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 
 from estimator.gap.prediction.results import (
-    AddedDisturbance,
     ChannelGap,
     Curve,
+    Discovered,
     Estimate,
     GapResult,
     NamedEffect,
     Rival,
 )
+from estimator.gap.verdict.describing import Wanted
 from rig.cli.models import gap_finding
 from rig.configuration.models.model import load_model
 from rig.plant import NOMINAL, Parameters
@@ -80,7 +81,7 @@ def found() -> GapResult:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the search give its answer at once."""
-    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: found())
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_, **__: found())
 
 
 def test_what_a_rig_hides_is_named_and_written_into_a_model(invoke: Invoke, files: Path) -> None:
@@ -105,7 +106,11 @@ def test_the_json_object_has_the_promised_keys(invoke: Invoke, files: Path) -> N
     reported = json.loads(done.out.splitlines()[-1])
     assert set(reported) >= {"verdict", "effects", "refitted", "gap", "where", "experiment"}
     (effect,) = reported["effects"]
-    assert set(effect) == {"name", "parameters", "evidence", "indistinguishable_from"}
+    assert set(effect) == {
+        "name", "parameters", "evidence", "indistinguishable_from", "form", "correction",
+    }  # fmt: skip
+    assert (effect["form"], effect["correction"]) == ("catalogue", None)
+    assert reported["discovered"] == []
     assert set(effect["parameters"]["value"]) >= {"value", "lower", "upper", "unit"}
     assert effect["indistinguishable_from"] == ["constant_force"]
     assert reported["gap"] == {"before": 499.0, "after": 0.1}
@@ -118,29 +123,127 @@ def test_the_json_object_has_the_promised_keys(invoke: Invoke, files: Path) -> N
     assert figures["effects"][0]["rivals"][1]["name"] == "valve_hysteresis"
 
 
-def test_an_unknown_term_is_written_into_a_model_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
-) -> None:
-    term = AddedTerm("force balance", "velocity", "x |x|", False, 9e3)
+def drag(*, leak: bool = False, in_model: bool = True) -> Discovered:
+    """Return a drag with the square of the velocity as it might be discovered, or a leak."""
+    at = np.linspace(-0.1, 0.1, 5)
+    curve = Curve(
+        "force balance", "velocity", at, 9e3 * at * np.abs(at), 1.0 + 0.0 * at, "N", "m/s",
+        ("N", 1.0), ("mm/s", 1e3), 4e4, 0.94,
+    )  # fmt: skip
+    return Discovered(
+        "power_of_velocity", "force balance", "velocity", "", "x |x|",
+        "A force that goes with the square of the velocity: 90.0 ± 2.0 N at 100 mm/s",
+        "drag of oil in a line or port, or a damper",
+        (Estimate("size", "", 9e3, 8.8e3, 9.2e3, "N/(m/s)^2", 0.0),),
+        np.empty(0), np.empty(0), np.empty(0), "N", "m/s", 4e4, 31.0, 0.94, (499.0, 2.5),
+        ("trend in force balance of time",), leak, in_model, "strokes at three speeds", curve,
+    )  # fmt: skip
+
+
+def discovering(each: Discovered) -> GapResult:
+    """Return a result in which a disturbance was discovered, and no effect of the catalogue."""
     unknown = found()
     unknown.verdict, unknown.effects, unknown.names = "unknown_effect", [], ()
-    size = Estimate("term_1_size", "term_1_size", 9e3, 8.8e3, 9.2e3, "N/(m/s)^2", 0.0)
-    values = {**unknown.values, **fields_of((term,))}
-    text = "+ 9e+03 N/(m/s)^2 v |v|"
-    unknown.added = AddedDisturbance("force balance", text, (size,), values, 0.97, 2.5)
-    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: unknown)
+    unknown.discovered, unknown.accounted = [each], 0.94
+    if each.in_model:
+        unknown.values |= fields_of((AddedTerm("force balance", "velocity", "x |x|", False, 9e3),))
+    return unknown
+
+
+def test_what_is_discovered_is_in_the_one_model_and_in_every_report(
+    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
+) -> None:
+    (files / "out").mkdir()
+    (files / "out" / "model_with_term.yaml").write_text("of an earlier version")
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_, **__: discovering(drag()))
     done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
-    reported = json.loads(done.out.splitlines()[-1])["term"]
-    assert reported["equation"] == "force balance"
-    assert reported["gap"] == {"before": 499.0, "after": 2.5}
-    model = load_model(files / "out" / "model_with_term.yaml")
-    assert terms_of(model.parameters) == (term,)
-    assert model.provenance["unknown_term"]["text"] == text
-    assert terms_of(load_model(files / "out" / "model.yaml").parameters) == ()
-    # The next finding has none: the file of the last must not stay beside it.
-    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: found())
-    assert invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out").code == 0
+    reported = json.loads(done.out.splitlines()[-1])
+    (each,) = reported["discovered"]
+    assert set(each) == {
+        "name", "equation", "of", "form", "text", "parameters", "evidence", "gap",
+        "could_also_be", "in_model", "suspected_leak", "experiment",
+    }  # fmt: skip
+    assert (each["name"], each["equation"], each["of"]) == (
+        "power_of_velocity", "force balance", "velocity",
+    )  # fmt: skip
+    assert each["gap"] == {"before": 499.0, "after": 2.5}
+    assert each["parameters"]["size"] == {
+        "value": 9e3, "lower": 8.8e3, "upper": 9.2e3, "unit": "N/(m/s)^2",
+    }  # fmt: skip
+    assert reported["accounted"] == 0.94
+    assert reported["written"] == "with discovered"
+    model = load_model(files / "out" / "model.yaml")
+    assert terms_of(model.parameters) == (
+        AddedTerm("force balance", "velocity", "x |x|", False, 9e3),
+    )
+    assert model.provenance["discovered"][0]["text"] == drag().text
     assert {path.name for path in (files / "out").iterdir()} == FILES
+    page = (files / "out" / "report.html").read_text()
+    for words in (drag().text, "nothing known the rest", "trend in force balance", "three speeds"):
+        assert words in page
+
+
+def test_the_terminal_shows_what_is_discovered_and_what_is_left(
+    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
+) -> None:
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_, **__: discovering(drag()))
+    done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out")
+    words = " ".join(done.out.split())
+    assert "does not have: a force that goes with the square of the velocity" in words
+    assert "This explains 94 % of the excess, nothing known the rest." in words
+    assert "What is left: 0.100 noise variances above the floor, as rms position 10.0 um" in words
+    assert "power of velocity in force balance of velocity" in words
+
+
+def test_a_suspected_leak_is_told_and_not_in_the_model(
+    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
+) -> None:
+    left_out = discovering(drag(leak=True, in_model=False))
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_, **__: left_out)
+    done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out")
+    assert "suspected leak, left out" in " ".join(done.out.split())
+    assert terms_of(load_model(files / "out" / "model.yaml").parameters) == ()
+    page = (files / "out" / "report.html").read_text()
+    assert "so that the leak detector sees it" in page
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        ((), Wanted(discovered=True, leaks=False)),
+        (("--no-discovered",), Wanted(discovered=False, leaks=False)),
+        (("--accept-leaks",), Wanted(discovered=True, leaks=True)),
+    ],
+)
+def test_the_user_says_what_the_model_may_hold(
+    monkeypatch: pytest.MonkeyPatch,
+    invoke: Invoke,
+    files: Path,
+    options: tuple[str, ...],
+    wanted: Wanted,
+) -> None:
+    asked: list[Wanted] = []
+
+    def noted(*_: Any, wanted: Wanted, **__: Any) -> GapResult:
+        asked.append(wanted)
+        return found()
+
+    monkeypatch.setattr(gap_finding, "find_gap", noted)
+    assert invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", *options).code == 0
+    assert asked == [wanted]
+
+
+def test_what_is_being_tried_is_told_on_stderr_alone(
+    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
+) -> None:
+    def says(*_: Any, said: Callable[[str], None], **__: Any) -> GapResult:
+        said("trying the effects of the catalogue")
+        return found()
+
+    monkeypatch.setattr(gap_finding, "find_gap", says)
+    done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
+    assert "trying the effects of the catalogue" in done.err
+    assert json.loads(done.out)["verdict"] == "missing_effect"
 
 
 @pytest.mark.usefixtures("quick")
@@ -170,7 +273,7 @@ def test_a_model_left_as_given_is_so_named_in_every_file(
     left.values, left.gap_after = dict(NOMINAL._asdict()), left.gap_before
     left.refitted = [replace(left.refitted[0], at_an_end=True)]
     left.reasons = ["with its refit it would predict worse; the model is written as given"]
-    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: left)
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_, **__: left)
     done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out")
     assert "the model is written as given" in done.out
     assert "refitted, not kept" in " ".join(done.out.split())
@@ -235,7 +338,7 @@ def test_several_recordings_are_held_out_by_one_option(
     export(motion(6.0, 3.0), files / "held_2.csv")
     given: list[int] = []
 
-    def noted(fitted: list[Recording], held: list[Recording], *_: Any) -> GapResult:
+    def noted(fitted: list[Recording], held: list[Recording], *_: Any, **__: Any) -> GapResult:
         given.extend((len(fitted), len(held)))
         return found()
 

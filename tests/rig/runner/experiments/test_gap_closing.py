@@ -5,9 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from estimator.gap.prediction.results import Check, GapResult, NamedEffect, Rival, Separation
+from estimator.gap.plant.additions import Addition
+from estimator.gap.prediction.results import (
+    Check,
+    Discovered,
+    GapResult,
+    NamedEffect,
+    Rival,
+    Separation,
+)
 from rig.configuration.campaigns.dry_run import plan_campaign
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.interlocks.trip import TripError
@@ -21,6 +30,7 @@ from rig.runner.experiments.gap_motions import campaign_of, strokes
 from rig.runner.experiments.gap_plan import Programme, motions_campaign, room_of
 from rig.runner.experiments.gap_results import gap_figures, rig_plant
 from rig.runner.experiments.parts import ExperimentStoppedError, Parts
+from rig.runner.experiments.worker_process import Said
 from rig.runner.outcomes.observer import Observer
 
 RIG = load_rig("simulated")
@@ -83,7 +93,9 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
     either = Separation(("command_delay", "valve_bandwidth"), "small steps", steps, 0.9, 8.0)
     asked: list[list[str]] = []
 
-    def answers(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+    def answers(
+        _: Said, question: Question, fitted: Sequence[Path], held: Sequence[Path]
+    ) -> GapResult:
         asked.append([file.stem for file in fitted])
         rivals = (Rival("valve_bandwidth", 0.995, 2.0, 0.99),) if len(asked) == 1 else ()
         effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0, rivals)
@@ -93,7 +105,7 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
         return found
 
     def checks(
-        question: Question, found: GapResult, fresh: Sequence[Path], held: Sequence[Path]
+        _: Said, question: Question, found: GapResult, fresh: Sequence[Path], held: Sequence[Path]
     ) -> tuple[Check, GapResult]:
         assert not set(fresh) & set(held)
         return Check("adequate", (), 100.0, 1.0), found
@@ -114,14 +126,14 @@ def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_giv
     values = Model().parameters._asdict() | {"bulk_modulus": 4e8, "command_delay": 4e-3}
     effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
     wrong = GapResult("missing_effect", [], [effect], values=values, names=("command_delay",))
-    monkeypatch.setattr(gap_closing, "find_gap", lambda *_: GapResult("missing_effect", []))
+    monkeypatch.setattr(gap_closing, "find_gap", lambda *_, **__: GapResult("missing_effect", []))
     rig = hiding(Model())
     campaign = motions_campaign("check", BRIEF.check, rig, Model(), 3)
     bench = bench_of(campaign, rig, tmp_path, Observer(), StopFlag())
     with bench:
         parts = Parts(rig, tmp_path, bench, "fast", Observer(), StopFlag())
         fresh = list(parts.record(campaign).values())
-    check, left = gap_closing.checked(Question(rig, Model()), wrong, fresh, fresh)
+    check, left = gap_closing.checked(print, Question(rig, Model()), wrong, fresh, fresh)
     assert check.gap_after > check.gap_before
     assert left.as_given
     assert left.values == Model().parameters._asdict()
@@ -140,13 +152,15 @@ def test_a_trip_while_the_model_is_fitted_does_not_lose_what_was_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def trips(
-        waits: Callable[[], None], function: Callable[..., Any], *args: Any, **kwargs: Any
+        waits: Callable[[], None], said: Said, function: Callable[..., Any], *args: Any, **_: Any
     ) -> Any:
         monkeypatch.setattr(SimulatedBench, "idle", _trip)
         waits()
-        return function(*args, **kwargs)
+        return function(said, *args)
 
-    def answers(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+    def answers(
+        _: Said, question: Question, fitted: Sequence[Path], held: Sequence[Path]
+    ) -> GapResult:
         effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
         return GapResult("missing_effect", [], [effect])
 
@@ -204,3 +218,45 @@ def test_a_round_is_the_last_where_the_check_leaves_nothing_but_chance(
     effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0, ())
     found = GapResult("missing_effect", [], [effect])
     assert gap_closing._Closing._is_done(found, check) is done
+
+
+def disturbance(place: str, *, in_model: bool) -> Discovered:
+    none = np.empty(0)
+    return Discovered(
+        "threshold", place, "pressure 1", "", "hinge", "It begins", "a relief valve", (),
+        none, none, none, "m^3/s", "Pa", 1e4, 20.0, 0.9, in_model=in_model,
+    )  # fmt: skip
+
+
+LEAK = "flow, chamber 1 of pressure 1"
+
+
+@pytest.mark.parametrize(
+    ("check", "in_model", "done"),
+    [
+        (Check("adequate", (), 5.0, 0.9), True, True),
+        (Check("unknown_effect", (), 5.0, 4.0, 0.0, (LEAK,)), False, True),
+        (Check("unknown_effect", (), 5.0, 4.0, 0.0, (LEAK,)), True, False),
+        (Check("unknown_effect", (), 5.0, 0.1, 0.0, ("spool of time",)), False, False),
+        (Check("missing_effect", ("payload_mass",), 5.0, 4.0, 0.0, (LEAK,)), False, False),
+    ],
+    ids=["gone", "left out on purpose", "not gone though added", "another", "an effect besides"],
+)
+def test_a_round_is_the_last_where_nothing_more_is_discovered(
+    check: Check, in_model: bool, done: bool
+) -> None:
+    discovered = [disturbance("flow, chamber 1", in_model=in_model)]
+    found = GapResult("unknown_effect", [], discovered=discovered)
+    assert gap_closing._Closing._is_done(found, check) is done
+
+
+def test_the_revised_model_has_what_was_discovered_in_the_rigs_equations_and_beside_them() -> None:
+    layout = rig_plant(Model()).layout
+    assert layout is not None
+    wave = Addition("force balance", "position", "", "wave", (0.04, 0.3), (180.0,))
+    drift = Addition("reading of pressure_1_Pa", "time", "", "x", (), (3e3,))
+    plant = rig_plant(Model())
+    values = {**plant.nominal, **layout.values([wave, drift])}
+    found = GapResult("unknown_effect", [], values=values)
+    revised = rig_plant(gap_closing.revised_model(Model(), found))
+    assert layout.additions(revised.nominal) == [wave, drift]

@@ -1,0 +1,93 @@
+"""This module says how a model of the servo-actuator holds additions.
+
+The rig's own equations hold as many as its parameters have room for (`rig.plant.added_terms`): there
+they act at every moment, in simulations and filters too. Readings, parameters that change and what
+depends on the time are held in slots.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Layout, as_addition, as_term
+from rig.plant import MOST_TABLES, MOST_TERMS, AddedTerm, Parameters, fields_of, is_held, terms_of
+
+FRICTION: Final = "friction level"
+_FORCE: Final = "force balance"
+_PARTS: Final = ("size", "at", "by")
+
+
+class ServoLayout(Layout):
+    """Translates additions to the rig's terms and to slots, and back."""
+
+    def _placed(self, additions: Sequence[Addition]) -> tuple[list[int], list[int]]:
+        """Return the indices of the additions that are terms, in their order, and of the others."""
+        tables: list[int] = []
+        symbols: list[int] = []
+        others: list[int] = []
+        for index, each in enumerate(additions):
+            room = len(tables) + len(symbols) < MOST_TERMS
+            if not (is_held(term_of(each)) and room):
+                others.append(index)
+            elif each.form != "table":
+                symbols.append(index)
+            elif len(tables) < MOST_TABLES:
+                tables.append(index)
+            else:
+                others.append(index)
+        return [*tables, *symbols], others
+
+    def values(self, additions: Sequence[Addition]) -> dict[str, float]:
+        """Return the values of the fields of all terms and slots, by parameter name.
+
+        Raises:
+            ValueError: there are more additions than there is room for, or one cannot be held.
+        """
+        terms, others = self._placed(additions)
+        return {
+            **fields_of(tuple(term_of(additions[k]) for k in terms)),
+            **super().values([additions[k] for k in others]),
+        }
+
+    def additions(self, values: Mapping[str, float]) -> list[Addition]:
+        """Return the additions that the values of all parameters hold: terms, then slots."""
+        parameters = Parameters(**{field: values[field] for field in Parameters._fields})
+        terms = [addition_of(term) for term in terms_of(parameters)]
+        return [*terms, *super().additions(values)]
+
+    def names(self, additions: Sequence[Addition], index: int) -> tuple[list[str], list[str]]:
+        """Return the names of the parameters that hold the values, and the places, of an addition.
+
+        The additions are those given to `values`; `index` is that of one of them.
+        """
+        terms, others = self._placed(additions)
+        each = additions[index]
+        if index not in terms:
+            return super().names([additions[k] for k in others], others.index(index))
+        number = 1 + terms.index(index)
+        if each.form == "table":
+            knots = range(1, len(each.at) + 1)
+            return (
+                [f"table_{number}_value_{k}" for k in knots],
+                [f"table_{number}_at_{k}" for k in knots],
+            )
+        at = [f"term_{number}_{part}" for part in _PARTS[1 : 1 + len(each.at)]]
+        return [f"term_{number}_size"], at
+
+
+def term_of(addition: Addition) -> AddedTerm:
+    """Return an addition as a term of a model file.
+
+    Friction is a force that opposes the motion, which the rig adds to the level of its bristles.
+    """
+    if addition.place == FRICTION and addition.times != DIRECTION and addition.of != TIME_NAME:
+        addition = replace(addition, place=_FORCE, times=DIRECTION)
+    return as_term(addition)
+
+
+def addition_of(term: AddedTerm) -> Addition:
+    """Return a term of a model file as an addition; the inverse of `term_of`."""
+    addition = as_addition(term)
+    if addition.place == _FORCE and term.turned:
+        return replace(addition, place=FRICTION, times="")
+    return addition

@@ -1,0 +1,246 @@
+"""This module says in one sentence, with units, what a disturbance does and what may make it."""
+
+from collections.abc import Sequence
+from math import floor, isfinite, log10
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Plant
+
+NORMAL_95: Final = 1.96
+"""Half the width of a 95 % interval, in standard errors."""
+
+_NOUNS: Final = {
+    "force balance": ("A force against extension", "A force towards extension",
+                      "A force, counted against extension,"),
+    "flow, chamber 1": ("Oil into chamber 1", "Oil out of chamber 1",
+                        "A flow, counted into chamber 1,"),
+    "flow, chamber 2": ("Oil into chamber 2", "Oil out of chamber 2",
+                        "A flow, counted into chamber 2,"),
+    "leak across the piston": ("An opening across the piston",
+                               "A lack of opening across the piston",
+                               "An opening across the piston"),
+    "valve edges": ("A gap at all edges of the valve", "A lap at all edges of the valve",
+                    "A gap at all edges of the valve"),
+    "friction level": ("Friction beside the model's", "A lack of friction",
+                       "Friction beside the model's"),
+}  # fmt: skip
+"""How a disturbance of a place is called if it is positive, negative, or now this and now that."""
+_FRICTION: Final = (
+    "Friction beside the model's", "A lack of friction", "Friction beside the model's",
+)  # fmt: skip
+_QUANTITIES: Final = {
+    "pressure 1": "the pressure in chamber 1",
+    "pressure 2": "the pressure in chamber 2",
+    "pressure difference": "the difference of the pressures",
+    "spool opening": "the opening of the spool",
+    DIRECTION: "the direction of motion",
+    TIME_NAME: "the time",
+}
+
+
+def sentence(
+    addition: Addition,
+    name: str,
+    errors: Sequence[float],
+    plant: Plant,
+    low: float,
+    high: float,
+) -> str:
+    """Return what a disturbance does, in one sentence with units and no full stop.
+
+    Args:
+        addition: the disturbance.
+        name: name of its shape in the lexicon.
+        errors: standard errors of its values, in their order; may be empty.
+        plant: plant that it belongs to.
+        low: least value of its quantity in the recordings, SI.
+        high: greatest value.
+    """
+    x = np.linspace(low, high, 201) if addition.of else np.zeros(1)
+    y = addition.shape(x)
+    small = 0.05 * float(np.abs(y).max())
+    positive, negative, either = _nouns(addition, plant)
+    if addition.form == "wave":
+        noun, sign = either.split(",")[0], 1.0
+    elif y.min() >= -small:
+        noun, sign = positive, 1.0
+    elif y.max() <= small:
+        noun, sign = negative, -1.0
+    else:
+        noun, sign = either, 1.0
+    return f"{noun} {_Says(addition, name, errors, plant, (low, high), sign).words()}"
+
+
+class _Says:
+    """Says what a disturbance does, after the noun that it is called by.
+
+    Args:
+        addition: the disturbance.
+        name: name of its shape in the lexicon.
+        errors: standard errors of its values; may be empty.
+        plant: plant that it belongs to.
+        reach: least and greatest value of its quantity, SI.
+        sign: 1, or -1 if the noun already says that the disturbance is negative.
+    """
+
+    def __init__(
+        self, addition: Addition, name: str, errors: Sequence[float], plant: Plant,
+        reach: tuple[float, float], sign: float,
+    ) -> None:  # fmt: skip
+        self._addition, self._name = addition, name
+        self._errors, self._reach, self._sign = errors, reach, sign
+        self._unit, self._factor = unit_of(addition.place, plant)
+        self._of_unit, self._of_factor = quantity_unit(addition.of, plant)
+        self._of = _QUANTITIES.get(addition.of, f"the {addition.of}")
+
+    def words(self) -> str:
+        """Return the words."""
+        form = self._addition.form
+        if form == "table":
+            return self._table()
+        if form == "wave":
+            return self._wave()
+        if form == "bump":
+            middle, width = self._addition.at
+            near = f"about {self._at(middle)}, within {self._at(width)} to either side"
+            return f"that acts where {self._of} is {near}: {self._size(1.0)} in the middle"
+        if form == "hinge":
+            per = f"{self._size(1.0 / self._of_factor)} per {self._of_unit or 'unit'}"
+            grows = "grows by" if self._sign * self._addition.values[0] > 0.0 else "falls by"
+            begins = f"that begins where {self._of} passes {self._at(self._addition.at[0])}"
+            return f"{begins}, and {grows} {per.removeprefix('-')} beyond"
+        if form == "constant" or not self._addition.of:
+            return f"that is always there: {self._size(1.0)}"
+        return self._power(form)
+
+    def _power(self, form: str) -> str:
+        low, high = self._reach
+        if form == "x":
+            if self._addition.of == DIRECTION:
+                return f"that turns with {self._of}: {self._size(1.0)} while extending"
+            if self._name == "lag":
+                late = f"{-1e3 * self._addition.values[0]:.3g} ms"
+                return f"that grows with {self._of}, as if it came {late} late"
+            per = f"{self._size(1.0 / self._of_factor)} per {self._of_unit or 'unit'}"
+            grows = "grows" if self._sign * self._addition.values[0] > 0.0 else "falls"
+            if self._addition.of == TIME_NAME:
+                grows = "drifts"
+            return f"that {grows} with {self._of}, by {per.removeprefix('-')}"
+        far = high if abs(high) >= abs(low) else low
+        how = {"|x|": "the magnitude of", "x^2": "the square of", "x |x|": "the square of"}[form]
+        turned = " and turns with its sign" if form == "x |x|" and low < 0.0 < high else ""
+        shape = float(self._addition.shape(np.array([far]))[0]) / self._addition.values[0]
+        return f"that goes with {how} {self._of}{turned}: {self._size(shape)} at {self._at(far)}"
+
+    def _wave(self) -> str:
+        period = self._addition.at[0]
+        swings = f"by {self._size(1.0).removeprefix('-')} to either side"
+        if self._addition.of == TIME_NAME:
+            return f"that swings {1.0 / period:.3g} times a second, {swings}"
+        return f"that swings along {self._of} once every {self._at(period)}, {swings}"
+
+    def _table(self) -> str:
+        values = self._addition.values
+        ends = sorted({int(np.argmin(values)), int(np.argmax(values))})
+        word = "while" if self._addition.of == DIRECTION else "at"
+        at = [f"{self._value(k)} {word} {self._at(self._addition.at[k])}" for k in ends]
+        says = {
+            "constant": "that is nearly the same everywhere",
+            "local_in_position": f"that acts at one place along {self._of}",
+            "grows_with_pressure": f"that grows with {self._of}",
+            "power_of_velocity": f"that goes with the square of {self._of}",
+            "threshold": f"that begins where {self._of} passes a threshold",
+            "trend": "that drifts with the time",
+            "step_in_time": "that changes at one moment",
+            "lag": f"that grows with {self._of}, as if it came late",
+            "play": f"that follows {self._of}",
+            "saturation": f"that stops growing with {self._of}",
+        }.get(self._name, f"that depends on {self._of}")
+        return f"{says}: from {at[0]} to {at[1]}" if len(at) > 1 else f"{says}: {at[0]}"
+
+    def _size(self, shape: float) -> str:
+        """Return the size of a form in symbols where the form is `shape`, with unit and interval."""
+        error = self._errors[0] if len(self._errors) else float("nan")
+        scale = self._factor * shape
+        return shown(self._sign * self._addition.values[0] * scale, abs(error * scale), self._unit)
+
+    def _value(self, k: int) -> str:
+        error = self._errors[k] if k < len(self._errors) else float("nan")
+        value = self._sign * self._addition.values[k] * self._factor
+        return shown(value, error * self._factor, self._unit)
+
+    def _at(self, x: float) -> str:
+        if self._addition.of == DIRECTION:
+            return "extending" if x > 0.0 else "retracting"
+        return f"{x * self._of_factor:.3g} {self._of_unit}".strip()
+
+
+def _nouns(addition: Addition, plant: Plant) -> tuple[str, str, str]:
+    """Return how a disturbance is called if it is positive, negative, or of both signs."""
+    place = addition.place
+    if addition.times == DIRECTION and place == "force balance":
+        return _FRICTION
+    if place in _NOUNS:
+        found = _NOUNS[place]
+    elif place.startswith("reading of "):
+        channel = place.removeprefix("reading of ").rsplit("_", 1)[0].replace("_", " ")
+        found = (f"An error of the reading of {channel}",) * 3
+    elif any(each.name == place for each in plant.varying):
+        found = (f"A change of the {place}",) * 3
+    else:
+        found = (f"A disturbance of the {place}",) * 3
+    if addition.times:
+        turns = _QUANTITIES.get(addition.times, f"the {addition.times}")
+        positive, negative, either = (f"{each.rstrip(',')}, turned with {turns}," for each in found)
+        return positive, negative, either
+    return found
+
+
+def shown(value: float, error: float, unit: str) -> str:
+    """Return a value with half its 95 % interval and its unit, as text.
+
+    Args:
+        value: the value.
+        error: standard error; if it is not finite or 0, the value alone is shown.
+        unit: unit of both.
+    """
+    half = NORMAL_95 * error
+    if not isfinite(half) or half <= 0.0:
+        return f"{value:.3g} {unit}".strip()
+    decimals = 1 - floor(log10(half) + 1e-9)
+    if decimals > 6 or half >= 1e5:
+        return f"{value:.3g} ± {half:.2g} {unit}".strip()
+    return f"{value:.{max(decimals, 0)}f} ± {half:.{max(decimals, 0)}f} {unit}".strip()
+
+
+def unit_of(place: str, plant: Plant) -> tuple[str, float]:
+    """Return the unit in which a disturbance of a place is shown, and its number in one SI unit."""
+    for equation in plant.equations:
+        if equation.name == place:
+            return equation.shown
+    for varying in plant.varying:
+        if varying.name == place:
+            return varying.shown
+    for output in plant.outputs:
+        if place == f"reading of {output.channel}":
+            return output.shown or (output.unit, 1.0)
+    return "", 1.0
+
+
+def si_unit_of(place: str, plant: Plant) -> str:
+    """Return the SI unit of a disturbance of a place."""
+    places = {
+        **{each.name: each.unit for each in plant.equations},
+        **{each.name: each.unit for each in plant.varying},
+        **{f"reading of {each.channel}": each.unit for each in plant.outputs},
+    }
+    return places.get(place, "")
+
+
+def quantity_unit(of: str, plant: Plant) -> tuple[str, float]:
+    """Return the unit in which a quantity is shown, and its number in one SI unit."""
+    if of in plant.regions:
+        return plant.regions[of].shown
+    return ("s", 1.0) if of == TIME_NAME else ("", 1.0)
