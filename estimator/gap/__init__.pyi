@@ -7,6 +7,8 @@ from .plant import (
     Plant as Plant,
     PlantDescription as PlantDescription,
     PlantError as PlantError,
+    as_addition as as_addition,
+    as_term as as_term,
     build as build,
     check_description as check_description,
     nuisances as nuisances,
@@ -32,13 +34,7 @@ from .prediction import (
     mean_gap as mean_gap,
     usable as usable,
 )
-from .servo import (
-    addition_of as addition_of,
-    as_addition as as_addition,
-    as_term as as_term,
-    servo_actuator as servo_actuator,
-    term_of as term_of,
-)
+from .servo import addition_of as addition_of, servo_actuator as servo_actuator, term_of as term_of
 from .verdict import (
     NOWHERE as NOWHERE,
     SURE as SURE,

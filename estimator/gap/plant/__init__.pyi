@@ -16,6 +16,8 @@ from .additions import (
     add_to_parameters as add_to_parameters,
     add_to_readings as add_to_readings,
     add_to_state as add_to_state,
+    as_addition as as_addition,
+    as_term as as_term,
     is_active as is_active,
     kicked_states as kicked_states,
     slot_field as slot_field,

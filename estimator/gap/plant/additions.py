@@ -19,7 +19,7 @@ from numba import float64, int64, types, void
 from numpy.typing import NDArray
 
 from rig.jit import njit
-from rig.plant import inlined
+from rig.plant import AddedTerm, inlined
 
 from .interface import Array, Equation, Parameter, Region, Varying
 
@@ -100,6 +100,32 @@ class Addition:
             "hinge": lambda: np.maximum(x - at, 0.0),
         }
         return np.asarray(self.values[0] * shapes[self.form]())
+
+
+_COUNTS: Final = {"wave": 2, "bump": 2, "hinge": 1}
+
+
+def as_term(addition: Addition) -> AddedTerm:
+    """Return an addition as a term of a model file."""
+    turned = addition.times == DIRECTION
+    form = "1" if addition.form == "constant" else addition.form
+    if form == "table":
+        knots = tuple(zip(addition.at, addition.values, strict=True))
+        return AddedTerm(addition.place, addition.of, form, turned, 1.0, knots=knots)
+    at, by = (*addition.at, 0.0, 0.0)[:2]
+    return AddedTerm(addition.place, addition.of, form, turned, addition.values[0], at, by)
+
+
+def as_addition(term: AddedTerm) -> Addition:
+    """Return a term of a model file as an addition; the inverse of `as_term`."""
+    times = DIRECTION if term.turned else ""
+    if term.form == "table":
+        at, values = zip(*term.knots, strict=True)
+        scaled = tuple(term.size * value for value in values)
+        return Addition(term.place, term.of, times, "table", at, scaled)
+    form = "constant" if term.form == "1" else term.form
+    at = (term.at, term.by)[: _COUNTS.get(form, 0)]
+    return Addition(term.place, term.of, times, form, at, (term.size,))
 
 
 def wave(place: str, of: str, pitch: float, sine: float, cosine: float) -> Addition:
@@ -234,7 +260,7 @@ class Layout:
                 count = 1 + int(np.count_nonzero(np.diff(at) > 0.0))
                 at, own = at[:count], own[:count]
             else:
-                at = at[: {"wave": 2, "bump": 2, "hinge": 1}.get(name, 0)]
+                at = at[: _COUNTS.get(name, 0)]
                 own = own[:1]
             found.append(
                 Addition(

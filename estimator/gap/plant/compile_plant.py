@@ -273,7 +273,7 @@ def _with_slots(plant: Plant, description: PlantDescription, views: Views) -> Pl
     except PlantError as error:
         (reason,) = error.problems
         why = f"models of this plant hold nothing that is discovered: {reason}"
-        return replace(plant, why_no_slots=why)
+        return replace(plant, why_no_layout=why)
     known = {each.name: each for each in description.parameters}
     varying = tuple(
         Varying(

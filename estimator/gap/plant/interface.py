@@ -430,7 +430,7 @@ class Plant:
         varying: parameters that may change with a quantity.
         layout: how models of the plant hold additions; `parameters` then end with those of the
             slots (`SLOT_PARAMETERS`). None if they hold none.
-        why_no_slots: why models of the plant hold no additions, in words for the report; empty if
+        why_no_layout: why models of the plant hold no additions, in words for the report; empty if
             they do, or if nothing is to be told.
     """
 
@@ -467,7 +467,7 @@ class Plant:
     measures: Any = measures_nothing
     varying: tuple[Varying, ...] = ()
     layout: "Layout | None" = None
-    why_no_slots: str = ""
+    why_no_layout: str = ""
 
     @property
     def own_parameters(self) -> tuple[Parameter, ...]:

@@ -6,14 +6,14 @@ what depends on the time are held in slots.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
-from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Layout
+from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Layout, as_addition, as_term
 from rig.plant import MOST_TABLES, MOST_TERMS, AddedTerm, Parameters, fields_of, is_held, terms_of
 
 FRICTION: Final = "friction level"
 _FORCE: Final = "force balance"
-_COUNTS: Final = {"wave": 2, "bump": 2, "hinge": 1}
 _PARTS: Final = ("size", "at", "by")
 
 
@@ -76,41 +76,18 @@ class ServoLayout(Layout):
 
 
 def term_of(addition: Addition) -> AddedTerm:
-    """Return an addition as a term of a rig's model file.
+    """Return an addition as a term of a model file.
 
     Friction is a force that opposes the motion, which the rig adds to the level of its bristles.
     """
-    term = as_term(addition)
-    if term.place == FRICTION and not term.turned and term.of != TIME_NAME:
-        return term._replace(place=_FORCE, turned=True)
-    return term
+    if addition.place == FRICTION and addition.times != DIRECTION and addition.of != TIME_NAME:
+        addition = replace(addition, place=_FORCE, times=DIRECTION)
+    return as_term(addition)
 
 
 def addition_of(term: AddedTerm) -> Addition:
-    """Return a term of a rig's model file as an addition; the inverse of `term_of`."""
-    if term.place == _FORCE and term.turned:
-        term = term._replace(place=FRICTION, turned=False)
-    return as_addition(term)
-
-
-def as_term(addition: Addition) -> AddedTerm:
-    """Return an addition as a term of a model file, at its own place."""
-    turned = addition.times == DIRECTION
-    form = "1" if addition.form == "constant" else addition.form
-    if form == "table":
-        knots = tuple(zip(addition.at, addition.values, strict=True))
-        return AddedTerm(addition.place, addition.of, form, turned, 1.0, knots=knots)
-    at, by = (*addition.at, 0.0, 0.0)[:2]
-    return AddedTerm(addition.place, addition.of, form, turned, addition.values[0], at, by)
-
-
-def as_addition(term: AddedTerm) -> Addition:
-    """Return a term of a model file as an addition; the inverse of `as_term`."""
-    times = DIRECTION if term.turned else ""
-    if term.form == "table":
-        at, values = zip(*term.knots, strict=True)
-        scaled = tuple(term.size * value for value in values)
-        return Addition(term.place, term.of, times, "table", at, scaled)
-    form = "constant" if term.form == "1" else term.form
-    at = (term.at, term.by)[: _COUNTS.get(form, 0)]
-    return Addition(term.place, term.of, times, form, at, (term.size,))
+    """Return a term of a model file as an addition; the inverse of `term_of`."""
+    addition = as_addition(term)
+    if addition.place == _FORCE and term.turned:
+        return replace(addition, place=FRICTION, times="")
+    return addition

@@ -133,7 +133,7 @@ def found_by(asked: Asked) -> int:
         result = _unjudged(fitted, judged, plant) if unread else find(fitted, judged, plant)
         result.reasons += unread
         result.reasons += _noted([*fitted, *judged])
-        result.reasons += [plant.why_no_slots] if plant.why_no_slots else []
+        result.reasons += [plant.why_no_layout] if plant.why_no_layout else []
     command = ("rig", *sys.argv[1:])
     _write(result, plant, name, command, out, (asked.rig or "simulated", asked.model))
     if asked.as_json:

@@ -211,7 +211,7 @@ def _holding(plant: Plant, additions: Sequence[Addition], root: Located, sources
     if layout is None:
         section = root.find((KEY,))
         limit = "cannot be held"
-        remedy = plant.why_no_slots or "delete it: models of this plant hold no additions"
+        remedy = plant.why_no_layout or "delete it: models of this plant hold no additions"
         sources.problems.add(section.place, section.name, "", limit, remedy)
         sources.problems.raise_if_any()
     else:

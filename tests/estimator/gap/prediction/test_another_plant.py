@@ -59,7 +59,7 @@ def test_a_force_that_no_effect_holds_is_discovered_placed_and_written(
     axis: PlantModel, tmp_path: Path, hidden: dict[str, float], places: list[str], of: str,
     size: float,
 ) -> None:  # fmt: skip
-    fit, held = (recorded("strokes", seed, 6.0, **OFF, **hidden) for seed in (1, 2))
+    fit, held = (recorded("strokes", seed, 8.0, **OFF, **hidden) for seed in (1, 2))
     found = find_gap([fit], [held], axis.plant)
     assert found.verdict == "unknown_effect"
     (discovered,) = found.discovered

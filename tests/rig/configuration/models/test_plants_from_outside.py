@@ -289,7 +289,7 @@ def test_a_plant_whose_quantities_do_not_compile_says_why_it_holds_nothing_disco
     reference = with_module(workplace, (POSITION, f"lambda state, inputs: {value}, ("))
     plant = load_plant(reference, workplace / "axis.yaml").plant
     assert plant.layout is None
-    assert reason in plant.why_no_slots
+    assert reason in plant.why_no_layout
     text = (workplace / "axis.yaml").read_text()
     added = "discovered: [{to: force balance, form: constant, size: 1 N}]\n"
     (workplace / "added.yaml").write_text(text + added)
