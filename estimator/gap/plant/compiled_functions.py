@@ -185,12 +185,12 @@ def _made(name: str, source: str, signature: Any, names: dict[str, Any], of: str
 # Quantities and rates
 
 
-def _number(value):
+def _number(value: Any) -> Any:
     """Return a number, or the only one in an array, as a float; for compiled functions alone."""
 
 
 @overload(_number)
-def _number_of(value):
+def _number_of(value: Any) -> Any:
     if isinstance(value, types.Array):
         return lambda value: float(value.item())
     return lambda value: float(value)

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from estimator.gap.plant import Effect
-from estimator.gap.prediction import Filtered, Fitted, Fitter, Values, freed
+from estimator.gap.prediction import Filtered, Fitted, Fitter, Values, effect_variables, freed
 
 from .findings import CHANCE, MATERIAL, MOST_EFFECTS, Found, Named, Screened, deviate, earns
 from .refits import Refits
@@ -26,9 +26,7 @@ from .twins import FEW, Twins
 
 OVER_TWIN: Final = 5.0
 """Least gain of an effect, in multiples of its greatest gain on a twin."""
-CERTAIN: Final = 4.0
-"""Least normal deviate, by the blocks' scatter, of what each of several named effects gains: an
-effect whose interval holds its neutral value gains nothing that is certain."""
+_NORMAL_95: Final = 1.96
 _TRIED: Final = 5
 """Greatest number of candidates that are fitted at one stage."""
 _TRIED_AGAIN: Final = 2
@@ -212,8 +210,30 @@ class Search:
             if len(found.named) < 2:
                 return
             variables, without = self.refits.without(found, named.effect, exact=True)
-            gains = without.costs - found.fitted.costs
-            if gains.sum() < named.bar or deviate(gains) < CERTAIN:
+            gain = without.cost - found.fitted.cost
+            if gain < named.bar or self._holds_neutral(found, named.effect):
                 found.named.remove(named)
                 found.variables = variables
                 found.fitted, found.filtered = self.refits.settled(without.values, variables)
+
+    def _holds_neutral(self, found: Found, name: str) -> bool:
+        """Return whether the 95 % interval of an effect's only knob holds its value in the model.
+
+        An effect with several knobs has no one size to be asked for.
+        """
+        variables = effect_variables(self.plant.effects[name])
+        if len(variables) != 1:
+            return False
+        values = found.fitted.values
+        filtered = found.filtered.at(values)
+        columns = filtered.columns(values, found.variables)
+        names = [column.name for column in columns]
+        linear = filtered.linearise(values, columns)
+        errors = linear.errors(names, linear.solve(names)[0])
+        (own,) = variables
+        index = next(
+            k for k, v in enumerate(found.variables) if v.key and v.parameter == own.parameter
+        )
+        reach = abs(own.reach(values, float(errors[index])))
+        moved = values[own.parameter] - self.plant.nominal[own.parameter]
+        return bool(abs(moved) < _NORMAL_95 * reach)

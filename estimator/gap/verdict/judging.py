@@ -27,6 +27,11 @@ NOWHERE: Final = 0.3
 than each equation would explain if force, both flows and the spool were wrong alike."""
 
 
+TRIFLE: Final = 0.02
+"""Part of the excess of the model as given that a curve must take away to count where it does not
+predict what it was not fitted to: twice the part by which the form of an effect may be wrong."""
+
+
 @dataclass(frozen=True)
 class Judgement:
     """A verdict with its reasons in words."""
@@ -185,7 +190,9 @@ def left_to_a_curve(evidence: Evidence) -> Judgement | None:
     Nothing is claimed then, because no disturbance predicted what it was not fitted to.
     """
     free = evidence.rest[0].share * evidence.excess if evidence.rest else 0.0
-    if not (evidence.excess > MATERIAL and free > MATERIAL):
+    found = evidence.found
+    given = found.given.cost / found.samples - found.floor
+    if not (evidence.excess > MATERIAL and free > max(MATERIAL, TRIFLE * given)):
         return None
     curve = evidence.rest[0]
     return Judgement(
