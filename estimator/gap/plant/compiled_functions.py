@@ -190,7 +190,7 @@ def _number(value: Any) -> Any:
 
 
 @overload(_number)
-def _number_of(value: Any) -> Any:
+def _number_of(value):
     if isinstance(value, types.Array):
         return lambda value: float(value.item())
     return lambda value: float(value)

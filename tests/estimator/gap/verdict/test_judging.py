@@ -25,7 +25,8 @@ def found(before: float, after: float, names: int) -> Any:
 
     effect = SimpleNamespace(effect="constant_force", per_reading=1.0, gain=9.0, bar=1.0, z=9.0)
     return SimpleNamespace(
-        refitted=fitted(before), fitted=fitted(after), samples=1000, floor=1.0,
+        given=fitted(before), refitted=fitted(before), fitted=fitted(after), samples=1000,
+        floor=1.0,
         explained=1.0 - after / before, named=names * [effect],
     )  # fmt: skip
 
