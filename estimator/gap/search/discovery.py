@@ -39,6 +39,10 @@ NEAR: Final = 2.0
 """Standard errors of a difference between gains below which two explanations are equal."""
 _LIKELY: Final = 14
 """Number of places and quantities that compete with one that was added."""
+_TURNS: Final = 3
+"""Greatest number of times that others compete with what was added."""
+_FAR: Final = 4.0
+"""Cost per reading above which a model is far off."""
 _TRIED: Final = 3
 """Greatest number of shapes that are tried in the plant at one stage."""
 
@@ -245,7 +249,10 @@ class Discovering:
         """
         rivals: tuple[Explanation, ...] = ()
         likely = _distinct(ranked)[:_LIKELY]
-        for last in (False, False, True):
+        # About a model that was far off, even what promised nothing may be right.
+        afresh = found.fitted.cost > _FAR * explaining.samples
+        for turn in range(_TURNS):
+            last = turn == _TURNS - 1
             own = added.addition
             again = Explaining(
                 added.filtered, added.fitted.values, found.variables, 0.0, explaining, own
@@ -255,7 +262,7 @@ class Discovering:
             if of.shape.form == "table":
                 along = np.concatenate(again.attribution.along(of.shape.of))
                 simple = symbols(of.shape, along)
-            tried = again.again([*likely, of])
+            tried = again.explanations() if afresh else again.again([*likely, of])
             tried += again.of(of.place, simple)
             tried.sort(key=lambda each: -each.gain)
             best = _simplest(tried)
