@@ -7,19 +7,14 @@ from .discovery import (
 )
 from .disturbances import (
     TIME as TIME,
-    Attribution as Attribution,
-    Place as Place,
     attribution as attribution,
-    places_of as places_of,
 )
 from .drift import drifts as drifts
-from .explaining import Explaining as Explaining, Explanation as Explanation
 from .findings import (
     CHANCE as CHANCE,
     FORM as FORM,
     HELD_OUT as HELD_OUT,
     MATERIAL as MATERIAL,
-    MOST_EFFECTS as MOST_EFFECTS,
     Alternative as Alternative,
     Found as Found,
     Named as Named,
