@@ -5,16 +5,14 @@ from .discovery import (
     Discovery as Discovery,
     addition_variables as addition_variables,
 )
-from .disturbances import (
-    TIME as TIME,
-    attribution as attribution,
-)
+from .disturbances import TIME as TIME, attribution as attribution
 from .drift import drifts as drifts
 from .findings import (
     CHANCE as CHANCE,
     FORM as FORM,
     HELD_OUT as HELD_OUT,
     MATERIAL as MATERIAL,
+    NORMAL_95 as NORMAL_95,
     Alternative as Alternative,
     Found as Found,
     Named as Named,

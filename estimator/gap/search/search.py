@@ -18,7 +18,17 @@ from typing import Final
 from estimator.gap.plant import Effect
 from estimator.gap.prediction import Filtered, Fitted, Fitter, Values, effect_variables, freed
 
-from .findings import CHANCE, MATERIAL, MOST_EFFECTS, Found, Named, Screened, deviate, earns
+from .findings import (
+    CHANCE,
+    MATERIAL,
+    MOST_EFFECTS,
+    NORMAL_95,
+    Found,
+    Named,
+    Screened,
+    deviate,
+    earns,
+)
 from .refits import Refits
 from .rivals import Rivals
 from .screening import Screening
@@ -26,7 +36,6 @@ from .twins import FEW, Twins
 
 OVER_TWIN: Final = 5.0
 """Least gain of an effect, in multiples of its greatest gain on a twin."""
-_NORMAL_95: Final = 1.96
 _TRIED: Final = 5
 """Greatest number of candidates that are fitted at one stage."""
 _TRIED_AGAIN: Final = 2
@@ -236,4 +245,4 @@ class Search:
         )
         reach = abs(own.reach(values, float(errors[index])))
         moved = values[own.parameter] - self.plant.nominal[own.parameter]
-        return bool(abs(moved) < _NORMAL_95 * reach)
+        return bool(abs(moved) < NORMAL_95 * reach)

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -34,6 +34,7 @@ from estimator.gap.prediction import (
 from estimator.gap.search import (
     ENDLESS,
     MATERIAL,
+    NORMAL_95,
     Discovering,
     Found,
     Named,
@@ -54,24 +55,10 @@ from .judging import Evidence, judge
 from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
 from .unsettled import compared, unsettled
 
-_NORMAL_95: Final = 1.96
 _FORM: Final = 5e-3
 """Part of an effect's size that is added to its standard error. The rig never has exactly the form
 of the model and its effects, which the scatter of the recordings does not show. Twice this part is
 1 %."""
-
-
-@dataclass
-class _Seen:
-    """What is known of each named effect in addition to its fit.
-
-    Attributes:
-        held_out: normal deviate of the effect's gain on held-out recordings, by effect.
-        cosines: cosine of the effect's signature with those of its rivals, by effect and rival.
-    """
-
-    held_out: dict[str, float] = field(default_factory=dict)
-    cosines: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 def find_gap(
@@ -149,7 +136,6 @@ def _search(
     said("trying the effects of the catalogue")
     found = search.run()
     _floor(search, found)
-    seen = _Seen()
     said("looking for what the catalogue does not have")
     discovering = Discovering(search.refits, search.twins_of)
     choice = choose(discovering, found, MATERIAL)
@@ -193,8 +179,7 @@ def _search(
     if found.named or choice.discovered:
         result.accounted = found.explained
     result.explained = found.explained if found.named else float("nan")
-    seen.held_out = held_out_deviates(search.refits, found, judged)
-    known = _known(search, found, seen)
+    known = _known(search, found, judged)
     described = {
         id(each): described_as(each, plant)
         for each in (*choice.discovered, *choice.corrections.values())
@@ -216,7 +201,7 @@ def _search(
     worse = _compare(result, fitter, judged, kept.values, named=bool(found.named))
     result.effects = [
         _named(
-            plant, found, named, known.errors, seen,
+            plant, found, named, known,
             described[id(choice.corrections[named.effect])]
             if named.effect in choice.corrections
             else None,
@@ -238,24 +223,28 @@ def _search(
 
 @dataclass(frozen=True)
 class _Known:
-    """What follows about a finding from its linearisation.
+    """What is known of a finding in addition to its fit.
 
     Attributes:
+        held_out: normal deviate of each effect's gain on the held-out recordings, by effect.
+        cosines: cosine of each effect's signature with those of its rivals, by effect and rival.
         errors: standard errors, SI, by parameter.
         limits: for each effect the smallest size that these motions would show.
         absorbed: remarks in words on effects that the refit of a nuisance may stand for.
     """
 
+    held_out: dict[str, float]
+    cosines: dict[str, dict[str, float]]
     errors: dict[str, float]
     limits: list[DetectionLimit]
     absorbed: list[str]
 
 
-def _known(search: Search, found: Found, seen: _Seen) -> _Known:
-    """Return what follows about a finding from its linearisation; set its cosines in `seen`."""
-    for named in found.named:
-        seen.cosines[named.effect] = _cosines(search, found, named)
+def _known(search: Search, found: Found, judged: Fitter) -> _Known:
+    """Return what is known of a finding in addition to its fit."""
     return _Known(
+        held_out_deviates(search.refits, found, judged),
+        {named.effect: _cosines(search, found, named) for named in found.named},
         _standard_errors(search, found),
         limits(found.filtered, found.fitted.values, found.variables),
         absorbed(search, found),
@@ -404,7 +393,7 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
     before = plant.nominal[variable.parameter]
     form = form_error(value, before) if variable.key else 0.0
     error = np.hypot(errors[variable.parameter], form)
-    reach = float(_NORMAL_95 * error)
+    reach = float(NORMAL_95 * error)
     end = not variable.key and at_an_end(variable, found.fitted.values)
     unit = next(p.unit for p in plant.parameters if p.name == variable.parameter)
     return Estimate(
@@ -414,11 +403,11 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
 
 
 def _named(
-    plant: Plant, found: Found, named: Named, errors: dict[str, float], seen: _Seen,
-    correction: Discovered | None,
-) -> NamedEffect:  # fmt: skip
+    plant: Plant, found: Found, named: Named, known: _Known, correction: Discovered | None
+) -> NamedEffect:
+    """Return a named effect as it is reported; `correction` is the curve that corrects it."""
     effect = plant.effects[named.effect]
-    alike = seen.cosines[named.effect]
+    alike = known.cosines[named.effect]
     possible = {a.effect for a in named.indistinguishable}
     rivals = [
         Rival(a.effect, a.share, a.z, alike.get(a.effect, float("nan")),
@@ -427,12 +416,12 @@ def _named(
     ]  # fmt: skip
     return NamedEffect(
         effect.name, effect.equation, effect.where,
-        tuple(_estimate(plant, found, v, errors) for v in found.variables
+        tuple(_estimate(plant, found, v, known.errors) for v in found.variables
               if v.name == effect.name and v.key),
         named.gain, named.bar, named.z,
         tuple(r for r in rivals if r.effect in possible),
         tuple(r for r in rivals if r.effect not in possible),
         effect.unseen,
-        seen.held_out[named.effect],
+        known.held_out[named.effect],
         correction,
     )  # fmt: skip
