@@ -47,11 +47,11 @@ from estimator.gap.search import (
 )
 from rig.recording import Recording
 
-from .choosing import choose
+from .choosing import Choice, choose
 from .confirming import held_out_deviates
 from .describing import Wanted, described_as, kept_of, measured
 from .experiments import separations
-from .judging import Evidence, judge
+from .judging import Evidence, Judgement, judge
 from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
 from .unsettled import compared, unsettled
 
@@ -132,44 +132,13 @@ def _search(
     said: Callable[[str], None],
 ) -> None:
     """Run the search, and set its findings and the verdict in the result."""
-    fitter, plant = search.fitter, search.plant
     said("trying the effects of the catalogue")
     found = search.run()
     _floor(search, found)
     said("looking for what the catalogue does not have")
-    discovering = Discovering(search.refits, search.twins_of)
-    choice = choose(discovering, found, MATERIAL)
-    model = choice.model
+    choice = choose(Discovering(search.refits, search.twins), found, MATERIAL)
     said("looking where the model was wrong, and what is left")
-    refitted = found.filtered.at(found.refitted.values)
-    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
-    result.where = result.rest = _ranked(
-        before.curves(found.floor),
-        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
-    )
-    if not choice.named:
-        found.named = []
-    found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
-    if choice.named or choice.discovered:
-        after = attribution(found.filtered, found.fitted.values, found.variables)
-        result.rest = _ranked(
-            after.curves(found.floor),
-            drifts(found.filtered, found.fitted.values, found.variables, found.floor),
-        )
-    twins = search.twins(found.fitted.values)
-    left = unsettled(found.filtered, twins, found.fitted.values)
-    left = compared(left, refitted, found.refitted.values)
-    judgement = judge(
-        Evidence(
-            found=found,
-            discovered=choice.discovered,
-            rest=result.rest,
-            located=_located(plant, result.where),
-            resting=_resting(found.filtered, judged),
-            unsettled=left,
-            held_out=search.held_out_excess(judged, found.fitted.values),
-        )
-    )
+    judgement = _judgement(result, search, found, choice, judged)
     result.verdict, result.reasons = judgement.verdict, list(judgement.reasons)
     if result.verdict == "inconclusive":
         result.rest, result.channels = result.where, []
@@ -179,6 +148,54 @@ def _search(
     if found.named or choice.discovered:
         result.accounted = found.explained
     result.explained = found.explained if found.named else float("nan")
+    _set_answer(result, search, found, choice, judged, wanted)
+
+
+def _judgement(
+    result: GapResult, search: Search, found: Found, choice: Choice, judged: Fitter
+) -> Judgement:
+    """Return the judgement on what was chosen.
+
+    The model that was chosen becomes that of the finding. Where the model was wrong and what is
+    left are set in the result.
+    """
+    refitted = found.filtered.at(found.refitted.values)
+    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
+    result.where = result.rest = _ranked(
+        before.curves(found.floor),
+        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
+    )
+    if not choice.named:
+        found.named = []
+    model = choice.model
+    found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
+    if choice.named or choice.discovered:
+        after = attribution(found.filtered, found.fitted.values, found.variables)
+        result.rest = _ranked(
+            after.curves(found.floor),
+            drifts(found.filtered, found.fitted.values, found.variables, found.floor),
+        )
+    twins = search.twins.of(found.fitted.values)
+    left = unsettled(found.filtered, twins, found.fitted.values)
+    left = compared(left, refitted, found.refitted.values)
+    return judge(
+        Evidence(
+            found=found,
+            discovered=choice.discovered,
+            rest=result.rest,
+            located=_located(search.plant, result.where),
+            resting=_resting(found.filtered, judged),
+            unsettled=left,
+            held_out=search.held_out_excess(judged, found.fitted.values),
+        )
+    )
+
+
+def _set_answer(
+    result: GapResult, search: Search, found: Found, choice: Choice, judged: Fitter, wanted: Wanted
+) -> None:
+    """Set effects, disturbances, the model written and its held-out gap in the result."""
+    fitter, plant = search.fitter, search.plant
     known = _known(search, found, judged)
     described = {
         id(each): described_as(each, plant)
@@ -199,15 +216,10 @@ def _search(
         if each.suspected_leak and not each.in_model and wanted.discovered
     ]
     worse = _compare(result, fitter, judged, kept.values, named=bool(found.named))
+    corrections = {name: described[id(each)] for name, each in choice.corrections.items()}
     result.effects = [
-        _named(
-            plant, found, named, known,
-            described[id(choice.corrections[named.effect])]
-            if named.effect in choice.corrections
-            else None,
-        )
-        for named in found.named
-    ]  # fmt: skip
+        _named(plant, found, named, known, corrections.get(named.effect)) for named in found.named
+    ]
     result.refitted = [
         _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
     ]
@@ -348,7 +360,7 @@ def _compare(
 
 def _floor(search: Search, found: Found) -> None:
     """Set the floor of a finding: the cost per reading of a rig that is exactly the model found."""
-    costs = [twin.costs(found.fitted.values).sum() for twin in search.twins(found.fitted.values)]
+    costs = [twin.costs(found.fitted.values).sum() for twin in search.twins.of(found.fitted.values)]
     found.floor = float(np.mean(costs)) / found.samples
 
 
@@ -364,7 +376,7 @@ def _standard_errors(search: Search, found: Found) -> dict[str, float]:
     steps, _ = linear.solve(names)
     errors = linear.errors(names, steps)
     misses = []
-    for twin in search.twins(found.fitted.values, 3):
+    for twin in search.twins.of(found.fitted.values, 3):
         misses.append(twin.linearise(found.fitted.values, columns).solve(names)[0])
     wrong = np.sqrt(np.mean(np.square(misses), axis=0))
     return {
