@@ -20,7 +20,6 @@ from .additions import (
     as_term as as_term,
     is_active as is_active,
     kicked_states as kicked_states,
-    slot_field as slot_field,
     wave as wave,
 )
 from .bands import band_powers as band_powers, edges as edges

@@ -5,21 +5,14 @@ from .discovery import (
     Discovery as Discovery,
     addition_variables as addition_variables,
 )
-from .disturbances import (
-    TIME as TIME,
-    Attribution as Attribution,
-    Place as Place,
-    attribution as attribution,
-    places_of as places_of,
-)
+from .disturbances import TIME as TIME, attribution as attribution
 from .drift import drifts as drifts
-from .explaining import Explaining as Explaining, Explanation as Explanation
 from .findings import (
     CHANCE as CHANCE,
     FORM as FORM,
     HELD_OUT as HELD_OUT,
     MATERIAL as MATERIAL,
-    MOST_EFFECTS as MOST_EFFECTS,
+    NORMAL_95 as NORMAL_95,
     Alternative as Alternative,
     Found as Found,
     Named as Named,

@@ -1,10 +1,8 @@
 """This module discovers disturbances that no catalogue holds, and adds them to the model.
 
 All places where a disturbance may enter, against all quantities that it may depend on, compete in
-one figure: by how much they lower the error of predictions that they were not fitted to. The blocks
-of the recordings are divided into folds; the coefficients are fitted to all folds but one, together
-with the variables of the fit, and judged on that one (cross-validation, Stone 1974). The best is
-fitted in the plant itself, and the search goes on with what it leaves.
+one figure: by how much they lower the error of predictions that they were not fitted to
+(`explaining`). The best is fitted in the plant itself, and the search goes on with what it leaves.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import SLOTS, Addition, Effect, Layout, Plant
+from estimator.gap.plant import SLOTS, Addition, Array, Effect, Layout, Plant
 from estimator.gap.prediction import Filtered, Fitted, Values, Variable, freed, started
 
 from .disturbances import Place
@@ -59,7 +57,7 @@ class Discovery:
         share: part of the excess at the beginning that it takes away.
         before: values of all parameters before it was added.
         after: values of all parameters with it.
-        reach: least and greatest value of its quantity in the recordings, SI.
+        reach: 1 % and 99 % quantile of its quantity in the recordings, SI; zeros for none.
     """
 
     explanation: Explanation
@@ -81,7 +79,6 @@ class DiscoveredModel:
         filtered: the records, with gains for it.
         variables: variables of that fit.
         discoveries: the disturbances, in the order in which they were found.
-        near: explanations of what is left that come nearest, the best first.
         additions: the disturbances as the fit has them, in the same order.
     """
 
@@ -89,7 +86,6 @@ class DiscoveredModel:
     filtered: Filtered
     variables: tuple[Variable, ...]
     discoveries: list[Discovery] = field(default_factory=list)
-    near: list[Explanation] = field(default_factory=list)
     additions: tuple[Addition, ...] = ()
 
 
@@ -135,9 +131,7 @@ class Discovering:
         room = min(most, SLOTS - len(layout.additions(fitted.values)))
         while len(found.discoveries) < room:
             explaining = Explaining(found.filtered, found.fitted.values, found.variables, floor)
-            ranked = explaining.explanations()
-            found.near = ranked[:8]
-            if not self._add(found, explaining, ranked, first):
+            if not self._add(found, explaining, explaining.explanations(), first):
                 break
         if found.discoveries:
             found.fitted, found.filtered = self._refits.settled(
@@ -147,7 +141,7 @@ class Discovering:
             costs = found.filtered.costs(found.fitted.values)
             found.fitted = Fitted(found.fitted.values, costs)
             given = layout.additions(self.plant.nominal)
-            every = held_as(layout, found.fitted.values, [*given, *found.additions])
+            every = refitted(layout, found.fitted.values, [*given, *found.additions])
             found.additions = tuple(every[len(given) :])
             found.discoveries = [
                 replace(each, addition=addition)
@@ -257,18 +251,18 @@ class Discovering:
             again = Explaining(
                 added.filtered, added.fitted.values, found.variables, 0.0, explaining, own
             )
-            of = added.explanation
+            chosen = added.explanation
             simple = []
-            if of.shape.form == "table":
-                along = np.concatenate(again.attribution.along(of.shape.of))
-                simple = symbols(of.shape, along)
-            tried = again.explanations() if afresh else again.again([*likely, of])
-            tried += again.of(of.place, simple)
+            if chosen.shape.form == "table":
+                along = np.concatenate(again.attribution.along(chosen.shape.of))
+                simple = symbols(chosen.shape, along)
+            tried = again.explanations() if afresh else again.again(likely)
+            tried += again.of(chosen.place, [chosen.shape, *simple])
             tried.sort(key=lambda each: -each.gain)
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
             rivals = tuple(e for e in _distinct(near) if e.where != best.where)[:2]
-            same = best.where == of.where and best.shape.form == of.shape.form
+            same = best.where == chosen.where and best.shape.form == chosen.shape.form
             if last or same:
                 break
             other = self._in_plant(found, best, added.fitted.values)
@@ -315,7 +309,7 @@ class Discovering:
             for variable, error in zip(variables, errors, strict=True)
             if variable.parameter in sizes
         )
-        present = held_as(layout, values, additions)
+        present = refitted(layout, values, additions)
         if not _is_possible(self.plant, values, each.place, present[-1]):
             return None
         return _InPlant(
@@ -337,17 +331,19 @@ class _InPlant:
 
 
 def _loses(one: _InPlant, other: _InPlant) -> bool:
-    """Return whether the other predicts worse than the one, beyond chance and one per cent."""
-    lost = other.fitted.costs - one.fitted.costs
-    error = float(np.sqrt(len(lost)) * np.std(lost, ddof=1))
-    return float(lost.sum()) > max(NEAR * error, 0.01 * one.fitted.cost)
+    """Return whether the other costs more than the one, beyond chance and one per cent."""
+    return _matters(other.fitted.costs - one.fitted.costs, one.fitted.cost)
 
 
 def _worse(best: Explanation, other: Explanation) -> bool:
-    """Return whether an explanation predicts worse, beyond chance and one per cent."""
-    lost = best.gains - other.gains
+    """Return whether the other gains less than the best, beyond chance and one per cent."""
+    return _matters(best.gains - other.gains, best.gain)
+
+
+def _matters(lost: Array, whole: float) -> bool:
+    """Return whether a loss (blocks,) is more than chance and more than one per cent of a whole."""
     error = float(np.sqrt(len(lost)) * np.std(lost, ddof=1))
-    return float(lost.sum()) > max(NEAR * error, 0.01 * best.gain)
+    return float(lost.sum()) > max(NEAR * error, 0.01 * whole)
 
 
 def _simplest(ranked: Sequence[Explanation]) -> Explanation:
@@ -366,9 +362,10 @@ def _simplest(ranked: Sequence[Explanation]) -> Explanation:
 
 
 def _is_possible(plant: Plant, values: Values, place: Place, addition: Addition) -> bool:
-    """Return whether a parameter that an addition changes stays above its least value.
+    """Return whether a table leaves the parameter that it changes above its least value.
 
-    A friction level below zero would be a force that drives the ram.
+    A friction level below zero would be a force that drives the ram. Other places have no least
+    value, and forms in symbols are not looked at.
     """
     if place.varying is None or not addition.values:
         return True
@@ -383,8 +380,8 @@ def addition_variables(
     """Return the variables with which some of a model's additions are refitted.
 
     They are all values of a table, and of a form in symbols its size, with the period and phase of
-    a wave, the middle and width of a bump, or the beginning of a hinge. Their name is `ADDED`, and
-    each key is the name of the parameter.
+    a wave or the middle and width of a bump. Knots of a table and the place of a hinge stay. Their
+    name is `ADDED`, and each key is the name of the parameter.
 
     Args:
         layout: how models of the plant hold additions.
@@ -411,8 +408,11 @@ def addition_variables(
     return tuple(found)
 
 
-def held_as(layout: Layout, values: Values, additions: Sequence[Addition]) -> list[Addition]:
-    """Return a model's additions with the values that it has for them now."""
+def refitted(layout: Layout, values: Values, additions: Sequence[Addition]) -> list[Addition]:
+    """Return a model's additions as a fit with these values of all parameters has them.
+
+    They keep their order, which that of `Layout.additions` need not be.
+    """
     found = []
     for index, each in enumerate(additions):
         sizes, places = layout.names(additions, index)

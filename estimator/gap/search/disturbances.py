@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import DIRECTION, Array, Equation, Plant, Region, Varying
+from estimator.gap.plant import DIRECTION, TIME_NAME, Array, Equation, Plant, Region, Varying
 from estimator.gap.prediction import (
     HUBER,
     Column,
@@ -32,9 +32,9 @@ from .shapes import hats
 
 HATS: Final = 9
 """Number of hat functions in a curve. The outermost ones are constant beyond their middles."""
-TIME: Final = Region("time", "s", lambda states, inputs: states[:, 0], ("s", 1.0), "t")
-"""Time since the beginning of a recording. Any plant has this region, though no state holds the
-time."""
+TIME: Final = Region(TIME_NAME, "s", lambda states, inputs: states[:, 0], ("s", 1.0), "t")
+"""Time since the beginning of a recording. Any plant has this region. Its `value` must not be
+called, because no state holds the time; `Attribution.along` has it."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,10 @@ class Place:
 
     @property
     def turned(self) -> bool:
-        """Return whether the direction of motion may turn what enters here.
+        """Return whether what enters here may change its sign with the direction of motion.
 
-        That is so of a force, unless friction has a parameter of its own, and of a reading.
+        A reading may, as play does, and an equation that lists the direction among its regions. A
+        parameter may not.
         """
         return self.varying is None and (self.equation is None or DIRECTION in self.of)
 

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import TIME_NAME, Addition, Array
+from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Array
 from estimator.gap.prediction import Excerpt, Filtered, Values, Variable, excerpts
 
 from .disturbances import Attribution, Place, places_of, varying_of
@@ -20,8 +20,9 @@ from .shapes import Shape, fine_shapes, finer, periodic, tables
 _FOLD: Final = 8
 """Number of half-second blocks in a fold: neighbouring errors are alike for less than that."""
 _FOLDS: Final = 4
+"""Least number of folds. With few blocks, a fold has fewer of them than `_FOLD`."""
 _TOGETHER: Final = 60
-"""Number of columns that are followed through the linearised course at once."""
+"""Number of columns from which on they are followed through the linearised course at once."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Explaining:
         return found
 
     def reach(self, of: str) -> tuple[float, float]:
-        """Return the 1 % and the 99 % quantile of a quantity, SI; zeros for none."""
+        """Return the 1 % and the 99 % quantile of a quantity in the courses, SI; zeros for none."""
         if not of:
             return 0.0, 0.0
         low, high = np.quantile(self._together[of], (0.01, 0.99))
@@ -146,7 +147,8 @@ class Explaining:
         return sorted(found, key=lambda each: -each.gain)
 
     def _of_place(self, place: Place) -> list[Explanation]:
-        turned = place.turned
+        """Return all explanations of a place: tables first, then waves and bumps."""
+        turned = place.turned and DIRECTION in self._along
         shapes = tables(self._together, [*place.of, TIME_NAME], turned)
         found = self.of(place, shapes)
         names = periodic(self.plant.regions, place.of) if place.varying is None else []
@@ -161,7 +163,7 @@ class Explaining:
         return found
 
     def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
-        """Return an explanation for each shape of a place."""
+        """Return an explanation for each shape of a place; shapes that do nothing are left out."""
         found: list[Explanation] = []
         group: list[Shape] = []
         for shape in [*shapes, None]:
@@ -173,48 +175,63 @@ class Explaining:
         return found
 
     def _evaluated(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
-        columns = [
-            np.concatenate(
-                [
-                    shape.columns({name: parts[k] for name, parts in self._along.items()})
-                    for shape in shapes
-                ],
-                axis=1,
-            )
-            for k in range(len(self.attribution.courses))
-        ]
-        changes, residual, samples = self.attribution.stacked(place, columns)
-        base = changes[:, :, : self._base]
-        with_base = np.matmul(changes.transpose(0, 2, 1), base)
+        """Return an explanation for each shape of a place, all followed through the courses."""
+        changes, residual, samples = self.attribution.stacked(place, self._columns(shapes))
+        base = self._base
+        with_base = np.matmul(changes.transpose(0, 2, 1), changes[:, :, :base])
         slopes = np.matmul(residual[:, None, :], changes)[:, 0]
         if self._without is None:
-            inner = range(self._base)
             self._without = _changes_out_of_fold(
-                with_base[:, inner], slopes[:, inner], self._bounds, np.zeros((self._base,) * 2)
-            )
+                with_base[:, range(base)], slopes[:, range(base)], self._bounds,
+                np.zeros((base, base)),
+            )  # fmt: skip
         excess = float(np.square(residual).sum()) - self._floor * samples
-        found, first = [], self._base
+        found, first = [], base
         for shape in shapes:
             own = slice(first, first + shape.count)
-            first += shape.count
-            known = [*range(self._base), *range(own.start, own.stop)]
+            first = own.stop
+            known = [*range(base), *range(own.start, own.stop)]
             products = np.empty((len(changes), len(known), len(known)))
-            products[:, :, : self._base] = with_base[:, known]
-            products[:, : self._base, self._base :] = with_base[:, own].transpose(0, 2, 1)
+            products[:, :, :base] = with_base[:, known]
+            products[:, :base, base:] = with_base[:, own].transpose(0, 2, 1)
             mine = changes[:, :, own]
-            products[:, self._base :, self._base :] = np.matmul(mine.transpose(0, 2, 1), mine)
-            best: Explanation | None = None
-            for rough in shape.roughness():
-                each = _crossed(products, slopes[:, known], self._bounds, rough, self._without)
-                if each is None:
-                    continue
-                gains, steps, errors = each
-                share = float(gains.sum()) / excess if excess > 0.0 else 0.0
-                if best is None or gains.sum() > best.gain:
-                    best = Explanation(place, shape, steps, errors, gains, share)
+            products[:, base:, base:] = np.matmul(mine.transpose(0, 2, 1), mine)
+            best = self._smoothed(place, shape, products, slopes[:, known], excess)
             if best is not None:
                 found.append(best)
         return found
+
+    def _columns(self, shapes: Sequence[Shape]) -> list[Array]:
+        """Return the columns of all shapes along each course, a list of (m, columns)."""
+        along = [
+            {name: parts[k] for name, parts in self._along.items()}
+            for k in range(len(self.attribution.courses))
+        ]
+        return [np.concatenate([s.columns(each) for s in shapes], axis=1) for each in along]
+
+    def _smoothed(
+        self, place: Place, shape: Shape, products: Array, slopes: Array, excess: float
+    ) -> Explanation | None:
+        """Return the explanation with the penalty on roughness that predicts best; None if none.
+
+        Args:
+            place: place where the disturbance enters.
+            shape: its shape.
+            products: float64 (blocks, k, k), as for `_crossed`.
+            slopes: float64 (blocks, k), as for `_crossed`.
+            excess: cost above the floor.
+        """
+        assert self._without is not None
+        best: Explanation | None = None
+        for rough in shape.roughness():
+            crossed = _crossed(products, slopes, self._bounds, rough, self._without)
+            if crossed is None:
+                continue
+            gains, steps, errors = crossed
+            share = float(gains.sum()) / excess if excess > 0.0 else 0.0
+            if best is None or gains.sum() > best.gain:
+                best = Explanation(place, shape, steps, errors, gains, share)
+        return best
 
     @property
     def samples(self) -> int:

@@ -22,6 +22,8 @@ FORM: Final = 0.01
 Another effect that explains all but this part may be the cause as well."""
 MOST_EFFECTS: Final = 4
 """Greatest number of effects that are named."""
+NORMAL_95: Final = 1.96
+"""Half the width of a 95 % interval, in standard errors."""
 HELD_OUT: Final = 0.1
 """Greatest excess in squared error on held-out recordings that a model may have if it lacks
 nothing, in variances per reading: ten times what matters."""
@@ -35,13 +37,13 @@ class Screened:
         effect: name of the effect.
         start: values of the effect's knobs, by key, at the start; empty for the present values.
         gain: promised gain in cost.
+        acting: share of the readings that the effect moves.
     """
 
     effect: str
     start: Mapping[str, float]
     gain: float
     acting: float
-    """Share of the readings that the effect moves."""
 
 
 @dataclass(frozen=True)

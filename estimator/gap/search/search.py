@@ -16,17 +16,26 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from estimator.gap.plant import Effect
-from estimator.gap.prediction import Filtered, Fitted, Fitter, Values, effect_variables, freed
+from estimator.gap.prediction import Fitted, Fitter, Values, effect_variables, freed
 
-from .findings import CHANCE, MATERIAL, MOST_EFFECTS, Found, Named, Screened, deviate, earns
+from .findings import (
+    CHANCE,
+    MATERIAL,
+    MOST_EFFECTS,
+    NORMAL_95,
+    Found,
+    Named,
+    Screened,
+    deviate,
+    earns,
+)
 from .refits import Refits
 from .rivals import Rivals
 from .screening import Screening
-from .twins import FEW, Twins
+from .twins import Twins
 
 OVER_TWIN: Final = 5.0
 """Least gain of an effect, in multiples of its greatest gain on a twin."""
-_NORMAL_95: Final = 1.96
 _TRIED: Final = 5
 """Greatest number of candidates that are fitted at one stage."""
 _TRIED_AGAIN: Final = 2
@@ -55,7 +64,7 @@ class Search:
         plant: plant of the fitter.
         refits: refits of the fitter's records.
         rivals: tries other effects in the place of those named.
-        twins_of: makes twins of the fitter's records.
+        twins: makes twins of the fitter's records.
     """
 
     def __init__(self, fitter: Fitter, seed: int = 1) -> None:
@@ -63,7 +72,7 @@ class Search:
         self.plant = fitter.predictor.plant
         self.refits = Refits(fitter)
         self._seed = seed
-        self.twins_of = Twins(fitter, seed)
+        self.twins = Twins(fitter, seed)
         self._screening = Screening(self.plant)
         self.rivals = Rivals(self.refits, self._screening)
 
@@ -192,15 +201,11 @@ class Search:
         An effect that gains nothing on any twin is left out.
         """
         most: dict[str, float] = {}
-        for twin in self.twins(found.fitted.values):
+        for twin in self.twins.of(found.fitted.values):
             screened = self._screening.screen(twin, found.fitted.values, found.variables, effects)
             for candidate in screened:
                 most[candidate.effect] = max(most.get(candidate.effect, 0.0), candidate.gain)
         return most
-
-    def twins(self, values: Values, count: int = FEW) -> list[Filtered]:
-        """Return `count` sets of twins of all records for these values, filtered with them."""
-        return self.twins_of.of(values, count)
 
     # After the search
 
@@ -236,4 +241,4 @@ class Search:
         )
         reach = abs(own.reach(values, float(errors[index])))
         moved = values[own.parameter] - self.plant.nominal[own.parameter]
-        return bool(abs(moved) < _NORMAL_95 * reach)
+        return bool(abs(moved) < NORMAL_95 * reach)

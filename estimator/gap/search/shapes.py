@@ -16,6 +16,7 @@ _SAMPLES: Final = 10.0
 _MOVING: Final = 0.05
 """Part of the greatest step from sample to sample above which the quantity counts as moving."""
 BUMPS: Final = 12
+"""Number of places along a length at which bumps are tried, each with three widths."""
 _FINER: Final = 9
 """Number of periods that are tried about the period of a wave."""
 _BINS: Final = 32
@@ -38,7 +39,8 @@ class Shape:
         of: name of the quantity; "" for none.
         times: name of the quantity that the disturbance is multiplied by; "" for none.
         form: one of `FORMS`.
-        at: knots of a table; period of a wave; middle and width of a bump; place of a hinge, SI.
+        at: knots of a table; period of a wave; middle and width of a bump; place of a hinge, SI;
+            empty for the others.
     """
 
     of: str
@@ -160,20 +162,32 @@ def _shared(parts: Sequence[Array]) -> list[int]:
 
 
 def tables(quantities: Mapping[str, Array], of: Sequence[str], turned: bool) -> list[Shape]:
-    """Return tables along quantities (n,) by name; with `turned` also times the direction."""
+    """Return tables along quantities; those that do not change are left out.
+
+    Args:
+        quantities: float64 (n,) by name.
+        of: names of those along which tables are made.
+        turned: whether there are also tables that are multiplied by the direction of motion.
+    """
     found = []
     for name in of:
         knots = knots_of(quantities[name])
         if not knots:
             continue
         found.append(Shape(name, "", "table", knots))
-        if turned and name not in (DIRECTION, "velocity") and DIRECTION in quantities:
+        if turned and name not in (DIRECTION, "velocity"):
             found.append(Shape(name, DIRECTION, "table", knots))
     return found
 
 
 def fine_shapes(name: str, values: Array, turned: bool) -> list[Shape]:
-    """Return waves and bumps along a quantity (n,) along which a disturbance may repeat."""
+    """Return waves and bumps along a quantity; none if it does not change.
+
+    Args:
+        name: name of the quantity, along which a disturbance may repeat.
+        values: float64 (n,), the quantity sample by sample.
+        turned: whether there are also bumps that are multiplied by the direction of motion.
+    """
     low, high = (float(end) for end in np.quantile(values, (0.01, 0.99)))
     span = high - low
     if not span > 0.0:

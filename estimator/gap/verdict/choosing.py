@@ -28,15 +28,15 @@ from estimator.gap.search import (
 EXPLAINED: Final = 0.8
 """Part of the excess in prediction error that named effects must take away to keep their names."""
 WHOLE: Final = 0.98
-"""Part of the excess that disturbances alone must take away for names that do not to be given up at
-once."""
+"""Part of the excess that disturbances alone must take away for the named effects to be given up
+before both are tried together."""
 BEYOND: Final = 0.05
 """Least part of the excess by which one answer must be better than another."""
+SURE: Final = 2.0
+"""Least normal deviate of the difference between two answers, by the scatter of the blocks."""
 PINNED: Final = 1e-3
 """Part of a size's plausible range. A size that is nearer than this to an end of the range counts
 as being at that end. This bound was chosen: it is far less than the errors of fitted sizes."""
-SURE: Final = 2.0
-"""Least normal deviate of that difference, by the scatter of the blocks."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,8 @@ def _own_effect(
     """Return the effect to which the first disturbance belongs; None if there is none.
 
     An effect is named by where it enters and against what. Of those whose own curve was discovered,
-    the one that explains most keeps its name if it explains `EXPLAINED` of the excess by itself. It
-    is not asked for where a single effect was named that does so already.
+    the one that explains most keeps its name if it explains `EXPLAINED` of the excess by itself.
+    There is none either where a single effect of these was named before.
     """
     if not alone.discoveries or excess <= 0.0:
         return None

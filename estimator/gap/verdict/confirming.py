@@ -1,4 +1,4 @@
-"""This module tells by how much each named effect lowers the error on the held-out recordings."""
+"""This module tells how surely each named effect lowers the error on the held-out recordings."""
 
 from estimator.gap.prediction import Filtered, Fitter, Values, cost_of
 from estimator.gap.search import CHANCE, Found, Refits, deviate

@@ -1,4 +1,4 @@
-"""This module describes a disturbance that was discovered, and says what the model written has."""
+"""This module describes disturbances that were discovered, and leaves out those not wanted."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Addition, Plant
+from estimator.gap.plant import Addition, Plant, as_term
 from estimator.gap.prediction import (
     Curve,
     Discovered,
@@ -16,15 +16,15 @@ from estimator.gap.prediction import (
     channel_gaps,
     mean_gap,
 )
-from estimator.gap.search import ADDED, Discovery, Found, Search, addition_variables
+from estimator.gap.search import ADDED, NORMAL_95, Discovery, Found, Search, addition_variables
+from rig.plant import unit_per
 
 from .choosing import Choice
 from .lexicon import LEXICON, is_leak, likely_parts, shape_of
-from .sentences import NORMAL_95 as _NORMAL_95, quantity_unit, sentence, si_unit_of, unit_of
+from .sentences import quantity_unit, sentence, si_unit_of, unit_of
 
 _KEYS: Final = {"wave": ("pitch", "phase"), "bump": ("middle", "width"), "hinge": ("from",)}
-_POWERS: Final = {"x": 1, "|x|": 1, "hinge": 1, "x^2": 2, "x |x|": 2}
-"""Power of the quantity in a form in symbols, from which the unit of its size follows."""
+"""Names of what a form in symbols has besides its size, in the order of `Addition.at`."""
 _DRAWN: Final = 121
 """Number of points at which a form in symbols is drawn."""
 
@@ -82,14 +82,14 @@ def described_as(each: Discovery, plant: Plant) -> Discovered:
 
 
 def _estimates(each: Discovery, unit: str, of_unit: str) -> tuple[Estimate, ...]:
-    """Return the size of a form in symbols and what else it has, with intervals, SI.
+    """Return the size of a form in symbols and what else it has (`_KEYS`), SI.
 
-    Only the size has an interval; the others' ends are NaN.
+    Only the size has an interval; the others' ends are NaN. `unit` is the SI unit of the place,
+    `of_unit` that of the quantity.
     """
     addition = each.addition
-    power = _POWERS.get(addition.form, 0)
-    per = f"{unit or '1'}/({of_unit})" + ("^2" if power == 2 else "") if power else unit
-    reach = _NORMAL_95 * (each.errors[0] if each.errors else float("nan"))
+    per = unit_per(unit, of_unit, as_term(addition).form)
+    reach = NORMAL_95 * (each.errors[0] if each.errors else float("nan"))
     size = addition.values[0]
     found = [Estimate("size", "", size, size - reach, size + reach, per, 0.0)]
     nan = float("nan")

@@ -25,8 +25,6 @@ is located. This bound was chosen."""
 NOWHERE: Final = 0.3
 """Part of an excess that must be explained for the recordings to be those of this rig. It is more
 than each equation would explain if force, both flows and the spool were wrong alike."""
-
-
 TRIFLE: Final = 0.02
 """Part of the excess of the model as given that a curve must take away to count where it does not
 predict what it was not fitted to: twice the part by which the form of an effect may be wrong."""

@@ -239,7 +239,7 @@ _BY_UNIT: Final = {"N": "force", "N m": "force", "m^3/s": "flow", "m^3/(s Pa^0.5
 
 
 def kind_of(place: str, plant: Plant) -> str:
-    """Return the kind of a place: force, flow, valve, edges, reading, oil, supply, or ""."""
+    """Return the kind of a place: force, flow, valve, edges, reading, oil or supply; else ""."""
     if place.startswith(("reading of ", "gain of ")):
         return "reading"
     return _KINDS.get(place, _BY_UNIT.get(si_unit_of(place, plant), ""))
@@ -364,7 +364,8 @@ def _is_flat_outside(x: Array, y: Array) -> bool:
     return ends < 0.25 * middle
 
 
-_LEAKING: Final = {"flow, chamber 1": ("pressure 1", -1.0), "flow, chamber 2": ("pressure 2", -1.0)}
+_LEAKING: Final = {"flow, chamber 1": "pressure 1", "flow, chamber 2": "pressure 2"}
+"""Name of a chamber's flow -> name of its pressure."""
 _ACROSS: Final = "leak across the piston"
 
 
@@ -373,15 +374,19 @@ def is_leak(addition: Addition, low: float, high: float) -> bool:
 
     An opening across the piston does so wherever it is: what passes it grows with the difference of
     the pressures. A flow does so if less comes in, or more goes out, at higher pressures.
+
+    Args:
+        addition: the disturbance.
+        low: least value of its quantity in the recordings, SI.
+        high: greatest value.
     """
     if addition.place == _ACROSS:
         return True
     if addition.place not in _LEAKING:
         return False
-    pressure, sign = _LEAKING[addition.place]
-    if addition.of != pressure:
+    if addition.of != _LEAKING[addition.place]:
         return False
     x = np.linspace(low, high, 101)
-    y = sign * addition.shape(x)
-    slope = float(np.polyfit(x, y, 1)[0])
-    return slope > 0.0 and bool(y.max() > 0.0)
+    out = -addition.shape(x)
+    slope = float(np.polyfit(x, out, 1)[0])
+    return slope > 0.0 and bool(out.max() > 0.0)

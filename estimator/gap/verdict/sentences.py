@@ -7,9 +7,7 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Plant
-
-NORMAL_95: Final = 1.96
-"""Half the width of a 95 % interval, in standard errors."""
+from estimator.gap.search import NORMAL_95
 
 _NOUNS: Final = {
     "force balance": ("A force against extension", "A force towards extension",
@@ -26,10 +24,7 @@ _NOUNS: Final = {
     "friction level": ("Friction beside the model's", "A lack of friction",
                        "Friction beside the model's"),
 }  # fmt: skip
-"""How a disturbance of a place is called if it is positive, negative, or now this and now that."""
-_FRICTION: Final = (
-    "Friction beside the model's", "A lack of friction", "Friction beside the model's",
-)  # fmt: skip
+"""What a disturbance of a place is called if it is positive, negative, or of both signs."""
 _QUANTITIES: Final = {
     "pressure 1": "the pressure in chamber 1",
     "pressure 2": "the pressure in chamber 2",
@@ -70,11 +65,11 @@ def sentence(
         noun, sign = negative, -1.0
     else:
         noun, sign = either, 1.0
-    return f"{noun} {_Says(addition, name, errors, plant, (low, high), sign).words()}"
+    return f"{noun} {_Predicate(addition, name, errors, plant, (low, high), sign).words()}"
 
 
-class _Says:
-    """Says what a disturbance does, after the noun that it is called by.
+class _Predicate:
+    """Makes the words that say what a disturbance does, to follow the noun that it is called by.
 
     Args:
         addition: the disturbance.
@@ -116,6 +111,7 @@ class _Says:
         return self._power(form)
 
     def _power(self, form: str) -> str:
+        """Return the words for one of the forms `x`, `|x|`, `x^2` and `x |x|`."""
         low, high = self._reach
         if form == "x":
             if self._addition.of == DIRECTION:
@@ -167,11 +163,13 @@ class _Says:
         return shown(self._sign * self._addition.values[0] * scale, abs(error * scale), self._unit)
 
     def _value(self, k: int) -> str:
+        """Return a table's value at its knot k, with its interval."""
         error = self._errors[k] if k < len(self._errors) else float("nan")
         value = self._sign * self._addition.values[k] * self._factor
         return shown(value, error * self._factor, self._unit)
 
     def _at(self, x: float) -> str:
+        """Return a value of the quantity, SI, in the unit in which it is shown."""
         if self._addition.of == DIRECTION:
             return "extending" if x > 0.0 else "retracting"
         return f"{x * self._of_factor:.3g} {self._of_unit}".strip()
@@ -181,7 +179,8 @@ def _nouns(addition: Addition, plant: Plant) -> tuple[str, str, str]:
     """Return how a disturbance is called if it is positive, negative, or of both signs."""
     place = addition.place
     if addition.times == DIRECTION and place == "force balance":
-        return _FRICTION
+        # A force that turns with the motion is friction.
+        return _NOUNS["friction level"]
     if place in _NOUNS:
         found = _NOUNS[place]
     elif place.startswith("reading of "):

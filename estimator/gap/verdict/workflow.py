@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -34,6 +34,7 @@ from estimator.gap.prediction import (
 from estimator.gap.search import (
     ENDLESS,
     MATERIAL,
+    NORMAL_95,
     Discovering,
     Found,
     Named,
@@ -46,32 +47,18 @@ from estimator.gap.search import (
 )
 from rig.recording import Recording
 
-from .choosing import choose
+from .choosing import Choice, choose
 from .confirming import held_out_deviates
 from .describing import Wanted, described_as, kept_of, measured
 from .experiments import separations
-from .judging import Evidence, judge
+from .judging import Evidence, Judgement, judge
 from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
 from .unsettled import compared, unsettled
 
-_NORMAL_95: Final = 1.96
 _FORM: Final = 5e-3
 """Part of an effect's size that is added to its standard error. The rig never has exactly the form
 of the model and its effects, which the scatter of the recordings does not show. Twice this part is
 1 %."""
-
-
-@dataclass
-class _Seen:
-    """What is known of each named effect in addition to its fit.
-
-    Attributes:
-        held_out: normal deviate of the effect's gain on held-out recordings, by effect.
-        cosines: cosine of the effect's signature with those of its rivals, by effect and rival.
-    """
-
-    held_out: dict[str, float] = field(default_factory=dict)
-    cosines: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 def find_gap(
@@ -145,45 +132,13 @@ def _search(
     said: Callable[[str], None],
 ) -> None:
     """Run the search, and set its findings and the verdict in the result."""
-    fitter, plant = search.fitter, search.plant
     said("trying the effects of the catalogue")
     found = search.run()
     _floor(search, found)
-    seen = _Seen()
     said("looking for what the catalogue does not have")
-    discovering = Discovering(search.refits, search.twins_of)
-    choice = choose(discovering, found, MATERIAL)
-    model = choice.model
+    choice = choose(Discovering(search.refits, search.twins), found, MATERIAL)
     said("looking where the model was wrong, and what is left")
-    refitted = found.filtered.at(found.refitted.values)
-    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
-    result.where = result.rest = _ranked(
-        before.curves(found.floor),
-        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
-    )
-    if not choice.named:
-        found.named = []
-    found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
-    if choice.named or choice.discovered:
-        after = attribution(found.filtered, found.fitted.values, found.variables)
-        result.rest = _ranked(
-            after.curves(found.floor),
-            drifts(found.filtered, found.fitted.values, found.variables, found.floor),
-        )
-    twins = search.twins(found.fitted.values)
-    left = unsettled(found.filtered, twins, found.fitted.values)
-    left = compared(left, refitted, found.refitted.values)
-    judgement = judge(
-        Evidence(
-            found=found,
-            discovered=choice.discovered,
-            rest=result.rest,
-            located=_located(plant, result.where),
-            resting=_resting(found.filtered, judged),
-            unsettled=left,
-            held_out=search.held_out_excess(judged, found.fitted.values),
-        )
-    )
+    judgement = _judgement(result, search, found, choice, judged)
     result.verdict, result.reasons = judgement.verdict, list(judgement.reasons)
     if result.verdict == "inconclusive":
         result.rest, result.channels = result.where, []
@@ -193,8 +148,55 @@ def _search(
     if found.named or choice.discovered:
         result.accounted = found.explained
     result.explained = found.explained if found.named else float("nan")
-    seen.held_out = held_out_deviates(search.refits, found, judged)
-    known = _known(search, found, seen)
+    _set_answer(result, search, found, choice, judged, wanted)
+
+
+def _judgement(
+    result: GapResult, search: Search, found: Found, choice: Choice, judged: Fitter
+) -> Judgement:
+    """Return the judgement on what was chosen.
+
+    The model that was chosen becomes that of the finding. Where the model was wrong and what is
+    left are set in the result.
+    """
+    refitted = found.filtered.at(found.refitted.values)
+    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
+    result.where = result.rest = _ranked(
+        before.curves(found.floor),
+        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
+    )
+    if not choice.named:
+        found.named = []
+    model = choice.model
+    found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
+    if choice.named or choice.discovered:
+        after = attribution(found.filtered, found.fitted.values, found.variables)
+        result.rest = _ranked(
+            after.curves(found.floor),
+            drifts(found.filtered, found.fitted.values, found.variables, found.floor),
+        )
+    twins = search.twins.of(found.fitted.values)
+    left = unsettled(found.filtered, twins, found.fitted.values)
+    left = compared(left, refitted, found.refitted.values)
+    return judge(
+        Evidence(
+            found=found,
+            discovered=choice.discovered,
+            rest=result.rest,
+            located=_located(search.plant, result.where),
+            resting=_resting(found.filtered, judged),
+            unsettled=left,
+            held_out=search.held_out_excess(judged, found.fitted.values),
+        )
+    )
+
+
+def _set_answer(
+    result: GapResult, search: Search, found: Found, choice: Choice, judged: Fitter, wanted: Wanted
+) -> None:
+    """Set effects, disturbances, the model written and its held-out gap in the result."""
+    fitter, plant = search.fitter, search.plant
+    known = _known(search, found, judged)
     described = {
         id(each): described_as(each, plant)
         for each in (*choice.discovered, *choice.corrections.values())
@@ -214,15 +216,10 @@ def _search(
         if each.suspected_leak and not each.in_model and wanted.discovered
     ]
     worse = _compare(result, fitter, judged, kept.values, named=bool(found.named))
+    corrections = {name: described[id(each)] for name, each in choice.corrections.items()}
     result.effects = [
-        _named(
-            plant, found, named, known.errors, seen,
-            described[id(choice.corrections[named.effect])]
-            if named.effect in choice.corrections
-            else None,
-        )
-        for named in found.named
-    ]  # fmt: skip
+        _named(plant, found, named, known, corrections.get(named.effect)) for named in found.named
+    ]
     result.refitted = [
         _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
     ]
@@ -238,24 +235,28 @@ def _search(
 
 @dataclass(frozen=True)
 class _Known:
-    """What follows about a finding from its linearisation.
+    """What is known of a finding in addition to its fit.
 
     Attributes:
+        held_out: normal deviate of each effect's gain on the held-out recordings, by effect.
+        cosines: cosine of each effect's signature with those of its rivals, by effect and rival.
         errors: standard errors, SI, by parameter.
         limits: for each effect the smallest size that these motions would show.
         absorbed: remarks in words on effects that the refit of a nuisance may stand for.
     """
 
+    held_out: dict[str, float]
+    cosines: dict[str, dict[str, float]]
     errors: dict[str, float]
     limits: list[DetectionLimit]
     absorbed: list[str]
 
 
-def _known(search: Search, found: Found, seen: _Seen) -> _Known:
-    """Return what follows about a finding from its linearisation; set its cosines in `seen`."""
-    for named in found.named:
-        seen.cosines[named.effect] = _cosines(search, found, named)
+def _known(search: Search, found: Found, judged: Fitter) -> _Known:
+    """Return what is known of a finding in addition to its fit."""
     return _Known(
+        held_out_deviates(search.refits, found, judged),
+        {named.effect: _cosines(search, found, named) for named in found.named},
         _standard_errors(search, found),
         limits(found.filtered, found.fitted.values, found.variables),
         absorbed(search, found),
@@ -359,7 +360,7 @@ def _compare(
 
 def _floor(search: Search, found: Found) -> None:
     """Set the floor of a finding: the cost per reading of a rig that is exactly the model found."""
-    costs = [twin.costs(found.fitted.values).sum() for twin in search.twins(found.fitted.values)]
+    costs = [twin.costs(found.fitted.values).sum() for twin in search.twins.of(found.fitted.values)]
     found.floor = float(np.mean(costs)) / found.samples
 
 
@@ -375,7 +376,7 @@ def _standard_errors(search: Search, found: Found) -> dict[str, float]:
     steps, _ = linear.solve(names)
     errors = linear.errors(names, steps)
     misses = []
-    for twin in search.twins(found.fitted.values, 3):
+    for twin in search.twins.of(found.fitted.values, 3):
         misses.append(twin.linearise(found.fitted.values, columns).solve(names)[0])
     wrong = np.sqrt(np.mean(np.square(misses), axis=0))
     return {
@@ -404,7 +405,7 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
     before = plant.nominal[variable.parameter]
     form = form_error(value, before) if variable.key else 0.0
     error = np.hypot(errors[variable.parameter], form)
-    reach = float(_NORMAL_95 * error)
+    reach = float(NORMAL_95 * error)
     end = not variable.key and at_an_end(variable, found.fitted.values)
     unit = next(p.unit for p in plant.parameters if p.name == variable.parameter)
     return Estimate(
@@ -414,11 +415,11 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
 
 
 def _named(
-    plant: Plant, found: Found, named: Named, errors: dict[str, float], seen: _Seen,
-    correction: Discovered | None,
-) -> NamedEffect:  # fmt: skip
+    plant: Plant, found: Found, named: Named, known: _Known, correction: Discovered | None
+) -> NamedEffect:
+    """Return a named effect as it is reported; `correction` is the curve that corrects it."""
     effect = plant.effects[named.effect]
-    alike = seen.cosines[named.effect]
+    alike = known.cosines[named.effect]
     possible = {a.effect for a in named.indistinguishable}
     rivals = [
         Rival(a.effect, a.share, a.z, alike.get(a.effect, float("nan")),
@@ -427,12 +428,12 @@ def _named(
     ]  # fmt: skip
     return NamedEffect(
         effect.name, effect.equation, effect.where,
-        tuple(_estimate(plant, found, v, errors) for v in found.variables
+        tuple(_estimate(plant, found, v, known.errors) for v in found.variables
               if v.name == effect.name and v.key),
         named.gain, named.bar, named.z,
         tuple(r for r in rivals if r.effect in possible),
         tuple(r for r in rivals if r.effect not in possible),
         effect.unseen,
-        seen.held_out[named.effect],
+        known.held_out[named.effect],
         correction,
     )  # fmt: skip

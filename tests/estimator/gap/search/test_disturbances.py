@@ -137,9 +137,9 @@ def test_a_drag_that_grows_with_the_square_of_speed_is_found_there_in_newtons(
     assert np.all(np.abs(best.values - expected)[inner] < 4.0 * best.errors[inner] + bent)
 
 
-def _explaining(record: Record, pool: ThreadPoolExecutor) -> Explaining:
+def _explaining(record: Record, pool: ThreadPoolExecutor, plant: Plant = SLED) -> Explaining:
     """Return what explains what a refit of the drag leaves."""
-    fitter = Fitter(Predictor(SLED), [record], pool)
+    fitter = Fitter(Predictor(plant), [record], pool)
     values = fitter.filtered(SLED.nominal).fit(SLED.nominal, [FITTED]).values
     return Explaining(fitter.filtered(values), values, [FITTED], 1.0)
 
@@ -166,6 +166,18 @@ def test_a_wave_along_the_stroke_is_told_with_its_pitch(pool: ThreadPoolExecutor
     assert best.shape.form == "wave"
     assert best.shape.at[0] == pytest.approx(0.02, rel=0.03)
     assert best.addition.values[0] == pytest.approx(15.0, rel=0.1)
+
+
+def test_a_plant_that_names_no_direction_of_motion_is_explained_without_it(
+    pool: ThreadPoolExecutor,
+) -> None:
+    regions = {name: each for name, each in SLED.regions.items() if name != "direction"}
+    plant = replace(SLED, regions=regions)
+    record = _moved(lambda x, v: 15.0 * np.sin(2.0 * np.pi * x / 0.02))
+    explanations = _explaining(record, pool, plant).explanations()
+    assert explanations[0].where == ("force balance", "position", "")
+    assert "reading of position_m" in {each.place.name for each in explanations}
+    assert not any(each.shape.times for each in explanations)
 
 
 def test_nothing_predicts_what_it_was_not_fitted_to_where_there_is_noise_only(
