@@ -76,6 +76,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 # There is no deadline for an example, because a first call may compile for seconds. In the CI,
 # examples are the same on every machine.
-settings.register_profile("default", deadline=None, max_examples=40)
+settings.register_profile("default", deadline=None, max_examples=25)
 settings.register_profile("ci", parent=settings.get_profile("default"), derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
