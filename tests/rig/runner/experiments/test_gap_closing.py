@@ -37,10 +37,10 @@ RIG = load_rig("simulated")
 HIDDEN_S = 3e-3
 AMONG = ("command_delay", "valve_bandwidth", "pressure_1_bias")
 BRIEF = Programme(
-    fitted=(("small fast strokes", 6.0),),
-    held=(("small steps", 5.0),),
-    check=(("small steps", 6.0),),
-    experiment_s=6.0,
+    fitted=(("small fast strokes", 5.0),),
+    held=(("small steps", 4.0),),
+    check=(("small steps", 5.0),),
+    experiment_s=5.0,
 )
 
 
@@ -61,7 +61,7 @@ def test_a_hidden_delay_is_named_and_its_gap_closed_without_help(closed: GapResu
     assert effect.name == "command_delay"
     assert not effect.indistinguishable
     assert effect.parameters[0].value == pytest.approx(HIDDEN_S, abs=1e-4)
-    # How the ram sticks in six seconds decides what is left of the other channels.
+    # How the ram sticks in five seconds decides what is left of the other channels.
     spool = next(gap for gap in closed.channels if gap.channel == "spool_m")
     assert spool.after - spool.floor < 0.1 * (spool.before - spool.floor)
 
@@ -177,7 +177,7 @@ def _trip(_: SimulatedBench) -> None:
 
 
 def test_a_model_that_lacks_nothing_is_left_after_one_round(tmp_path: Path) -> None:
-    brief = replace(BRIEF, fitted=(("small steps", 6.0),))
+    brief = replace(BRIEF, fitted=(("small steps", 5.0),))
     found = close_gap(hiding(Model()), Model(), tmp_path, programme=brief, among=AMONG)
     assert found.verdict == "adequate"
     assert not found.effects
