@@ -24,7 +24,7 @@ TRUE: Final = {
 }  # fmt: skip
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _run(reference, voltage, closed, par, delay, noise, period, substeps):  # type: ignore[no-untyped-def]
     gain, mass, fv, fc, contact, offset, ac, av, fs, vs, cogging, phase, pitch = par[:13]
     tight, quadratic, spring, spring_from = par[13:]

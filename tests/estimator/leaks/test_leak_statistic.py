@@ -151,6 +151,7 @@ def test_an_impossible_factor_on_errors_of_the_model_is_refused(factor: float) -
         LeakTest(1.0, model_error=factor)
 
 
+@pytest.mark.long
 def test_at_one_a_day_an_hour_of_runs_is_silent() -> None:
     assert not any(any(searched(blocks(60, seed))) for seed in range(120))
 

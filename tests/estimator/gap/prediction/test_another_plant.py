@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from shutil import copy
 
@@ -20,10 +21,17 @@ from rig.configuration.models.plant_file import PlantModel
 from rig.configuration.models.plant_loading import load_plant
 from rig.recording import Recording
 from tests.estimator.gap import axis_rig
+from tests.estimator.gap.plants_compiled_once import plants_compiled_once
 
 EXAMPLE = Path(__file__).parents[4] / "docs" / "another_plant"
 OFF = {"gain": 36.4, "mass": 90.25, "viscous": 230.0}
 """What this axis has other than its model, within the model's tolerances."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_once() -> Iterator[None]:
+    with plants_compiled_once():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -48,18 +56,23 @@ def test_an_axis_that_the_model_describes_is_refitted_and_lacks_nothing(axis: Pl
 
 
 @pytest.mark.parametrize(
-    ("hidden", "places", "of", "size"),
+    ("hidden", "seconds", "places", "of", "size"),
     [
-        ({"cogging": 4.0, "pitch": 0.0212, "phase": 0.5}, ["force balance"], "position", 4.0),
-        ({"quadratic": 300.0}, ["force balance", "viscous"], "velocity", 300.0),
+        pytest.param(
+            {"cogging": 4.0, "pitch": 0.0212, "phase": 0.5}, 5.0,
+            ["force balance"], "position", 4.0, id="cogging of another pitch",
+        ),
+        pytest.param(
+            {"quadratic": 300.0}, 8.0, ["force balance", "viscous"], "velocity", 300.0,
+            id="a drag with the square of the velocity", marks=pytest.mark.long,
+        ),
     ],
-    ids=["cogging of another pitch", "a drag with the square of the velocity"],
-)
+)  # fmt: skip
 def test_a_force_that_no_effect_holds_is_discovered_placed_and_written(
-    axis: PlantModel, tmp_path: Path, hidden: dict[str, float], places: list[str], of: str,
-    size: float,
+    axis: PlantModel, tmp_path: Path, hidden: dict[str, float], seconds: float,
+    places: list[str], of: str, size: float,
 ) -> None:  # fmt: skip
-    fit, held = (recorded("strokes", seed, 8.0, **OFF, **hidden) for seed in (1, 2))
+    fit, held = (recorded("strokes", seed, seconds, **OFF, **hidden) for seed in (1, 2))
     found = find_gap([fit], [held], axis.plant)
     assert found.verdict == "unknown_effect"
     (discovered,) = found.discovered
@@ -83,7 +96,7 @@ def test_a_hidden_delay_is_named_from_outside_the_package(tmp_path: Path) -> Non
     for file in ("axis.py", "axis.yaml"):
         copy(EXAMPLE / file, tmp_path / file)
     for name, seed in (("fit", 3), ("held", 4)):
-        channels = axis_rig.recorded("strokes", seed, 5.0, delay=2.3e-3, **OFF)
+        channels = axis_rig.recorded("strokes", seed, 4.0, delay=2.3e-3, **OFF)
         axis_rig.write_csv(tmp_path / f"{name}.csv", channels)
     # fmt: off
     done = subprocess.run(

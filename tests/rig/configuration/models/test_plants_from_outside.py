@@ -1,6 +1,6 @@
 """A plant from outside the package: its module and its model file, and what is said of mistakes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from shutil import copy
 from textwrap import dedent
@@ -14,10 +14,17 @@ from rig.configuration import ConfigError
 from rig.configuration.models.plant_file import PlantModel
 from rig.configuration.models.plant_loading import load_plant
 from rig.recording import RecordingError
+from tests.estimator.gap.plants_compiled_once import plants_compiled_once
 
 EXAMPLE = Path(__file__).parents[4] / "docs" / "another_plant"
 
 Load = Callable[..., PlantModel]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_once() -> Iterator[None]:
+    with plants_compiled_once():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -37,10 +37,10 @@ RIG = load_rig("simulated")
 HIDDEN_S = 3e-3
 AMONG = ("command_delay", "valve_bandwidth", "pressure_1_bias")
 BRIEF = Programme(
-    fitted=(("small fast strokes", 6.0),),
-    held=(("small steps", 5.0),),
-    check=(("small steps", 6.0),),
-    experiment_s=6.0,
+    fitted=(("small fast strokes", 5.0),),
+    held=(("small steps", 4.0),),
+    check=(("small steps", 5.0),),
+    experiment_s=5.0,
 )
 
 
@@ -52,7 +52,12 @@ def hiding(truth: Model) -> Rig:
 def closed(tmp_path_factory: pytest.TempPathFactory) -> GapResult:
     rig = hiding(Model().with_effect("command_delay", value=HIDDEN_S))
     folder = tmp_path_factory.mktemp("closed")
-    return close_gap(rig, Model(), folder, programme=BRIEF, among=AMONG)
+    # What the catalogue has is to be found here; what is discovered would only be a rival of it.
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(
+            gap_closing, "rig_plant", lambda *given: replace(rig_plant(*given), layout=None)
+        )
+        return close_gap(rig, Model(), folder, programme=BRIEF, among=AMONG)
 
 
 def test_a_hidden_delay_is_named_and_its_gap_closed_without_help(closed: GapResult) -> None:
@@ -61,7 +66,7 @@ def test_a_hidden_delay_is_named_and_its_gap_closed_without_help(closed: GapResu
     assert effect.name == "command_delay"
     assert not effect.indistinguishable
     assert effect.parameters[0].value == pytest.approx(HIDDEN_S, abs=1e-4)
-    # How the ram sticks in six seconds decides what is left of the other channels.
+    # How the ram sticks in five seconds decides what is left of the other channels.
     spool = next(gap for gap in closed.channels if gap.channel == "spool_m")
     assert spool.after - spool.floor < 0.1 * (spool.before - spool.floor)
 
@@ -177,7 +182,7 @@ def _trip(_: SimulatedBench) -> None:
 
 
 def test_a_model_that_lacks_nothing_is_left_after_one_round(tmp_path: Path) -> None:
-    brief = replace(BRIEF, fitted=(("small steps", 6.0),))
+    brief = replace(BRIEF, fitted=(("small steps", 5.0),))
     found = close_gap(hiding(Model()), Model(), tmp_path, programme=brief, among=AMONG)
     assert found.verdict == "adequate"
     assert not found.effects
