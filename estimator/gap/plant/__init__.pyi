@@ -41,6 +41,7 @@ from .interface import (
     Equation as Equation,
     InLanes as InLanes,
     Knob as Knob,
+    Likeness as Likeness,
     Motion as Motion,
     Nuisance as Nuisance,
     Output as Output,

@@ -188,6 +188,7 @@ class Effect:
         own: pairs of a place that a disturbance may enter and a quantity that it may depend on, in
             which the effect's formula is a curve. A disturbance found there, beside the effect,
             corrects its formula.
+        like: what curves are this effect even where its formula explains little of them.
     """
 
     name: str
@@ -198,6 +199,23 @@ class Effect:
     unseen: str = ""
     propose: Proposal | None = None
     own: tuple[tuple[str, str], ...] = ()
+    like: tuple["Likeness", ...] = ()
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """What curve of a disturbance is an effect, by its place, its quantity and its course.
+
+    Attributes:
+        place: name of a place that a disturbance may enter.
+        of: quantity that it depends on.
+        read: (values (k,) of the quantity, ascending, values (k,) of the disturbance, all SI) ->
+            value of the effect's first knob, or None if the curve is not like the effect.
+    """
+
+    place: str
+    of: str
+    read: Callable[[Array, Array], float | None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from estimator.gap.plant import SLOTS, Addition, Array, Effect, Layout, Plant
 from estimator.gap.prediction import Filtered, Fitted, Values, Variable, freed, started
 
 from .disturbances import Place
-from .explaining import Explaining, Explanation
+from .explaining import Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate
 from .refits import Refits
 from .shapes import symbols
@@ -112,6 +112,7 @@ class Discovering:
         variables: tuple[Variable, ...],
         floor: float,
         most: int = MOST,
+        only: Wheres | None = None,
     ) -> DiscoveredModel:
         """Return the model with all disturbances that earn their place.
 
@@ -120,6 +121,7 @@ class Discovering:
             variables: variables of that fit.
             floor: cost per reading of a rig that is exactly the model.
             most: greatest number of disturbances.
+            only: places and quantities that are looked at; None for all.
         """
         filtered = self._refits.fitter.filtered(fitted.values)
         present = Fitted(fitted.values, filtered.costs(fitted.values))
@@ -130,24 +132,34 @@ class Discovering:
         first = present.cost - floor * filtered.samples
         room = min(most, SLOTS - len(layout.additions(fitted.values)))
         while len(found.discoveries) < room:
-            explaining = Explaining(found.filtered, found.fitted.values, found.variables, floor)
-            if not self._add(found, explaining, explaining.explanations(), first):
+            left = found.fitted.cost - floor * found.filtered.samples
+            if found.discoveries and left < MATERIAL * found.filtered.samples:
                 break
-        if found.discoveries:
-            found.fitted, found.filtered = self._refits.settled(
-                found.fitted.values, found.variables, rounds=3
-            )
-            found.filtered = found.filtered.at(found.fitted.values)
-            costs = found.filtered.costs(found.fitted.values)
-            found.fitted = Fitted(found.fitted.values, costs)
-            given = layout.additions(self.plant.nominal)
-            every = refitted(layout, found.fitted.values, [*given, *found.additions])
-            found.additions = tuple(every[len(given) :])
-            found.discoveries = [
-                replace(each, addition=addition)
-                for each, addition in zip(found.discoveries, found.additions, strict=True)
-            ]
-        return found
+            explaining = Explaining(found.filtered, found.fitted.values, found.variables, floor)
+            if not self._add(found, explaining, explaining.explanations(only), first, only):
+                break
+        return self.settled(found) if found.discoveries else found
+
+    def settled(self, model: DiscoveredModel) -> DiscoveredModel:
+        """Return a model with all its variables fitted, and with the filter's gains for them.
+
+        The fit starts from the model's values.
+        """
+        layout = self.plant.layout
+        assert layout is not None
+        fitted, filtered = self._refits.settled(model.fitted.values, model.variables, rounds=3)
+        filtered = filtered.at(fitted.values)
+        given = layout.additions(self.plant.nominal)
+        every = refitted(layout, fitted.values, [*given, *model.additions])
+        additions = tuple(every[len(given) :])
+        discoveries = [
+            replace(each, addition=addition)
+            for each, addition in zip(model.discoveries, additions, strict=True)
+        ]
+        costs = filtered.costs(fitted.values)
+        return DiscoveredModel(
+            Fitted(fitted.values, costs), filtered, model.variables, discoveries, additions
+        )
 
     def with_effect(
         self, values: Values, effect: Effect
@@ -177,6 +189,7 @@ class Discovering:
         explaining: Explaining,
         ranked: Sequence[Explanation],
         first: float,
+        only: Wheres | None,
     ) -> bool:
         """Add the best explanation that earns its place; return whether there is one.
 
@@ -188,6 +201,7 @@ class Discovering:
             explaining: explains what that leaves.
             ranked: explanations, by falling gain.
             first: excess in cost before anything was discovered.
+            only: places and quantities that are looked at; None for all.
         """
         layout = self.plant.layout
         assert layout is not None
@@ -211,7 +225,7 @@ class Discovering:
             added = self._in_plant(found, each)
             if added is None:
                 continue
-            added, rivals = self._settled(found, explaining, added, ranked)
+            added, rivals = self._settled(found, explaining, added, ranked, only)
             gained = found.fitted.costs - added.fitted.costs
             if gained.sum() < PART * first or deviate(gained) < SURE:
                 continue
@@ -234,6 +248,7 @@ class Discovering:
         explaining: Explaining,
         added: "_InPlant",
         ranked: Sequence[Explanation],
+        only: Wheres | None,
     ) -> tuple["_InPlant", tuple[Explanation, ...]]:
         """Return the best explanation in the place of one that was added, and its rivals.
 
@@ -256,12 +271,12 @@ class Discovering:
             if chosen.shape.form == "table":
                 along = np.concatenate(again.attribution.along(chosen.shape.of))
                 simple = symbols(chosen.shape, along)
-            tried = again.explanations() if afresh else again.again(likely)
+            tried = again.explanations(only) if afresh else again.again(likely)
             tried += again.of(chosen.place, [chosen.shape, *simple])
             tried.sort(key=lambda each: -each.gain)
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
-            rivals = tuple(e for e in _distinct(near) if e.where != best.where)[:2]
+            rivals = tuple(e for e in _distinct(near) if e.where != chosen.where)[:2]
             same = best.where == chosen.where and best.shape.form == chosen.shape.form
             if last or same:
                 break

@@ -4,7 +4,7 @@ The blocks of the recordings are divided into folds; the coefficients of a distu
 all folds but one, together with the variables of the fit, and judged on that one (Stone 1974).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,6 +23,9 @@ _FOLDS: Final = 4
 """Least number of folds. With few blocks, a fold has fewer of them than `_FOLD`."""
 _TOGETHER: Final = 60
 """Number of columns from which on they are followed through the linearised course at once."""
+
+Wheres = Collection[tuple[str, str]]
+"""Names of places, each with the name of a quantity, "" for none."""
 
 
 @dataclass(frozen=True)
@@ -113,11 +116,18 @@ class Explaining:
             np.array([column.upper for column in columns]),
         )
 
-    def explanations(self) -> list[Explanation]:
-        """Return all that would explain what is left, by falling gain."""
+    def explanations(self, only: Wheres | None = None) -> list[Explanation]:
+        """Return all that would explain what is left, by falling gain.
+
+        Args:
+            only: places and quantities that are looked at; None for all.
+        """
         found: list[Explanation] = []
         for place in self.places:
-            found += self._of_place(place)
+            if only is None or place.name in {name for name, _ in only}:
+                found += self._of_place(place)
+        if only is not None:
+            found = [each for each in found if each.where[:2] in only]
         return sorted(found, key=lambda each: -each.gain)
 
     def _values(self, addition: Addition) -> list[Array]:

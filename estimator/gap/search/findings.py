@@ -74,6 +74,8 @@ class Named:
         bar: gain that it had to exceed.
         z: normal deviate of the gain, by the scatter of the blocks.
         alternatives: other effects that were fitted in its place, best first.
+        read: value of its first knob and standard error, SI, if these were read off a curve that
+            the model has in the place of the effect's formula; None if they were fitted.
     """
 
     effect: str
@@ -82,6 +84,7 @@ class Named:
     bar: float
     z: float
     alternatives: tuple[Alternative, ...] = ()
+    read: tuple[float, float] | None = None
 
     @property
     def indistinguishable(self) -> tuple[Alternative, ...]:

@@ -48,6 +48,9 @@ _CLOSE: Final = 0.7
 _FAR: Final = 4.0
 """Cost per reading above which close candidates are fitted again: the gains of a model that is off
 by several standard deviations favour wrong effects as well as right ones."""
+_REST: Final = 1e-3
+"""Least part of what all effects explain together that each must explain: 3 % in amplitude. So much
+the formulas of the others may be wrong by."""
 _SWAPS: Final = 3
 """Greatest number of times that alternatives are tried, each of which may exchange one effect for
 another."""
@@ -216,7 +219,8 @@ class Search:
                 return
             variables, without = self.refits.without(found, named.effect, exact=True)
             gain = without.cost - found.fitted.cost
-            if gain < named.bar or self._holds_neutral(found, named.effect):
+            bar = max(named.bar, _REST * (found.refitted.cost - found.fitted.cost))
+            if gain < bar or self._holds_neutral(found, named.effect):
                 found.named.remove(named)
                 found.variables = variables
                 found.fitted, found.filtered = self.refits.settled(without.values, variables)

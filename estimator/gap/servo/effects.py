@@ -5,6 +5,7 @@ from typing import Final
 from estimator.gap.plant import Effect, Knob, Nuisance, Proposal
 from rig.plant import CATALOGUE, NOMINAL, Parameters
 
+from .likeness import LIKE
 from .proposals import (
     propose_end_stop,
     propose_position_delay,
@@ -38,7 +39,7 @@ def _effect(
 ) -> Effect:  # fmt: skip
     return Effect(
         name, CATALOGUE[name].equation, where, knobs, starts, _UNSEEN.get(name, ""), propose,
-        _OWN.get(name, ()),
+        _OWN.get(name, ()), LIKE.get(name, ()),
     )  # fmt: skip
 
 

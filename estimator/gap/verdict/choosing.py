@@ -13,27 +13,20 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import Array, Plant
-from estimator.gap.prediction import Fitted, Variable
-from estimator.gap.search import (
-    CHANCE,
-    FORM,
-    DiscoveredModel,
-    Discovering,
-    Discovery,
-    Found,
-    Named,
-    deviate,
-)
+from estimator.gap.search import FORM, DiscoveredModel, Discovering, Discovery, Found
 
-EXPLAINED: Final = 0.8
-"""Part of the excess in prediction error that named effects must take away to keep their names."""
+from .own_form import EXPLAINED, SURE, OwnForm, by_formula, by_likeness, in_place_of_several
+
+SETTLED: Final = 0.1
+"""Greatest excess, in variances per reading, that named effects may leave without a look at what
+else may be missing: ten times what matters."""
 WHOLE: Final = 0.98
 """Part of the excess that disturbances alone must take away for the named effects to be given up
 before both are tried together."""
 BEYOND: Final = 0.05
-"""Least part of the excess by which one answer must be better than another."""
-SURE: Final = 2.0
-"""Least normal deviate of the difference between two answers, by the scatter of the blocks."""
+"""Least part of the excess by which one answer must be better than another of no more parts."""
+HALF: Final = 0.5
+"""Least part of what an answer leaves that one of fewer parts must take away to be better."""
 PINNED: Final = 1e-3
 """Part of a size's plausible range. A size that is nearer than this to an end of the range counts
 as being at that end. This bound was chosen: it is far less than the errors of fitted sizes."""
@@ -66,75 +59,56 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     """
     plant, floor = discovering.plant, found.floor
     excess = found.refitted.cost - floor * found.samples
-    left = found.fitted.cost - floor * found.samples
-    nothing = DiscoveredModel(found.fitted, found.filtered, found.variables)
+    given = DiscoveredModel(found.fitted, found.filtered, found.variables)
+    one = in_place_of_several(discovering, found)
+    if one is not None:
+        _take(found, one)
+    names = one.corrected if one is not None and one.corrected is not None else given
+    left = names.fitted.cost - floor * found.samples
     pinned = _pinned(plant, found)
-    settled = bool(found.named) and left < FORM * excess and not pinned
-    if left < material * found.samples or settled:
-        return Choice(nothing, bool(found.named), {}, ())
+    settled = left < min(FORM * excess, SETTLED * found.samples) and not pinned
+    if left < material * found.samples or (found.named and settled):
+        return Choice(names, bool(found.named), *_divided(plant, found, names))
     alone = discovering.run(found.refitted, discovering.nuisances, floor)
-    weak = not found.named or found.explained < EXPLAINED
-    own = _own_effect(discovering, found, alone, excess) if weak else None
-    if own is not None:
-        found.named, found.fitted, found.variables = [own.named], own.fitted, own.variables
-    elif not found.named:
-        return Choice(alone, False, {}, tuple(alone.discoveries))
-    better = bool(alone.discoveries) and _beats(alone.fitted.costs, found.fitted.costs, excess)
+    nothing_named = Choice(alone, False, {}, tuple(alone.discoveries))
+    own = None
+    if not found.named or found.explained < EXPLAINED:
+        own = by_formula(discovering, found, alone)
+        if own is not None:
+            _take(found, own)
+    parts = len(found.named) + len(names.discoveries)
+    least = BEYOND * excess if parts <= len(alone.discoveries) else HALF * left
+    better = bool(alone.discoveries) and _beats(alone.fitted.costs, names.fitted.costs, least)
     stands_in = pinned or (better and own is None and not _is_own(plant, found, alone))
     left_alone = alone.fitted.cost - floor * found.samples
-    if better and stands_in and left_alone < (1.0 - WHOLE) * excess:
-        return Choice(alone, False, {}, tuple(alone.discoveries))
+    if not found.named or (better and stands_in and left_alone < (1.0 - WHOLE) * excess):
+        return _by_its_curve(discovering, found, alone) or nothing_named
     beside = discovering.run(found.fitted, found.variables, floor)
-    corrections, others = _divided(plant, found, beside)
-    together = _beats(beside.fitted.costs, alone.fitted.costs, excess)
+    together = _beats(beside.fitted.costs, alone.fitted.costs, BEYOND * excess)
+    both = Choice(beside, True, *_divided(plant, found, beside))
     if own is not None or found.explained >= EXPLAINED:
         if alone.discoveries and (pinned or (stands_in and not together)):
-            return Choice(alone, False, {}, tuple(alone.discoveries))
-        return Choice(beside, True, corrections, others)
+            return _by_its_curve(discovering, found, alone) or nothing_named
+        return both
     gained = alone.fitted.cost - beside.fitted.cost
     if together and beside.discoveries and gained > EXPLAINED * left_alone:
-        return Choice(beside, True, corrections, others)
-    return Choice(alone, False, {}, tuple(alone.discoveries))
+        return both
+    return _by_its_curve(discovering, found, alone) or nothing_named
 
 
-@dataclass(frozen=True)
-class _Own:
-    """An effect of the catalogue whose formula is a curve where a disturbance was discovered."""
-
-    named: Named
-    fitted: Fitted
-    variables: tuple[Variable, ...]
+def _take(found: Found, one: OwnForm) -> None:
+    """Set one effect as all that is named, and its fit, in the finding."""
+    found.named, found.fitted, found.variables = [one.named], one.fitted, one.variables
 
 
-def _own_effect(
-    discovering: Discovering, found: Found, alone: DiscoveredModel, excess: float
-) -> _Own | None:
-    """Return the effect to which the first disturbance belongs; None if there is none.
-
-    An effect is named by where it enters and against what. Of those whose own curve was discovered,
-    the one that explains most keeps its name if it explains `EXPLAINED` of the excess by itself.
-    There is none either where a single effect of these was named before.
-    """
-    if not alone.discoveries or excess <= 0.0:
+def _by_its_curve(discovering: Discovering, found: Found, alone: DiscoveredModel) -> Choice | None:
+    """Return the choice of an effect whose curve was discovered; None if there is none."""
+    own = by_likeness(discovering, found, alone)
+    if own is None or own.corrected is None:
         return None
-    first = alone.discoveries[0]
-    where = (first.addition.place, first.addition.of)
-    effects = [each for each in discovering.plant.effects.values() if where in each.own]
-    names = {named.effect for named in found.named}
-    if len(names) == 1 and names <= {each.name for each in effects}:
-        return None
-    best: _Own | None = None
-    for effect in effects:
-        fitted, variables = discovering.with_effect(found.refitted.values, effect)
-        if fitted is None or (best is not None and fitted.cost >= best.fitted.cost):
-            continue
-        gains = found.refitted.costs - fitted.costs
-        gain = float(gains.sum())
-        named = Named(effect.name, gain, gain / found.samples, CHANCE, deviate(gains))
-        best = _Own(named, fitted, variables)
-    if best is None or best.named.gain < EXPLAINED * excess:
-        return None
-    return best
+    _take(found, own)
+    first, *others = own.corrected.discoveries
+    return Choice(own.corrected, True, {own.named.effect: first}, tuple(others))
 
 
 def _pinned(plant: Plant, found: Found) -> bool:
@@ -154,11 +128,11 @@ def _pinned(plant: Plant, found: Found) -> bool:
     return False
 
 
-def _beats(one: Array, other: Array, excess: float) -> bool:
-    """Return whether block costs `one` are less than `other`, by `BEYOND` and beyond chance."""
+def _beats(one: Array, other: Array, least: float) -> bool:
+    """Return whether block costs `one` are less than `other`, by `least` and beyond chance."""
     gains = other - one
     error = float(np.sqrt(len(gains)) * np.std(gains, ddof=1))
-    return float(gains.sum()) > max(BEYOND * excess, SURE * error)
+    return float(gains.sum()) > max(least, SURE * error)
 
 
 def _is_own(plant: Plant, found: Found, alone: DiscoveredModel) -> bool:

@@ -13,6 +13,9 @@ def held_out_deviates(refits: Refits, found: Found, judged: Fitter) -> dict[str,
     """
     deviates: dict[str, float] = {}
     for named in found.named:
+        if named.read is not None:
+            deviates[named.effect] = float("nan")
+            continue
         held_out = judged.filtered(found.fitted.values)
         _, without = refits.without(found, named.effect)
         expected = _changed(held_out, found.fitted.values, without.values)

@@ -24,7 +24,8 @@ from estimator.gap.prediction import (
     slices_of,
 )
 
-from .choosing import PINNED, SURE
+from .choosing import PINNED
+from .own_form import SURE
 
 TRIFLE: Final = 0.1
 """Growth of errors, in noise variances, for which no effect is given up: ten times what matters to

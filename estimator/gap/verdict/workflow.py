@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Plant, Record, record_of
+from estimator.gap.plant import Knob, Plant, Record, record_of
 from estimator.gap.prediction import (
     Curve,
     DetectionLimit,
@@ -256,7 +256,7 @@ def _known(search: Search, found: Found, judged: Fitter) -> _Known:
     """Return what is known of a finding in addition to its fit."""
     return _Known(
         held_out_deviates(search.refits, found, judged),
-        {named.effect: _cosines(search, found, named) for named in found.named},
+        {n.effect: {} if n.read else _cosines(search, found, n) for n in found.named},
         _standard_errors(search, found),
         limits(found.filtered, found.fitted.values, found.variables),
         absorbed(search, found),
@@ -414,6 +414,16 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
     )  # fmt: skip
 
 
+def _read(plant: Plant, knob: Knob, value: float, error: float) -> Estimate:
+    """Return the value of a knob that was read off a curve; `error` is its standard error."""
+    unit = next(p.unit for p in plant.parameters if p.name == knob.parameter)
+    reach = NORMAL_95 * error
+    return Estimate(
+        knob.key, knob.parameter, value, value - reach, value + reach, unit,
+        plant.nominal[knob.parameter],
+    )  # fmt: skip
+
+
 def _named(
     plant: Plant, found: Found, named: Named, known: _Known, correction: Discovered | None
 ) -> NamedEffect:
@@ -428,6 +438,7 @@ def _named(
     ]  # fmt: skip
     return NamedEffect(
         effect.name, effect.equation, effect.where,
+        (_read(plant, effect.knobs[0], *named.read),) if named.read else
         tuple(_estimate(plant, found, v, known.errors) for v in found.variables
               if v.name == effect.name and v.key),
         named.gain, named.bar, named.z,
