@@ -192,6 +192,7 @@ class Layout:
 
     Attributes:
         changed: int64 (varying, 2), indices of the parameters that each changes; -1 for none.
+        own: number of the plant's own parameters; those of the slots follow them.
     """
 
     def __init__(
@@ -202,6 +203,7 @@ class Layout:
         varying: Sequence[Varying],
         own: Sequence[str],
     ) -> None:
+        self.own = len(own)
         self._regions = list(regions)
         rows = [[own.index(name) for name in each.parameters] for each in varying]
         self.changed = np.array([[*row, -1][:2] for row in rows] or [[-1, -1]], dtype=np.int64)

@@ -226,6 +226,7 @@ def _short(effect: NamedEffect) -> dict[str, Any]:
 
 def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
     """Return the whole result as the content of `gap.json` (docs/gap.md lists the keys)."""
+    own = {parameter.name for parameter in plant.own_parameters}
     return answer(result) | {
         "plant": plant.name,
         "effects": [effect_figures(effect) for effect in result.effects],
@@ -266,11 +267,7 @@ def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
         },
         "experiments": [experiment_figures(each) for each in result.experiments],
         "free_runs": [_free_run(run) for run in result.free_runs],
-        "parameters": {
-            name: _plain(value)
-            for name, value in result.values.items()
-            if not name.startswith("added_")
-        },
+        "parameters": {name: _plain(value) for name, value in result.values.items() if name in own},
         "names": list(result.names),
         "recordings": _recordings(result.identification),
         "holdout": _recordings(result.holdout),
