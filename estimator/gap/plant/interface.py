@@ -490,7 +490,7 @@ class Plant:
     @property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters without those of the slots."""
-        return tuple(each for each in self.parameters if not each.name.startswith("added_"))
+        return self.parameters if self.layout is None else self.parameters[: self.layout.own]
 
     def remembers(self, values: Mapping[str, float]) -> bool:
         """Return whether any parameter of `memories` is not 0 in these values of all parameters."""
