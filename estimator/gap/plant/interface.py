@@ -209,8 +209,7 @@ class Likeness:
     Attributes:
         place: name of a place that a disturbance may enter.
         of: quantity that it depends on.
-        read: (values (k,) of the quantity, ascending, values (k,) of the disturbance, all SI) ->
-            value of the effect's first knob, or None if the curve is not like the effect.
+        read: (quantity (k,), ascending, disturbance (k,), SI) -> the effect's first knob, or None.
     """
 
     place: str
