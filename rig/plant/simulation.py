@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 @njit(cache=True, error_model="numpy", nogil=True)
 def _simulate(state, path, command, par, faults, substeps, states):
     for k in range(command.size):
-        states[k] = state
+        for i in range(STATE_COUNT):
+            states[k, i] = state[i]
         drive(state, path, command[k], par, faults[k % faults.shape[0]], substeps)
 
 

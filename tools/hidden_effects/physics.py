@@ -60,7 +60,7 @@ def _power(value, exponent):
     return abs(value) ** exponent if value >= 0.0 else -(abs(value) ** exponent)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _compliance(r, pressure, clock):
     """Return the compliance of liquid and air bubbles together, 1/Pa (Merritt 1967, ch. 1)."""
     liquid = 1.0 / (r.oil_stiffness * (1.0 - r.oil_trend * clock))
@@ -78,7 +78,7 @@ def _compliance(r, pressure, clock):
     return liquid + r.air * _ATMOSPHERE / (absolute * absolute)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _relief(r, pressure, chamber):
     """Return the flow (m^3/s) out of a chamber through a relief valve that does not close."""
     if r.relief_only != 0.0 and r.relief_only != chamber:
@@ -86,7 +86,7 @@ def _relief(r, pressure, chamber):
     return r.relief_leak * max(0.0, pressure - r.relief_pressure)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _leak(r, coefficient, linear, drop):
     """Return the flow (m^3/s) of a leak under a pressure drop (Pa), by the formula that `r` has."""
     if r.leak_transition != 0.0:
@@ -94,7 +94,7 @@ def _leak(r, coefficient, linear, drop):
     return coefficient * _root(drop) + linear * drop
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def slip_force(r, position, speed, pressure_1, pressure_2):
     """Return the friction (N) at which the seals slip: Stribeck's curve with the hidden effects.
 
@@ -121,7 +121,7 @@ def slip_force(r, position, speed, pressure_1, pressure_2):
     return max(10.0, level + r.side_load * position)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _stop_force(r, depth, approach):
     """Return the force (N) of a stroke end at a depth (m) beyond it and a speed of approach."""
     force = r.stop_stiffness * depth
@@ -132,7 +132,7 @@ def _stop_force(r, depth, approach):
     return force * max(0.0, 1.0 + r.stop_loss * approach)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _outside_force(r, clock, position, speed):
     """Return the external force (N) against extension: spring, ends, weight, cogging, cushion."""
     travel = max(0.0, position - r.spring_contact)
@@ -152,7 +152,7 @@ def _outside_force(r, clock, position, speed):
     return force + r.loose_force if clock >= r.loose_at else force
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _lapped(r, opening):
     """Return the opening (m) that the overlap of the edges leaves of `opening`."""
     if r.round_overlap != 0.0:
@@ -165,7 +165,7 @@ def _lapped(r, opening):
     return opening + lap if opening < -lap else 0.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _underlapped(r, opening):
     """Return how far (m) an edge is open whose share of the spool's opening is `opening`."""
     if r.round_underlap != 0.0:
@@ -176,7 +176,7 @@ def _underlapped(r, opening):
     return max(0.0, r.underlap + opening)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _bending(r, speed, bend, level):
     """Return the speed (m/s) at which the seals bend: LuGre, Bouc and Wen, or Dahl."""
     ratio = r.seal_stiffness * bend / level
@@ -190,7 +190,7 @@ def _bending(r, speed, bend, level):
     return speed - one_way - (1.0 - r.bouc_share) * speed * power * abs(ratio)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def slopes(r, clock, reference, y, out):
     """Write the time derivatives of the states `y` (see STATES) to `out`.
 
@@ -387,6 +387,17 @@ def _bent(ratio, travel):
 
 
 @njit(cache=True, error_model="numpy")
+def _put(target, values):
+    """Copy values to a target of the same length.
+
+    Assigning to a slice would also have the compiler prepare a message about lengths that differ,
+    which takes two seconds.
+    """
+    for i in range(target.size):
+        target[i] = values[i]
+
+
+@njit(cache=True, error_model="numpy")
 def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
     """Simulate the rig with its position loop, and read its sensors once a tick (1 ms).
 
@@ -424,7 +435,7 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
     bent_encoder, bent_spool, before, was, filtered = 0.0, 0.0, 0.0, y[POSITION], y[POSITION]
     silted, rested = False, 0
     reference = r.spool_per_volt * (feed[first - 1] if first > 0 else 0.0)
-    command[:first] = feed[:first]
+    _put(command[:first], feed[:first])
     for tick in range(first, n):
         # Sensors.
         whole = floor(behind)
@@ -440,7 +451,7 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
         readings[tick, 2] = max(0.0, gain_1 * shown_1 + r.gauge_1_bias + noise[tick, 0])
         readings[tick, 3] = max(0.0, gain_2 * shown_2 + r.gauge_2_bias + noise[tick, 1])
         readings[tick, 4] = y[SPOOL] + noise[tick, 2]
-        truth[tick] = y
+        _put(truth[tick], y)
 
         # The position loop rounds its command to microvolts, as recordings hold it.
         asked = gain[tick] * (setpoint[tick] - readings[tick, 1]) + feed[tick]
@@ -465,7 +476,7 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
                 silted = (silted or rested * h > _SILTING) and away < r.silt
                 asked = reference if silted else asked
             reference = _follow(reference, asked, r.spool_play)
-            probe[:] = y
+            _put(probe, y)
             for stage in range(3):
                 slopes(r, clock + 0.5 * stage * h, reference, probe, k[stage])
                 for j in range(_STATES):

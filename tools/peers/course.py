@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array, Plant, Record, roughness
 from estimator.gap.prediction.linear import SETTLING_S
 from estimator.gap.prediction.predictor import Predictor
+from estimator.gap.prediction.with_additions import put
 from rig.jit import njit
 
 Values = Mapping[str, float]
@@ -49,22 +50,22 @@ def _linearise(
     for t in range(states.shape[0]):
         read(states[t], remembered, parameters, expected)
         for j in range(count):
-            moved[:] = states[t]
+            put(moved, states[t])
             moved[j] += changes[j]
             read(moved, remembered, parameters, shifted)
             for i in range(outputs):
                 read_of[t, i, j] = (shifted[i] - expected[i]) / changes[j]
         drive(inputs[t], remembered, parameters)
-        ahead[:] = states[t]
+        put(ahead, states[t])
         step(ahead, remembered, parameters)
         for j in range(count):
-            moved[:] = states[t]
+            put(moved, states[t])
             moved[j] += changes[j]
             step(moved, remembered, parameters)
             for i in range(count):
                 ahead_of[t, i, j] = (moved[i] - ahead[i]) / changes[j]
         # A step changes the memory: the last must be that of the course.
-        ahead[:] = states[t]
+        put(ahead, states[t])
         step(ahead, remembered, parameters)
         remember(states[t], ahead, remembered, parameters)
 
@@ -99,7 +100,7 @@ def _smooth(ahead_of, read_of, gains, variances, innovations, noises, found):
             before[j] = 0.0
             for k in range(count):
                 before[j] += ahead_of[t - 1, k, j] * adjoint[k]
-        adjoint[:] = before
+        put(adjoint, before)
 
 
 @njit(
@@ -119,7 +120,7 @@ def _filter(
     remembered = memory[0]
     x, expected = start.copy(), np.empty(outputs)
     for t in range(inputs.shape[0]):
-        memories[t] = remembered
+        put(memories[t], remembered)
         read(x, remembered, parameters, expected)
         for i in range(outputs):
             if not variances[t, i] < np.inf:
@@ -131,7 +132,7 @@ def _filter(
             expected[i] = innovation
             for j in range(count):
                 x[j] += gains[t, i, j] * innovation
-        states[t] = x
+        put(states[t], x)
         drive(inputs[t], remembered, parameters)
         step(x, remembered, parameters)
         for j in range(count):
@@ -147,7 +148,7 @@ def _advance(drive, step, remember, read, inputs, parameters, kicks, states, mem
     """Advance states (w, k) and memories (w, length) by a sample; write the readings (w, o)."""
     before = np.empty(states.shape[1])
     for w in range(states.shape[0]):
-        before[:] = states[w]
+        put(before, states[w])
         drive(inputs[w], memories[w], parameters)
         step(states[w], memories[w], parameters)
         for j in range(states.shape[1]):

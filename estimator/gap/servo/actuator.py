@@ -99,7 +99,8 @@ def _lagging(seen, before, pressure, par):
 @njit(STEP, cache=True, error_model="numpy")
 def _step(state, memory, parameters):
     path = memory[NEXT : NEXT + PATH_SIZE]
-    path[:] = memory[PATH : PATH + PATH_SIZE]
+    for i in range(PATH_SIZE):
+        path[i] = memory[PATH + i]
     par = parameters_of(parameters)
     before_1, before_2 = max(state[2], 0.0), max(state[3], 0.0)
     drive(state, path, memory[COMMAND], par, _FAULT, SUBSTEPS)
@@ -117,7 +118,8 @@ def _remember(before, state, memory, parameters):
     would be unstable.
     """
     par = parameters_of(parameters)
-    memory[PATH : PATH + PATH_SIZE] = memory[NEXT : NEXT + PATH_SIZE]
+    for i in range(PATH_SIZE):
+        memory[PATH + i] = memory[NEXT + i]
     seen = memory[SEEN : SEEN + TRANSDUCERS_SIZE]
     position = state[4]
     if par.position_delay != 0.0:

@@ -80,7 +80,7 @@ def _begin(states: Array, inputs: Array, values: Sequence[Mapping[str, float]]) 
 
 @njit(DRIVE_IN_LANES, cache=True, error_model="numpy")
 def _drive(inputs, memory):
-    memory[_COUNT] += 1.0
+    store(memory, _COUNT, load(memory, _COUNT) + 1.0)
     memory[_COMMANDS + int(memory[_COUNT, 0]) % _KEPT] = inputs[0]
 
 
