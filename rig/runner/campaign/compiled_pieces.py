@@ -102,9 +102,13 @@ def _plant(needs: Needs) -> None:
 
 
 def _interlock(needs: Needs) -> None:
-    """Compile how a simulated loop judges a sample and reacts to a decision."""
-    reaction, decided = reaction_memory(), no_decision()
+    """Compile how a simulated loop judges a sample."""
     compile_part(judge, np.zeros(READING_COUNT), 0.0, guard(interlock_of(needs.rig, Model()), True))
+
+
+def _reaction(needs: Needs) -> None:
+    """Compile how a simulated loop reacts to a decision."""
+    reaction, decided = reaction_memory(), no_decision()
     react(int(Reaction.IGNORE), decided, 0.0, reaction)
     estimated = start_memory(needs.filter_name, Model(), needs.rig.sensors).x
     tolerating(
@@ -251,7 +255,8 @@ PIECES: Final[dict[str, Piece]] = {
     "plant": Piece(_plant),
     "estimates": Piece(_estimates),
     "interlock": Piece(_interlock),
-    "simulated loop": Piece(_simulated_loop, after=("plant", "estimates", "interlock")),
+    "reaction": Piece(_reaction),
+    "simulated loop": Piece(_simulated_loop, after=("plant", "estimates", "interlock", "reaction")),
     "filter": Piece(_filter, after=("estimates",)),
     "detector": Piece(_detector),
     "decisions": Piece(_decisions),

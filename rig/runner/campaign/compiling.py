@@ -32,7 +32,7 @@ Say = Callable[[str], None]
 Names = tuple[str, ...]
 
 SIMULATED: Final[Names] = (
-    "estimates", "plant", "interlock", "simulated loop", "detector", "filter",
+    "estimates", "plant", "interlock", "reaction", "simulated loop", "detector", "filter",
 )  # fmt: skip
 """Pieces of a campaign on a simulated rig; of those that can be compiled next, a worker takes the
 first in this order."""
