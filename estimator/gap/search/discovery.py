@@ -35,6 +35,11 @@ OVER_TWIN: Final = 5.0
 imperfection gives it."""
 NEAR: Final = 2.0
 """Standard errors of a difference between gains below which two explanations are equal."""
+STANDS_IN: Final = 3.0
+"""A disturbance may stand in for a variable whose standard error it makes larger by this factor:
+eight ninths of what the recordings show of the variable, it does as well."""
+VAGUE: Final = 0.25
+"""Part of a nuisance's range. A nuisance with a larger standard error is not known any more."""
 _LIKELY: Final = 14
 """Number of places and quantities that compete with one that was added."""
 _TURNS: Final = 3
@@ -296,28 +301,34 @@ class Discovering:
         """Return the model with an explanation in the plant; None if that does not lower the cost.
 
         In each of some rounds the filter's gains are computed and all variables fitted with them.
-        The fit starts from the values `start`, or else from those without the explanation.
+        The fit starts from the values `start`, or else from those without the explanation. What
+        the disturbance may stand in for (`_stood_in_for`) keeps its value without it: the
+        disturbance is what that leaves.
         """
         layout = self.plant.layout
         assert layout is not None
         at = found.fitted
         additions = [*layout.additions(self.plant.nominal), *found.additions, each.addition]
         values = {**(start or at.values), **layout.values(additions)}
-        base = tuple(v for v in found.variables if v.name != ADDED)
+        base = found.variables
         given = len(additions) - len(found.additions) - 1
-        own = addition_variables(layout, additions, range(given, len(additions)))
-        variables = (*base, *own)
-        for _ in range(rounds):
-            filtered = self._refits.fitter.filtered(values)
-            values = filtered.fit(values, variables, 2, 3e-3).values
-        filtered = self._refits.fitter.filtered(values)
-        fitted = Fitted(values, filtered.costs(values))
+        own = addition_variables(layout, additions, [len(additions) - 1])
+        fitted, filtered = self._rounds(values, (*base, *own), rounds)
         if not fitted.cost < at.cost:
             return None
+        vague = self._stood_in_for(each, filtered, fitted.values, base, own)
+        if vague:
+            base = tuple(v.held(at.values) if v in vague else v for v in base)
+            values = {**values, **{v.parameter: at.values[v.parameter] for v in vague}}
+            fitted, filtered = self._rounds(values, (*base, *own), rounds)
+            if not fitted.cost < at.cost:
+                return None
+        variables, values = (*base, *own), fitted.values
         columns = filtered.columns(values, variables)
-        names = [column.name for column in columns]
         linear = filtered.linearise(values, columns)
-        errors = linear.errors(names, linear.solve(names)[0])
+        free = [c.name for c, v in zip(columns, variables, strict=True) if not v.is_held]
+        of_free = dict(zip(free, linear.errors(free, linear.solve(free)[0]), strict=True))
+        errors = [of_free.get(column.name, 0.0) for column in columns]
         sizes = set(layout.names(additions, len(additions) - 1)[0])
         shown = tuple(
             float(error)
@@ -330,6 +341,54 @@ class Discovering:
         return _InPlant(
             each, fitted, filtered, variables, present[-1], shown, tuple(present[given:])
         )
+
+    def _rounds(
+        self, values: Values, variables: tuple[Variable, ...], rounds: int
+    ) -> tuple[Fitted, Filtered]:
+        """Return a fit after some rounds of computing gains and fitting, and the records with it.
+
+        The gains are those of the fit's own values.
+        """
+        for _ in range(rounds):
+            values = self._refits.fitter.filtered(values).fit(values, variables, 2, 3e-3).values
+        filtered = self._refits.fitter.filtered(values)
+        return Fitted(dict(values), filtered.costs(values)), filtered
+
+    def _stood_in_for(
+        self,
+        each: Explanation,
+        filtered: Filtered,
+        values: Values,
+        base: tuple[Variable, ...],
+        own: tuple[Variable, ...],
+    ) -> set[Variable]:
+        """Return the variables that an explanation fitted with them may stand in for.
+
+        With it their standard errors are `STANDS_IN` times as large. They are those of earlier
+        disturbances; knobs of effects whose own curve the explanation is; and nuisances if it is a
+        table, which takes any course, or if they are not known any more (`VAGUE`).
+        """
+        columns = filtered.columns(values, (*base, *own))
+        linear = filtered.linearise(values, columns)
+        errors = []
+        for variables in (base, (*base, *own)):
+            names = [column.name for column in columns[: len(variables)]]
+            errors.append(linear.errors(names, linear.solve(names)[0])[: len(base)])
+        found = set()
+        for variable, without, beside in zip(base, *errors, strict=True):
+            if variable.is_held or not beside > STANDS_IN * without:
+                continue
+            if variable.name == ADDED:
+                vague = True
+            elif variable.key:
+                vague = each.where[:2] in self.plant.effects[variable.name].own
+            else:
+                reach = abs(variable.reach(values, float(beside)))
+                vague = reach > VAGUE * (variable.upper - variable.lower)
+                vague |= each.shape.form == "table"
+            if vague:
+                found.add(variable)
+        return found
 
 
 @dataclass(frozen=True)
