@@ -1,5 +1,6 @@
 from .added_terms import (
     FORMS as FORMS,
+    MOST_OTHERS as MOST_OTHERS,
     MOST_TERMS as MOST_TERMS,
     MOVING_OIL as MOVING_OIL,
     PLACES as PLACES,
@@ -10,7 +11,6 @@ from .added_terms import (
     is_held as is_held,
     place_units as place_units,
     quantity_unit as quantity_unit,
-    size_unit as size_unit,
     terms_of as terms_of,
     unit_per as unit_per,
 )

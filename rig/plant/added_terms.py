@@ -22,6 +22,8 @@ from .compiled import inlined, inner
 from .parameters import MOST_KNOTS, MOST_TABLES, Parameters, quantities
 
 MOST_TERMS: Final = 3
+MOST_OTHERS: Final = 4
+"""Greatest numbers of terms that a model has: held by the plant, and beside these (`is_held`)."""
 
 PLACES: Final = {
     "force balance": "N", "flow, chamber 1": "m^3/s", "flow, chamber 2": "m^3/s", "spool": "m",
@@ -77,7 +79,7 @@ class AddedTerm(NamedTuple):
         of: a key of `QUANTITIES`, or "time" where the plant does not hold the term.
         form: one of `FORMS`.
         turned: whether the term is multiplied by the sign of the velocity.
-        size: factor on the form, SI, in `size_unit`; of a table, a plain number, usually 1.
+        size: factor on the form, SI (`unit_per`); of a table, a plain number, usually 1.
         at: period of a wave, middle of a bump or position of a hinge, in the unit of the quantity;
             else without effect.
         by: phase of a wave in rad, or width of a bump in the unit of the quantity; else without
@@ -94,11 +96,6 @@ class AddedTerm(NamedTuple):
     at: float = 0.0
     by: float = 0.0
     knots: tuple[tuple[float, float], ...] = ()
-
-    @property
-    def size_unit(self) -> str:
-        """Return the SI unit of the term's size, or of a table's values."""
-        return size_unit(self.place, self.of, self.form)
 
 
 def place_units() -> dict[str, str]:
@@ -119,13 +116,14 @@ def is_held(term: AddedTerm) -> bool:
     return term.place in PLACES and term.of in QUANTITIES
 
 
-def size_unit(place: str, of: str, form: str) -> str:
-    """Return the SI unit of a term's size, for example "N/(m/s)^2", or of a table's values."""
-    return unit_per(place_units()[place], quantity_unit(of), form)
-
-
 def unit_per(unit: str, of_unit: str, form: str) -> str:
-    """Return the SI unit of the size of a form that has one unit and depends on another one."""
+    """Return the SI unit of a term's size, for example "N/(m/s)^2", or of a table's values.
+
+    Args:
+        unit: SI unit of the place that the term is added to.
+        of_unit: SI unit of the quantity that it depends on.
+        form: one of `FORMS`.
+    """
     power = POWERS[FORMS.index(form)]
     if power == 0:
         return unit

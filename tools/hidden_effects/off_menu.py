@@ -18,7 +18,8 @@ class Place:
     """Answers on an effect off the menu that are right: any equation with any quantity and shape.
 
     Attributes:
-        equations: where the effect enters, in the words of `rig gap --json`.
+        equations: where the effect enters, in the words of `rig gap --json`: an equation, a
+            reading, or a parameter that changes.
         of: quantities that it depends on; "" means none.
         shapes: names of its shape.
     """
@@ -53,12 +54,12 @@ _PHASE: Final = even(0.0, 2.0 * pi)
 _MOMENT: Final = even(0.3, 0.7)
 
 _FORCE: Final = ("force balance",)
-_DRAG: Final = ("parameter viscous", "parameter viscous_friction")
-_LEVEL: Final = ("parameter coulomb", "parameter coulomb_level")
-_LEAK: Final = ("leak across the piston", "parameter internal_leakage")
+_DRAG: Final = ("viscous friction",)
+_LEVEL: Final = ("friction level",)
+_LEAK: Final = ("leak across the piston",)
 _SPOOL: Final = ("spool", "command")
-_EDGES: Final = ("valve edges", "parameter spool_null_bias")
-_SUPPLY: Final = ("parameter supply_pressure", "valve edges")
+_EDGES: Final = ("valve edges", "null of the spool")
+_SUPPLY: Final = ("supply pressure", "valve edges")
 _ENCODER: Final = ("reading of position",)
 _NONE: Final = ("", "time")
 _BY_PLACE: Final = ("position x velocity", "velocity x position", "position x direction")
@@ -69,9 +70,7 @@ _LONG_WAVE: Final = ("periodic_in_position", "depends_on_position")
 _PRESSED: Final = ("grows_with_pressure", "depends_on_pressure")
 _BEYOND: Final = ("threshold", "grows_with_pressure", "depends_on_pressure")
 _FAST: Final = ("power_of_velocity", "depends_on_velocity")
-_SOFTENING: Final = Place(
-    ("parameter bulk_modulus", "parameter entrained_air"), ("time",), ("trend",)
-)
+_SOFTENING: Final = Place(("bulk modulus",), ("time",), ("trend",))
 _EITHER_PRESSURE: Final = ("pressure 1", "pressure 2", "pressure difference")
 _SEAL: Final = (
     Place(_FORCE, tuple(f"{name} x direction" for name in _EITHER_PRESSURE), _PRESSED),
@@ -82,7 +81,7 @@ moves: a function of one is a function of the other, and of their difference."""
 
 
 def _flow(chamber: int) -> tuple[str, ...]:
-    return (f"flow, chamber {chamber}", f"parameter external_leakage_{chamber}")
+    return (f"flow, chamber {chamber}",)
 
 
 def _gauge(chamber: int) -> tuple[str, ...]:
@@ -111,7 +110,7 @@ def _relief(only: int) -> Variant:
 def _pocket(chamber: int) -> Variant:
     sizes = {f"pocket_{chamber}": up(1e-13, 6e-13), "pocket_lag": up(4e-3, 5e-2)}
     place = Place(
-        (f"flow, chamber {chamber}", "parameter bulk_modulus", "parameter entrained_air"),
+        (f"flow, chamber {chamber}", "bulk modulus"),
         ("", "time", f"pressure {chamber}"),
         ("lag", "resonance"),
     )
@@ -132,13 +131,7 @@ def _of_gauges(field: str, sizes: Sizes, of: str, shape: str) -> tuple[Variant, 
     return tuple(
         Variant(
             {f"gauge_{side}_{field}": sizes},
-            (
-                Place(
-                    (*_gauge(side), f"parameter pressure_{side}_bias"),
-                    tuple(of.format(side).split(" or ")),
-                    (shape,),
-                ),
-            ),
+            (Place(_gauge(side), tuple(of.format(side).split(" or ")), (shape,)),),
         )
         for side in (1, 2)
     )
@@ -230,7 +223,7 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
     "fading_valve": (
         Variant(
             {"valve_heat": up(8e-3, 0.02)},
-            (Place((*_SPOOL, "parameter valve_gain"), ("time",), ("trend",)),),
+            (Place((*_SPOOL, "spool per volt"), ("time",), ("trend",)),),
         ),
     ),
     # A second mass on a spring: a payload that is not bolted down stiffly.
@@ -246,10 +239,10 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
     ),
     # Something comes loose, at a moment of each recording.
     "came_loose": (
-        _loose("loose_force", either_way(200.0, 1500.0), (*_FORCE, "parameter constant_force")),
+        _loose("loose_force", either_way(200.0, 1500.0), _FORCE),
         _loose("loose_null", either_way(6e-6, 4e-5), _EDGES),
-        _loose("loose_gauge_1", either_way(2e5, 1e6), (*_gauge(1), "parameter pressure_1_bias")),
-        _loose("loose_gauge_2", either_way(2e5, 1e6), (*_gauge(2), "parameter pressure_2_bias")),
+        _loose("loose_gauge_1", either_way(2e5, 1e6), _gauge(1)),
+        _loose("loose_gauge_2", either_way(2e5, 1e6), _gauge(2)),
         _loose("opening_leak_1", up(1e-9, 6e-9), _flow(1)),
         _loose("opening_leak_2", up(1e-9, 6e-9), _flow(2)),
         _loose("opening_leak_across", up(2e-9, 1e-8), _LEAK),
@@ -362,7 +355,7 @@ OFF_MENU: Final[Mapping[str, tuple[Variant, ...]]] = {
     "clipped_amplifier": (
         Variant(
             {"amplifier_volts": up(0.5, 1.5)},
-            (Place((*_SPOOL, "parameter valve_gain"), (*_NONE, *_DRIVE), ("saturation",)),),
+            (Place((*_SPOOL, "spool per volt"), (*_NONE, *_DRIVE), ("saturation",)),),
         ),
     ),
     # The pump's pressure regulator hunts, slower than any ripple of its pistons.

@@ -25,7 +25,6 @@ from tools.peers.cases import Plan, hidden_plans, listed_plans, oscillator_plans
 from tools.peers.compare import METHODS, Compared, compared, compared_of
 from tools.peers.optional import MissingPeerError, needed
 from tools.peers.tables import by_case, summary
-from tools.peers.workflow import knows_discovered
 
 _ROOT: Final = Path(__file__).parents[2]
 GROUPS: Final = ("shared", "hidden", "oscillators", "listed")
@@ -126,10 +125,7 @@ def _made(arguments: Sequence[str]) -> str:
     state = git_state(Path(rig.__file__).parent) or {"commit": "unknown", "dirty": False}
     commit = state["commit"][:12] + (" with changes" if state["dirty"] else "")
     packages = ", ".join(f"{name} {version(name)}" for name in ("pysindy", "scikit-learn"))
-    said = f"Made by `python -m tools.peers {' '.join(arguments)}`, commit {commit}, {packages}."
-    if not knows_discovered():
-        said += " This `rig gap` has no `--no-discovered`: the first two columns are one run."
-    return said
+    return f"Made by `python -m tools.peers {' '.join(arguments)}`, commit {commit}, {packages}."
 
 
 if __name__ == "__main__":

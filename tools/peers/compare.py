@@ -23,7 +23,7 @@ from tools.peers.cases import Case, Plan, case_of
 from tools.peers.correcting import Corrected, corrected
 from tools.peers.gaussian import gaussian
 from tools.peers.sparse import sparse
-from tools.peers.workflow import Answered, knows_discovered, rig_gap
+from tools.peers.workflow import Answered, rig_gap
 
 CATALOGUE: Final = "catalogue alone"
 WHOLE: Final = "rig gap"
@@ -83,12 +83,10 @@ def compared(plan: Plan, folder: Path, methods: Sequence[str] = METHODS) -> Comp
     case = case_of(plan, folder)
     plant, records, judged = _loaded(case)
     answered = {}
-    if WHOLE in methods or not knows_discovered():
+    if WHOLE in methods:
         answered[WHOLE] = rig_gap(case, folder / "whole", True)
     if CATALOGUE in methods:
-        answered[CATALOGUE] = (
-            rig_gap(case, folder / "catalogue", False) if knows_discovered() else answered[WHOLE]
-        )
+        answered[CATALOGUE] = rig_gap(case, folder / "catalogue", False)
     shown = next((a.channels for a in answered.values() if a.channels), ())
     before, floor = _given(shown, plant, judged)
     outcomes = {}

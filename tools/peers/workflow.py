@@ -5,15 +5,14 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
 
 from tools.peers.cases import Case
 
-WITHOUT: Final = "--no-discovered"
 LONGEST_S: Final = 1800.0
+"""Time after which the command is given up, s."""
 
 
 @dataclass(frozen=True)
@@ -33,30 +32,19 @@ class Answered:
     why: str = ""
 
 
-@cache
-def knows_discovered() -> bool:
-    """Return whether this `rig gap` has the option to leave out what was discovered."""
-    said = subprocess.run(
-        [sys.executable, "-m", "rig.cli", "gap", "--help"], capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    return WITHOUT in said.stdout
-
-
 def rig_gap(case: Case, out: Path, discovered: bool) -> Answered:
     """Run the command on a case, its files going to the folder `out`.
 
     Args:
         case: the case.
         out: the folder; it is made if missing.
-        discovered: whether what no catalogue holds is looked for and added. Without, the option
-            `--no-discovered` is given, if the command has it.
+        discovered: whether the model written may have what no effect of the catalogue explains.
     """
     command = [
         sys.executable, "-m", "rig.cli", "gap", *map(str, case.fit),
         "--holdout", *map(str, case.holdout), "--model", case.model, "--out", str(out), "--json",
         *(["--plant", case.plant] if case.plant else []),
-        *([WITHOUT] if not discovered and knows_discovered() else []),
+        *([] if discovered else ["--no-discovered"]),
     ]  # fmt: skip
     begun = monotonic()
     try:

@@ -19,18 +19,19 @@ from numba import float64, int64, types, void
 from numpy.typing import NDArray
 
 from rig.jit import njit
-from rig.plant import AddedTerm, inlined
+from rig.plant import MOST_KNOTS, MOST_OTHERS, AddedTerm, inlined
 
 from .interface import Array, Equation, Parameter, Region, Varying
 
 DIRECTION: Final = "direction"
 TIME_NAME: Final = "time"
-"""Names of the quantities that turn with the motion, and that count from a recording's begin."""
-SLOTS: Final = 4
-"""Greatest number of additions that a model holds."""
-KNOTS: Final = 9
+"""Names of two quantities: the sign of the motion, and the time since the recording began."""
+SLOTS: Final = MOST_OTHERS
+"""Greatest number of additions that slots hold."""
+KNOTS: Final = MOST_KNOTS
 """Greatest number of knots of a table."""
 NOWHERE, IN_EQUATION, IN_READING, IN_PARAMETER = range(4)
+"""What a slot enters."""
 CONSTANT_OF: Final = -1.0
 TIME_OF: Final = -2.0
 """What an addition depends on is the index of a quantity, or one of these: nothing, or the time."""
@@ -103,6 +104,7 @@ class Addition:
 
 
 _COUNTS: Final = {"wave": 2, "bump": 2, "hinge": 1}
+"""Number of elements of `Addition.at` of the forms in symbols that have any."""
 
 
 def as_term(addition: Addition) -> AddedTerm:
@@ -136,6 +138,7 @@ def wave(place: str, of: str, pitch: float, sine: float, cosine: float) -> Addit
 
 
 KICKS, SHOWS, VARIES = 1, 2, 4
+"""Bits of `Extension.active`: a slot enters an equation, a reading or a parameter."""
 
 
 class Extension(NamedTuple):
@@ -189,6 +192,7 @@ class Layout:
 
     Attributes:
         changed: int64 (varying, 2), indices of the parameters that each changes; -1 for none.
+        own: number of the plant's own parameters; those of the slots follow them.
     """
 
     def __init__(
@@ -199,6 +203,7 @@ class Layout:
         varying: Sequence[Varying],
         own: Sequence[str],
     ) -> None:
+        self.own = len(own)
         self._regions = list(regions)
         rows = [[own.index(name) for name in each.parameters] for each in varying]
         self.changed = np.array([[*row, -1][:2] for row in rows] or [[-1, -1]], dtype=np.int64)
@@ -213,7 +218,7 @@ class Layout:
         if addition.place not in self._places:
             return f"a model holds no addition to the {addition.place}"
         for name in (addition.of, addition.times):
-            if name not in ("", "time", *self._regions):
+            if name not in ("", TIME_NAME, *self._regions):
                 return f"the plant has no quantity {name}"
         return ""
 
@@ -284,12 +289,12 @@ class Layout:
     def _of(self, name: str) -> float:
         if name == "":
             return CONSTANT_OF
-        return TIME_OF if name == "time" else float(self._regions.index(name))
+        return TIME_OF if name == TIME_NAME else float(self._regions.index(name))
 
     def _name(self, number: float) -> str:
         if number == CONSTANT_OF:
             return ""
-        return "time" if number == TIME_OF else self._regions[int(number)]
+        return TIME_NAME if number == TIME_OF else self._regions[int(number)]
 
 
 def activity(values: Mapping[str, float]) -> int:

@@ -209,8 +209,7 @@ class Likeness:
     Attributes:
         place: name of a place that a disturbance may enter.
         of: quantity that it depends on.
-        read: (values (k,) of the quantity, ascending, values (k,) of the disturbance, all SI) ->
-            value of the effect's first knob, or None if the curve is not like the effect.
+        read: (quantity (k,), ascending, disturbance (k,), SI) -> the effect's first knob, or None.
     """
 
     place: str
@@ -490,7 +489,7 @@ class Plant:
     @property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters without those of the slots."""
-        return tuple(each for each in self.parameters if not each.name.startswith("added_"))
+        return self.parameters if self.layout is None else self.parameters[: self.layout.own]
 
     def remembers(self, values: Mapping[str, float]) -> bool:
         """Return whether any parameter of `memories` is not 0 in these values of all parameters."""

@@ -302,19 +302,9 @@ def run_frozen(drive, step, remember, read, measures, track, begun, innovations,
         for j in range(count):
             states[t, j] = x[j]
         _advance(
-            drive,
-            step,
-            remember,
-            measures,
-            extension,
-            scratch,
-            t,
-            states[t],
-            x,
-            now,
-            remembered,
-            parameters,
-        )
+            drive, step, remember, measures, extension, scratch, t, states[t], x, now,
+            remembered, parameters,
+        )  # fmt: skip
 
 
 @njit(
@@ -352,34 +342,14 @@ def predict_ahead(drive, step, remember, read, measures, inputs, states, begun, 
             )
             put(predicted[t], expected)
         _advance(
-            drive,
-            step,
-            remember,
-            measures,
-            extension,
-            scratch,
-            t,
-            x,
-            ahead,
-            inputs[t],
-            free,
-            parameters,
-        )
+            drive, step, remember, measures, extension, scratch, t, x, ahead, inputs[t],
+            free, parameters,
+        )  # fmt: skip
         put(x, ahead)
         _advance(
-            drive,
-            step,
-            remember,
-            measures,
-            extension,
-            scratch,
-            t,
-            states[t],
-            ahead,
-            inputs[t],
-            remembered,
-            parameters,
-        )
+            drive, step, remember, measures, extension, scratch, t, states[t], ahead,
+            inputs[t], remembered, parameters,
+        )  # fmt: skip
 
 
 @njit(
@@ -417,17 +387,7 @@ def run_free(drive, step, remember, read, measures, inputs, readings, begun, ste
                 value += steering[j, i] * (readings[t, i] - expected[i])
             inputs[t, j] = value
         _advance(
-            drive,
-            step,
-            remember,
-            measures,
-            extension,
-            scratch,
-            t,
-            x,
-            ahead,
-            inputs[t],
-            remembered,
-            parameters,
-        )
+            drive, step, remember, measures, extension, scratch, t, x, ahead, inputs[t],
+            remembered, parameters,
+        )  # fmt: skip
         put(x, ahead)

@@ -76,6 +76,8 @@ class NamedEffect:
         held_out_z: normal deviate of the effect's gain on the held-out recordings; NaN where these
             hardly show what it acts on.
         correction: disturbance by which the effect's formula is corrected; None if it needs none.
+        replaced: whether the model has the correction in the place of the formula, and the
+            parameter was read off it.
     """
 
     name: str
@@ -90,6 +92,7 @@ class NamedEffect:
     unseen: str = ""
     held_out_z: float = float("nan")
     correction: "Discovered | None" = None
+    replaced: bool = False
 
     @property
     def form(self) -> Form:

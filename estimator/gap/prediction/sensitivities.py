@@ -125,17 +125,9 @@ def linearise_course(
                     slopes[row, i, j] = (shifted[i] - expected[i]) / changes[j]
             for p in range(shifts.shape[2]):
                 read_with(
-                    read,
-                    measures,
-                    extension,
-                    scratch,
-                    t,
-                    states[t],
-                    now,
-                    remembered,
-                    parameters[1 + p],
-                    shifted,
-                )
+                    read, measures, extension, scratch, t, states[t], now, remembered,
+                    parameters[1 + p], shifted,
+                )  # fmt: skip
                 for i in range(outputs):
                     shifts[row, count + i, p] = shifted[i] - expected[i]
         drive_with(drive, measures, extension, scratch, t, states[t], now, remembered, present)
@@ -151,17 +143,9 @@ def linearise_course(
                     transitions[row, i, j] = (point[i] - ahead[i]) / changes[j]
             for p in range(shifts.shape[2]):
                 step_with(
-                    step,
-                    measures,
-                    extension,
-                    scratch,
-                    t,
-                    states[t],
-                    point,
-                    now,
-                    remembered,
-                    parameters[1 + p],
-                )
+                    step, measures, extension, scratch, t, states[t], point, now,
+                    remembered, parameters[1 + p],
+                )  # fmt: skip
                 for i in range(count):
                     shifts[row, i, p] = point[i] - ahead[i]
             # Each step changes the memory, so that the last step must be that of the present

@@ -15,6 +15,7 @@ from estimator.gap.plant import Array, BoolArray, Gains, Output, Plant, Record, 
 
 from .fit import Fitter
 from .linear import BLOCK_S, LEAST_SAMPLES, mean_squares, settling, slices_of
+from .mixed_up import mixed_up
 from .predictor import Predictor
 from .variables import Values
 
@@ -60,8 +61,8 @@ def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
     """Return the reasons, in words, why recordings cannot support a verdict; empty if they can.
 
     Lengths are checked first, then the commands and readings to fit to, then whether every channel
-    has anything to do with the model as given (`LOST`). The first of these checks that fails gives
-    its reasons, and the later ones are not made.
+    has anything to do with the model as given (`LOST`) and is not mixed up with another. The first
+    of these checks that fails gives its reasons, and the later ones are not made.
 
     Args:
         fitter: fitter of the records to fit to.
@@ -79,7 +80,7 @@ def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
         reasons += _readings(fitter.records, index, output, plant.period)
     if reasons:
         return reasons
-    return [*_lost(fitter), *_lost(judged)]
+    return [*mixed_up(fitter), *_lost(fitter), *_lost(judged)]
 
 
 def _too_short(records: Sequence[Record], plant: Plant, least: int, which: str) -> list[str]:

@@ -5,7 +5,7 @@ one figure: by how much they lower the error of predictions that they were not f
 (`explaining`). The best is fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -18,6 +18,7 @@ from .disturbances import Place
 from .explaining import Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate
 from .refits import Refits
+from .screening import starts_of
 from .shapes import symbols
 from .twins import Twins
 
@@ -175,12 +176,13 @@ class Discovering:
 
         Args:
             values: values of all parameters without the effect.
-            effect: the effect, which starts from its stated starts or else from these values.
+            effect: the effect, which starts from its stated starts and those that the records
+                propose, or else from these values.
         """
         variables = freed(self.nuisances, effect)
         best: Fitted | None = None
-        starts: tuple[Mapping[str, float], ...] = effect.starts or ({},)
-        for start in starts:
+        starts = starts_of(self._refits.fitter.filtered(values), values, effect)
+        for start in starts or ({},):
             began = started(self.plant, values, effect, start)
             ended = self._refits.settled(began, variables, rounds=3)[0].values
             costs = self._refits.fitter.filtered(ended).costs(ended)

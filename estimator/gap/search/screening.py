@@ -46,7 +46,7 @@ class Screening:
                 continue
             if effects is not None and effect.name not in effects:
                 continue
-            given = self._starts(filtered, values, effect)
+            given = starts_of(filtered, values, effect)
             for number, start in enumerate(given):
                 column = Column(
                     f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
@@ -92,16 +92,23 @@ class Screening:
             for column, left in zip(columns, costs, strict=True)
         }
 
-    def _starts(
-        self, filtered: Filtered, values: Values, effect: Effect
-    ) -> tuple[Mapping[str, float], ...]:
-        """Return where fits of an effect start: its stated starts, then those from the records."""
-        if effect.propose is None:
-            return effect.starts
-        traces = [
-            Trace(record.inputs, states, innovations, record.readings)
-            for record, (innovations, states) in zip(
-                filtered.records, filtered.innovations(values), strict=True
-            )
-        ]
-        return (*effect.starts, *effect.propose(traces, values))
+
+def starts_of(
+    filtered: Filtered, values: Values, effect: Effect
+) -> tuple[Mapping[str, float], ...]:
+    """Return where fits of an effect start: its stated starts, then those from the records.
+
+    Args:
+        filtered: the records, with any filter gains.
+        values: values of all parameters, with which the records are predicted.
+        effect: the effect.
+    """
+    if effect.propose is None:
+        return effect.starts
+    traces = [
+        Trace(record.inputs, states, innovations, record.readings)
+        for record, (innovations, states) in zip(
+            filtered.records, filtered.innovations(values), strict=True
+        )
+    ]
+    return (*effect.starts, *effect.propose(traces, values))

@@ -26,19 +26,23 @@ def _underlap(at: Array, values: Array) -> float | None:
 
 
 def _uneven_friction(at: Array, values: Array) -> float | None:
-    """Return the asymmetry of friction, N, of a force (k,) that is the same in both directions."""
+    """Return the asymmetry of friction, N, of a force (k,) that is the same in both directions.
+
+    A force against extension that is the same in both directions adds to the friction of extension.
+    """
     reach = min(-at[0], at[-1])
     speeds = np.linspace(0.0, reach, len(at))[1:] if reach > 0.0 else np.empty(0)
     forth, back = np.interp(speeds, at, values), np.interp(-speeds, at, values)
     even, odd = 0.5 * (forth + back), 0.5 * (forth - back)
     if not even @ even > _MOST * (even @ even + odd @ odd):
         return None
-    return float(-np.mean(even))
+    return float(np.mean(even))
 
 
 def _scale(at: Array, values: Array) -> float | None:
     """Return the scale of a transducer whose error (k,) grows in proportion to its reading."""
-    slope = float(at @ values) / float(at @ at)
+    used = at != 0.0
+    slope = float(np.median(values[used] / at[used]))
     lacks = values - slope * at
     return 1.0 + slope if lacks @ lacks < _MOST * (values @ values) else None
 

@@ -60,12 +60,13 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     plant, floor = discovering.plant, found.floor
     excess = found.refitted.cost - floor * found.samples
     given = DiscoveredModel(found.fitted, found.filtered, found.variables)
-    one = in_place_of_several(discovering, found)
+    pinned = _pinned(plant, found)
+    one = in_place_of_several(discovering, found, pinned)
     if one is not None:
         _take(found, one)
+        pinned = _pinned(plant, found)
     names = one.corrected if one is not None and one.corrected is not None else given
     left = names.fitted.cost - floor * found.samples
-    pinned = _pinned(plant, found)
     settled = left < min(FORM * excess, SETTLED * found.samples) and not pinned
     if left < material * found.samples or (found.named and settled):
         return Choice(names, bool(found.named), *_divided(plant, found, names))
@@ -84,16 +85,14 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     if not found.named or (better and stands_in and left_alone < (1.0 - WHOLE) * excess):
         return _by_its_curve(discovering, found, alone) or nothing_named
     beside = discovering.run(found.fitted, found.variables, floor)
-    together = _beats(beside.fitted.costs, alone.fitted.costs, BEYOND * excess)
     both = Choice(beside, True, *_divided(plant, found, beside))
-    if own is not None or found.explained >= EXPLAINED:
-        if alone.discoveries and (pinned or (stands_in and not together)):
+    doubted = bool(pinned) or stands_in
+    if own is None and (doubted or found.explained < EXPLAINED):
+        # Names that are in doubt stand where without them half of the rest more would be left.
+        least = HALF * left_alone if pinned or not stands_in else BEYOND * excess
+        if not _beats(beside.fitted.costs, alone.fitted.costs, max(least, BEYOND * excess)):
             return _by_its_curve(discovering, found, alone) or nothing_named
-        return both
-    gained = alone.fitted.cost - beside.fitted.cost
-    if together and beside.discoveries and gained > EXPLAINED * left_alone:
-        return both
-    return _by_its_curve(discovering, found, alone) or nothing_named
+    return both
 
 
 def _take(found: Found, one: OwnForm) -> None:
@@ -111,21 +110,22 @@ def _by_its_curve(discovering: Discovering, found: Found, alone: DiscoveredModel
     return Choice(own.corrected, True, {own.named.effect: first}, tuple(others))
 
 
-def _pinned(plant: Plant, found: Found) -> bool:
-    """Return whether the size of a named effect is at an end of what is plausible.
+def _pinned(plant: Plant, found: Found) -> set[str]:
+    """Return the named effects whose size is at an end of what is plausible.
 
     A fit would move such a size (`PINNED`) beyond the end, so that the effect stands in for
     something else. The size is the effect's first knob; an end at which it was in the model as
     given does not count.
     """
+    names: set[str] = set()
     for named in found.named:
         knob = plant.effects[named.effect].knobs[0]
         value, given = (f.values[knob.parameter] for f in (found.fitted, found.given))
         near = PINNED * (knob.upper - knob.lower)
         ends = [end for end in (knob.lower, knob.upper) if abs(end - given) > near]
         if any(abs(value - end) <= near for end in ends):
-            return True
-    return False
+            names.add(named.effect)
+    return names
 
 
 def _beats(one: Array, other: Array, least: float) -> bool:

@@ -13,11 +13,11 @@ def held_out_deviates(refits: Refits, found: Found, judged: Fitter) -> dict[str,
     """
     deviates: dict[str, float] = {}
     for named in found.named:
-        if named.read is not None:
-            deviates[named.effect] = float("nan")
-            continue
         held_out = judged.filtered(found.fitted.values)
-        _, without = refits.without(found, named.effect)
+        if named.read is None:
+            _, without = refits.without(found, named.effect)
+        else:
+            without = found.refitted
         expected = _changed(held_out, found.fitted.values, without.values)
         gains = held_out.costs(without.values) - held_out.costs(found.fitted.values)
         deviates[named.effect] = float("nan") if expected < CHANCE else deviate(gains)

@@ -6,7 +6,7 @@ effect with another form, if the effect's formula explains most of the excess, o
 as the effect does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -49,19 +49,22 @@ class OwnForm:
     corrected: DiscoveredModel | None = None
 
 
-def in_place_of_several(discovering: Discovering, found: Found) -> OwnForm | None:
+def in_place_of_several(
+    discovering: Discovering, found: Found, pinned: Collection[str]
+) -> OwnForm | None:
     """Return one effect with a correction that does what several named effects do; None if none is.
 
     The effects share a place and a quantity, so that a curve there may be the same as several of
     their formulas. The one that explains most must explain `EXPLAINED` of the excess by itself,
     and its correction `MOST_OF` what the others explain beside it, or as much as they do to within
-    chance.
+    chance. Effects in `pinned`, whose size is at an end of what is plausible, do not compete.
     """
     effects = [discovering.plant.effects[named.effect] for named in found.named]
     if len(effects) < 2 or not set(effects[0].own).intersection(*(e.own for e in effects[1:])):
         return None
     excess = found.refitted.cost - found.floor * found.samples
-    best = _explaining_most(discovering, found, effects)
+    likely = [each for each in effects if each.name not in pinned]
+    best = _explaining_most(discovering, found, likely)
     if best is None or best.named.gain < EXPLAINED * excess:
         return None
     own = discovering.plant.effects[best.named.effect].own

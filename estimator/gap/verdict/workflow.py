@@ -465,4 +465,5 @@ def _named(
         effect.unseen,
         known.held_out[named.effect],
         correction,
+        named.read is not None,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Columns of recordings are named here: channel -> column, with its unit or scale.
+"""This module reads which columns of a recording are which channels, in which unit or scale.
 
 The file of `--columns` has this alone; the model file of a plant from outside has it under
 `channels`.
@@ -71,8 +71,13 @@ def column_in(
         problems: where problems are added.
         further: further keys that the entry may have -> type.
     """
-    if isinstance(entry.value, str):
+    if isinstance(entry.value, str) and entry.value:
         return Column(entry.value), {}
+    if not isinstance(entry.value, dict):
+        limit = "is neither the name of a column nor a mapping"
+        remedy = f"write `{name}: COLUMN`, or `{name}: {{column: COLUMN, unit: UNIT}}`"
+        problems.add(entry.place, name, shown(entry), limit, remedy)
+        return Column(name), {}
     fields = {"column": str | None, "unit": str | None, "scale": float | None} | dict(further)
     found = checked(entry, fields, problems)
     factor = 1.0

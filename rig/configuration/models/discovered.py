@@ -12,7 +12,8 @@ discovered:
      values: [-30 N, 0 N, 45 N]}
 
 Older files have the key `unknown_term` for it. An entry that the plant cannot hold, such as one
-that is added to a parameter or depends on the time, is kept with the model and written back.
+that is added to a parameter or depends on the time, is kept with the model and written back. There
+may be four of these.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,6 +37,7 @@ from rig.configuration.reading import (
 from rig.plant import (
     FORMS,
     MOST_KNOTS,
+    MOST_OTHERS,
     MOST_TABLES,
     MOST_TERMS,
     MOVING_OIL,
@@ -158,14 +160,18 @@ def read_terms(section: Located, sources: Sources) -> Terms | None:
     found = [(entry, term) for entry, term in read if term is not None]
     held = [(entry, term) for entry, term in found if is_held(term)]
     tables = [(entry, term) for entry, term in held if term.form == "table"]
-    for kept, most, what in ((held, MOST_TERMS, "terms"), (tables, MOST_TABLES, "tables")):
+    others = [(entry, term) for entry, term in found if not is_held(term)]
+    for kept, most, what in (
+        (held, MOST_TERMS, "terms"),
+        (tables, MOST_TABLES, "tables"),
+        (others, MOST_OTHERS, "terms that are not of the plant's equations"),
+    ):
         for entry, _ in kept[most:]:
             limit = f"is one of {len(kept)} {what}; a model holds at most {most} {what}"
             problems.add(entry.place, entry.name, "", limit, f"keep the {most} that explain most")
     if len(held) > MOST_TERMS or len(tables) > MOST_TABLES:
         return None
-    others = tuple(term for _, term in found if not is_held(term))
-    return Terms(fields_of(tuple(term for _, term in held)), others)
+    return Terms(fields_of(tuple(term for _, term in held)), tuple(term for _, term in others))
 
 
 def read_term(entry: Located, known: Vocabulary, problems: Problems) -> AddedTerm | None:
@@ -178,10 +184,13 @@ def read_term(entry: Located, known: Vocabulary, problems: Problems) -> AddedTer
     if term.to not in known.places:
         remedy = suggestion(term.to, known.told, "places")
         problems.add(entry.find(("to",)).place, "to", term.to, "is not a choice here", remedy)
-    if (form == "1") != (of == ""):
-        limit = f"does not go with form {term.form}" if of else f"is what form {term.form} is of"
-        remedy = "leave it out" if of else f"name one of {', '.join(known.quantities)}"
-        problems.add(entry.find(("of",)).place, "of", of, limit, remedy)
+    if form == "1" and of:
+        limit = f"does not go with form {term.form}"
+        problems.add(entry.find(("of",)).place, "of", of, limit, "leave it out")
+    elif form != "1" and entry.get("of") is None:
+        limit = f"lacks the key of, the quantity that form {term.form} depends on"
+        remedy = f"name one of {', '.join(known.quantities)}"
+        problems.add(entry.place, entry.name, "", limit, remedy)
     if term.against_motion and not known.turns:
         place = entry.find(("against_motion",)).place
         limit = "needs a region with the name direction, which the plant does not have"
@@ -207,17 +216,16 @@ def read_term(entry: Located, known: Vocabulary, problems: Problems) -> AddedTer
     return AddedTerm(term.to, of, form, term.against_motion, size, at, by, knots)
 
 
-def _given(entry: Located, key: str, problems: Problems, remedy: str = "") -> Located | None:
+def _given(entry: Located, key: str, problems: Problems, remedy: str) -> Located | None:
     """Return the value of a key; if it is missing, record a problem and return None."""
     item = entry.get(key)
     if item is None:
-        remedy = remedy or f"add `{key}: ...`"
         problems.add(entry.place, entry.name, "", f"lacks the key {key}", remedy)
     return item
 
 
 def _number(entry: Located, key: str, kind: Physical, problems: Problems) -> float | None:
-    item = _given(entry, key, problems)
+    item = _given(entry, key, problems, f"add `{key}: ... {kind.unit}`")
     return None if item is None else quantity_in(item, lambda: kind.parse(item.plain()), problems)
 
 

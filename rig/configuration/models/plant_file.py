@@ -109,11 +109,6 @@ class _File(Schema):
     provenance: Any = None
 
 
-class _Times(Schema):
-    column: str = TIME
-    unit: str | None = None
-
-
 def catalogue(thing: PlantDescription | Plant) -> dict[str, dict[str, str]]:
     """Return the effects that a plant's model may lack, as effect -> key in a file -> parameter."""
     if isinstance(thing, Plant):

@@ -160,7 +160,7 @@ def checked(
 
 def revised_model(given: Model, found: GapResult) -> Model:
     """Return the given model with what was found, also what was discovered; its name stays."""
-    parameters, others = with_terms(found.values)
+    parameters, others = with_terms(found.values, given.discovered)
     return replace(given, parameters=parameters, discovered=others)
 
 

@@ -86,8 +86,9 @@ def _write_model(
     """
     kept = [name for name in parent.effects if name not in effects]
     added = [name for name in effects if name in CATALOGUE]
-    parameters, others = with_terms(values)
-    same = parameters == parent.parameters and not added and others == parent.discovered
+    parameters, others = with_terms(values, parent.discovered)
+    same_terms = sorted(others) == sorted(parent.discovered)
+    same = parameters == parent.parameters and not added and same_terms
     revised = same or parent.name.endswith(f" {REVISED}")
     name = parent.name if revised else f"{parent.name} {REVISED}"
     parents: dict[str, Any] = {"name": parent.name, "sha256": model_sha256(parent)}
@@ -225,6 +226,7 @@ def _short(effect: NamedEffect) -> dict[str, Any]:
 
 def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
     """Return the whole result as the content of `gap.json` (docs/gap.md lists the keys)."""
+    own = {parameter.name for parameter in plant.own_parameters}
     return answer(result) | {
         "plant": plant.name,
         "effects": [effect_figures(effect) for effect in result.effects],
@@ -265,11 +267,7 @@ def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
         },
         "experiments": [experiment_figures(each) for each in result.experiments],
         "free_runs": [_free_run(run) for run in result.free_runs],
-        "parameters": {
-            name: _plain(value)
-            for name, value in result.values.items()
-            if not name.startswith("added_")
-        },
+        "parameters": {name: _plain(value) for name, value in result.values.items() if name in own},
         "names": list(result.names),
         "recordings": _recordings(result.identification),
         "holdout": _recordings(result.holdout),

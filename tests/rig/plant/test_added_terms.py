@@ -7,7 +7,15 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from rig.plant import KARNOPP, NOMINAL, Model, Parameters
-from rig.plant.added_terms import FORMS, PLACES, QUANTITIES, AddedTerm, fields_of, terms_of
+from rig.plant.added_terms import (
+    FORMS,
+    PLACES,
+    QUANTITIES,
+    AddedTerm,
+    fields_of,
+    terms_of,
+    unit_per,
+)
 from rig.plant.simulation import simulate
 
 Array = NDArray[np.float64]
@@ -30,7 +38,8 @@ def test_parameters_hold_terms_and_give_them_back() -> None:
     )
     assert terms_of(model(*terms).parameters) == terms
     assert terms_of(NOMINAL) == ()
-    assert [term.size_unit for term in terms] == ["N", "m/(V)^2", "N"]
+    units = [unit_per(PLACES[t.place], QUANTITIES[t.of], t.form) for t in terms]
+    assert units == ["N", "m/(V)^2", "N"]
     with pytest.raises(ValueError, match="holds 3"):
         fields_of((*terms, terms[0]))
 

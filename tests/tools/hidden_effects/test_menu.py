@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.gap.servo.actuator import servo_actuator
+from rig.plant import Model
 from tests.tools.hidden_effects.test_physics import ran
 from tools.hidden_effects import physics
 from tools.hidden_effects.drawn_trials import drawn_trial
@@ -14,6 +16,7 @@ from tools.hidden_effects.motions import MOTIONS, STILL, Motion, drawn
 from tools.hidden_effects.off_menu import FIRST_TWELVE, IDEAS, OFF_MENU
 from tools.hidden_effects.recordings import PRESSURE_NOISE, SPOOL_NOISE, at_rest, record
 from tools.hidden_effects.rig_values import TABLE, RigValues
+from tools.hidden_effects.score import _plain
 from tools.hidden_effects.sizes import SIZES
 
 pytestmark = pytest.mark.long
@@ -244,3 +247,11 @@ def test_a_motion_is_within_reach_and_its_own(name: str) -> None:
 
 def asked(motion: Motion) -> tuple[float, ...]:
     return (*motion.setpoint[::500], *motion.feed[::500])
+
+
+def test_right_places_are_told_in_the_words_of_the_answer() -> None:
+    plant = servo_actuator(Model())
+    known = {"command", *(e.name for e in plant.equations), *(v.name for v in plant.varying)}
+    known |= {_plain(f"reading of {output.channel}") for output in plant.outputs}
+    places = [place for kinds in OFF_MENU.values() for kind in kinds for place in kind.places]
+    assert {equation for place in places for equation in place.equations} <= known

@@ -96,7 +96,7 @@ def test_a_hidden_delay_is_named_from_outside_the_package(tmp_path: Path) -> Non
     for file in ("axis.py", "axis.yaml"):
         copy(EXAMPLE / file, tmp_path / file)
     for name, seed in (("fit", 3), ("held", 4)):
-        channels = axis_rig.recorded("strokes", seed, 4.0, delay=2.3e-3, **OFF)
+        channels = axis_rig.recorded("strokes", seed, 5.0, delay=2.3e-3, **OFF)
         axis_rig.write_csv(tmp_path / f"{name}.csv", channels)
     # fmt: off
     done = subprocess.run(

@@ -61,6 +61,10 @@ UNFIT: dict[str, tuple[Callable[[Channels], Channels], str]] = {
     "a saturated channel": (lambda c: {"pressure_2_Pa": 0.0 * c["position_m"]}, "end of its range"),
     "all noise": (lambda c: {"pressure_2_Pa": 7e6 + noise(c["time_s"], 2e6)}, "mostly noise"),
     "readings lost": (lambda c: {"position_m": burst(c["position_m"], 0.6)}, "missing"),
+    "pressures mixed up": (
+        lambda c: {"pressure_1_Pa": c["pressure_2_Pa"], "pressure_2_Pa": c["pressure_1_Pa"]},
+        "pressure_1_Pa and pressure_2_Pa are mixed up",
+    ),
 }
 
 

@@ -258,12 +258,13 @@ def test_all_mistakes_of_a_file_of_columns_are_told_with_their_lines(
     (tmp_path / "map.yaml").write_text(
         "positoin_m: q\nposition_m: {column: q, unit: bar}\n"
         "pressure_1_Pa: {colum: p}\ncommand_V: {column: u, unit: V, scale: 2}\n"
+        "spool_m: 3\n"
     )
     path = tmp_path / "map.yaml"
     done = invoke("replay", recordings / "healthy.mcap", "--columns", path)
     assert done.code == 2
     lines = [line for line in done.err.splitlines() if "map.yaml" in line]
-    assert [int(line.split("map.yaml:")[1].split(":")[0]) for line in lines] == [1, 2, 3, 4]
+    assert [int(line.split("map.yaml:")[1].split(":")[0]) for line in lines] == [1, 2, 3, 4, 5]
     gone = invoke("replay", recordings / "healthy.mcap", "--columns", tmp_path / "gone.yaml")
     assert "--columns" in gone.err
     assert "does not exist" in gone.err

@@ -369,18 +369,28 @@ def test_more_terms_than_a_model_holds_are_refused(tmp_path: Path, form: str, mo
     assert f"a model holds at most {most}" in problem
 
 
+def test_no_more_terms_beside_the_plants_are_taken_than_the_workflow_has_room_for(
+    tmp_path: Path,
+) -> None:
+    line = "  - {to: bulk modulus, of: time, form: x, size: 1 Pa/(s)}\n"
+    assert len(load_model(write(tmp_path, "name: x\ndiscovered:\n" + line * 4)).discovered) == 4
+    (problem,) = problems_of(write(tmp_path, "name: x\ndiscovered:\n" + line * 5))
+    assert "model.yaml:7:5 discovered[4]: is one of 5 terms that are not of the plant" in problem
+
+
 @pytest.mark.parametrize(
     ("lines", "problem"),
     [
         ("{}", "discovered: a mapping is not a list of at most 3 terms"),
         ("[{to: force, form: constant, size: 1 N}]", "to: force is not a choice here"),
         ("[{to: spool, form: constant, size: 1 N}]", "size: 1 N is not a length"),
-        ("[{to: spool, form: x, size: 1}]", "of: is what form x is of"),
+        ("[{to: spool, form: x, size: 1}]", "discovered[0]: lacks the key of, the quantity that"),
+        ("[{to: spool, of: comand, form: x, size: 1 m/(V)}]", "of: comand is not a choice here"),
         ("[{to: spool, form: constant, of: command, size: 1 m}]", "of: command does not go"),
         ("[{to: spool, form: constant, size: 1 m, pitch: 1 m}]", "pitch: is not of form"),
         ("[{to: spool, form: wave, of: position, size: 1 m, phase: 1 rad}]",
-         "discovered[0]: lacks the key pitch"),
-        ("[{to: spool, form: constant}]", "discovered[0]: lacks the key size"),
+         "discovered[0]: lacks the key pitch; add `pitch: ... m`"),
+        ("[{to: spool, form: constant}]", "discovered[0]: lacks the key size; add `size: ... m`"),
         ("[{to: spool, form: constant, size: 1 m, sise: 2}]", "sise: is not a known key"),
     ],
 )  # fmt: skip

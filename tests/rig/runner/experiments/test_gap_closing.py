@@ -18,9 +18,10 @@ from estimator.gap.prediction.results import (
     Separation,
 )
 from rig.configuration.campaigns.dry_run import plan_campaign
+from rig.configuration.models.model import load_model
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.interlocks.trip import TripError
-from rig.plant import Model
+from rig.plant import AddedTerm, Model
 from rig.runner.campaign.campaign_run import bench_of
 from rig.runner.campaign.simulated_bench import SimulatedBench
 from rig.runner.campaign.stopping import StopFlag
@@ -266,3 +267,17 @@ def test_the_revised_model_has_what_was_discovered_in_the_rigs_equations_and_bes
     found = GapResult("unknown_effect", [], values=values)
     revised = rig_plant(gap_closing.revised_model(Model(), found))
     assert layout.additions(revised.nominal) == [wave, drift]
+
+
+def test_a_term_that_the_workflow_cannot_hold_stays_in_the_model(tmp_path: Path) -> None:
+    terms = (
+        AddedTerm("parameter viscous", "time", "x", turned=False, size=2.0),
+        AddedTerm("bulk modulus", "time", "x", turned=False, size=-1e6),
+    )
+    given = Model(discovered=terms)
+    plant = rig_plant(given)
+    found = GapResult("adequate", [], values=dict(plant.nominal))
+    assert gap_closing.revised_model(given, found).discovered == terms
+    plant.write(plant.nominal, (), {}, tmp_path / "model.yaml")
+    written = load_model(tmp_path / "model.yaml")
+    assert (written.name, written.discovered) == (given.name, terms)
