@@ -8,6 +8,7 @@ import numpy as np
 from estimator.gap.plant import Array, band_powers
 
 from .fit import Filtered
+from .linear import HUBER
 from .variables import Values
 
 OVERSTATED: Final = 1.5
@@ -40,11 +41,13 @@ def unheard(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> fl
 def _powers(filtered: Filtered, values: Values) -> Array:
     """Return the sum of squares of each channel's innovations by band, (bands, outputs).
 
-    It is that of the blocks of all records together.
+    It is that of the blocks of all records together. Outliers are cut off: a blow on a stop, or a
+    ram that breaks away, at which a twin errs more than the record, is no noise.
     """
     period = filtered.predictor.plant.period
     total = 0.0
     for (innovations, _), blocks in zip(filtered.innovations(values), filtered.blocks, strict=True):
         inside = slice(blocks[0].start, blocks[-1].stop)
-        total = total + band_powers(innovations[inside], period) * (inside.stop - inside.start)
+        cut = np.clip(innovations[inside], -HUBER, HUBER)
+        total = total + band_powers(cut, period) * len(cut)
     return np.asarray(total)
