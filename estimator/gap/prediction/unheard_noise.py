@@ -8,12 +8,11 @@ import numpy as np
 from estimator.gap.plant import Array, band_powers
 
 from .fit import Filtered
-from .linear import HUBER
 from .variables import Values
 
 OVERSTATED: Final = 1.5
 """A band is short of noise if a twin has more than so many times its power. Chance changes the
-power of a band of 8 s and more by a few per cent."""
+median power of 16 blocks and more by a few per cent."""
 
 
 def unheard(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> float:
@@ -41,13 +40,12 @@ def unheard(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> fl
 def _powers(filtered: Filtered, values: Values) -> Array:
     """Return the sum of squares of each channel's innovations by band, (bands, outputs).
 
-    It is that of the blocks of all records together. Outliers are cut off: a blow on a stop, or a
-    ram that breaks away, at which a twin errs more than the record, is no noise.
+    It is that of all blocks if each had the power of their median. Where a ram breaks away, or
+    comes on a stop, a twin may err more than the record; such blocks are few.
     """
     period = filtered.predictor.plant.period
-    total = 0.0
+    powers, samples = [], 0
     for (innovations, _), blocks in zip(filtered.innovations(values), filtered.blocks, strict=True):
-        inside = slice(blocks[0].start, blocks[-1].stop)
-        cut = np.clip(innovations[inside], -HUBER, HUBER)
-        total = total + band_powers(cut, period) * len(cut)
-    return np.asarray(total)
+        powers += [band_powers(innovations[block], period) for block in blocks]
+        samples += sum(block.stop - block.start for block in blocks)
+    return np.asarray(np.median(powers, axis=0) * samples)
