@@ -72,7 +72,9 @@ def test_a_channel_below_the_floor_counts_as_nothing() -> None:
 
 
 def test_errors_are_read_from_what_an_answer_tells_above_its_own_floor() -> None:
-    channels = [{"before": 8.0, "after": 0.5, "floor": 1.5}, {"before": None, "floor": 1.0}]
+    channels: list[dict[str, Any]] = [
+        {"before": 8.0, "after": 0.5, "floor": 1.5}, {"before": None, "floor": 1.0}
+    ]  # fmt: skip
     assert errors(channels[:1], "after") == [2.0]
     assert excess(errors(channels[:1], "after"), np.array([1.0])) == 1.0
     assert np.isnan(errors(channels, "before")[1])
