@@ -59,9 +59,9 @@ def wheel() -> Plant:
 def ran(
     seed: int, seconds: float, *, rate: float = 1.0, gain: float = 4.0, drag: float = 8.0,
     offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
-    quiet: float = 1.0,
+    quiet: float = 1.0, dry: float = 0.0,
 ) -> Recording:  # fmt: skip
-    """Record a wheel that may have what no model of it has: another drag, a slow or late sensor.
+    """Record a wheel that may have what no model of it has: another drag, dry friction, a slow or late sensor.
 
     The sensor's noise is `quiet` times what the model states.
     """
@@ -76,7 +76,9 @@ def ran(
     for row in range(len(time)):
         read += 1.0 if lag_s == 0.0 else 1e-3 / (lag_s + 1e-3) * (speed - read)
         read_of[row] = read = speed if lag_s == 0.0 else read
-        force = gain * volts[max(row - late, 0)] - drag * speed - offset
+        force = (
+            gain * volts[max(row - late, 0)] - drag * speed - offset - dry * np.tanh(6.0 * speed)
+        )
         speed += 1e-3 * (force - squared * speed * abs(speed)) / 2.0
     noise = quiet * NOISE * generator.standard_normal(len(time))
     channels = {"time_s": time, "motor_V": volts, "speed_m_per_s": read_of + noise}
