@@ -61,7 +61,7 @@ def ran(
     offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
     quiet: float = 1.0, dry: float = 0.0,
 ) -> Recording:  # fmt: skip
-    """Record a wheel that may have what no model of it has: another drag, dry friction, a slow or late sensor.
+    """Record a wheel that may have what no model of it has: dry friction, a slow or late sensor.
 
     The sensor's noise is `quiet` times what the model states.
     """

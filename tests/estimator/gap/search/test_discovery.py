@@ -28,5 +28,5 @@ def test_a_drag_keeps_its_value_beside_a_curve_that_a_drag_is_part_of() -> None:
     assert held == {"gain": False, "drag": True}
     assert found.fitted.values["drag"] == refitted.values["drag"]
     # What no curve of the speed may stand in for comes to its true value.
-    assert refitted.values["gain"] == pytest.approx(3.6)
+    assert refitted.values["gain"] == pytest.approx(3.6, rel=1e-3)
     assert found.fitted.values["gain"] == pytest.approx(4.0, rel=0.01)
