@@ -20,10 +20,9 @@ from .findings import CHANCE, MATERIAL, deviate
 from .refits import Refits
 from .screening import starts_of
 from .shapes import symbols
+from .standing_in import ADDED, stood_in_for
 from .twins import Twins
 
-ADDED: Final = "added"
-"""Name of the variables of additions."""
 MOST: Final = 3
 """Greatest number of disturbances that are discovered."""
 SURE: Final = 2.0
@@ -36,11 +35,6 @@ OVER_TWIN: Final = 5.0
 imperfection gives it."""
 NEAR: Final = 2.0
 """Standard errors of a difference between gains below which two explanations are equal."""
-STANDS_IN: Final = 3.0
-"""A disturbance may stand in for a variable whose standard error it makes larger by this factor:
-eight ninths of what the recordings show of the variable, it does as well."""
-VAGUE: Final = 0.25
-"""Part of a nuisance's range. A nuisance with a larger standard error is not known any more."""
 _LIKELY: Final = 14
 """Number of places and quantities that compete with one that was added."""
 _TURNS: Final = 3
@@ -304,7 +298,7 @@ class Discovering:
 
         In each of some rounds the filter's gains are computed and all variables fitted with them.
         The fit starts from the values `start`, or else from those without the explanation. What
-        the disturbance may stand in for (`_stood_in_for`) keeps its value without it: the
+        the disturbance may stand in for (`stood_in_for`) keeps its value without it: the
         disturbance is what that leaves.
         """
         layout = self.plant.layout
@@ -318,7 +312,7 @@ class Discovering:
         fitted, filtered = self._rounds(values, (*base, *own), rounds)
         if not fitted.cost < at.cost:
             return None
-        vague = self._stood_in_for(each, filtered, fitted.values, base, own)
+        vague = stood_in_for(each, self.plant, filtered, fitted.values, base, own)
         if vague:
             base = tuple(v.held(at.values) if v in vague else v for v in base)
             values = {**values, **{v.parameter: at.values[v.parameter] for v in vague}}
@@ -355,42 +349,6 @@ class Discovering:
             values = self._refits.fitter.filtered(values).fit(values, variables, 2, 3e-3).values
         filtered = self._refits.fitter.filtered(values)
         return Fitted(dict(values), filtered.costs(values)), filtered
-
-    def _stood_in_for(
-        self,
-        each: Explanation,
-        filtered: Filtered,
-        values: Values,
-        base: tuple[Variable, ...],
-        own: tuple[Variable, ...],
-    ) -> set[Variable]:
-        """Return the variables that an explanation fitted with them may stand in for.
-
-        With it their standard errors are `STANDS_IN` times as large. They are those of earlier
-        disturbances; knobs of effects whose own curve the explanation is; and nuisances if it is a
-        table, which takes any course, or if they are not known any more (`VAGUE`).
-        """
-        columns = filtered.columns(values, (*base, *own))
-        linear = filtered.linearise(values, columns)
-        errors = []
-        for variables in (base, (*base, *own)):
-            names = [column.name for column in columns[: len(variables)]]
-            errors.append(linear.errors(names, linear.solve(names)[0])[: len(base)])
-        found = set()
-        for variable, without, beside in zip(base, *errors, strict=True):
-            if variable.is_held or not beside > STANDS_IN * without:
-                continue
-            if variable.name == ADDED:
-                vague = True
-            elif variable.key:
-                vague = each.where[:2] in self.plant.effects[variable.name].own
-            else:
-                reach = abs(variable.reach(values, float(beside)))
-                vague = reach > VAGUE * (variable.upper - variable.lower)
-                vague |= each.shape.form == "table"
-            if vague:
-                found.add(variable)
-        return found
 
 
 @dataclass(frozen=True)
