@@ -45,7 +45,7 @@ def readings(state, inputs, par):
 emps = PlantDescription(
     name="emps",
     inputs=(Input("motor_V", "V", size=5.0),),
-    outputs=(Channel("position_m", "m", noise=0.7e-6, resolution=1e-6, shown=("um", 1e6)),),
+    outputs=(Channel("position_m", "m", noise=0.03e-6, resolution=0.05e-6, shown=("um", 1e6)),),
     states=(
         StateOf("position", "m", start=reading("position_m"), spread=1e-5),
         StateOf("velocity", "m/s", start=slope("position_m"), spread=1e-2),
@@ -77,6 +77,7 @@ emps = PlantDescription(
         MayLack(
             "viscous_asymmetry", "Fv (1 + a) forward, Fv (1 - a) backward", "force balance",
             {"value": "viscous_asymmetry"},
+            own=(("force balance", "velocity"), ("viscous", "velocity")),
         ),
         MayLack(
             "stribeck", "Fc + Fs exp(-(q'/vs)^2)", "force balance",

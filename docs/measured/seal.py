@@ -13,6 +13,7 @@ from estimator.gap.plant.description import (
     PlantDescription,
     RegionOf,
     StateOf,
+    VaryingOf,
     reading,
 )
 from estimator.gap.plant.interface import Parameter
@@ -83,6 +84,10 @@ def described(*, pressing: bool) -> PlantDescription:
             RegionOf("position", "m", lambda state, inputs: inputs.position_m, ("mm", 1e3)),
         ),
         steering={},
+        # Rings age, warm and stick: of all parameters it is friction that may change.
+        varying=(
+            VaryingOf("friction level", ("coulomb",), ("pressure", "velocity", "position")),
+        ),
     )  # fmt: skip
 
 

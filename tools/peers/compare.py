@@ -91,7 +91,7 @@ def compared(plan: Plan, folder: Path, methods: Sequence[str] = METHODS) -> Comp
     before, floor = _given(shown, plant, judged)
     outcomes = {}
     for name, each in answered.items():
-        after = np.array([c["after"] for c in each.channels]) if each.channels else before
+        after = errors(each.channels, "after") if each.channels else before
         gap = None if each.why else excess(after, floor)
         outcomes[name] = Outcome(gap, each.seconds, right(case, each.answer), _told(each))
     for name in methods:
@@ -139,11 +139,23 @@ def _given(
 ) -> tuple[Array, Array]:
     """Return the errors of the model given and the common floor, (outputs,), in noise variances."""
     if channels:
-        before, floor = (np.array([c[key] for c in channels]) for key in ("before", "floor"))
-        return before, floor
+        return errors(channels, "before"), _figures(channels, "floor")
     with ThreadPoolExecutor(1) as pool:
         gaps = channel_gaps(Predictor(plant), judged, plant.nominal, plant.nominal, pool)
     return np.array([gap.before for gap in gaps]), np.array([gap.floor for gap in gaps])
+
+
+def errors(channels: Sequence[Mapping[str, Any]], key: str) -> Array:
+    """Return the mean squared errors "before" or "after", (outputs,), in noise variances.
+
+    In gap.json they are told above the floor of that answer, which is added again here.
+    """
+    return _figures(channels, key) + _figures(channels, "floor")
+
+
+def _figures(channels: Sequence[Mapping[str, Any]], key: str) -> Array:
+    """Return a figure of each channel in gap.json, (outputs,); NaN where it has none."""
+    return np.array([channel[key] for channel in channels], dtype=float)
 
 
 def right(case: Case, answer: Mapping[str, Any]) -> bool | None:

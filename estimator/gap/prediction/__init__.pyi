@@ -41,6 +41,7 @@ from .suitability import (
     usable as usable,
     worse_than_resting as worse_than_resting,
 )
+from .unheard_noise import unheard as unheard
 from .variables import (
     Values as Values,
     Variable as Variable,

@@ -16,6 +16,9 @@ STRETCH: Final = 8
 MOST_BLOCKS: Final = 48
 """Greatest number of blocks that are selected from all records together; they last 24 s."""
 
+OF_EACH: Final = 2
+"""Number of stretches of each record that come before all others."""
+
 
 @dataclass(frozen=True)
 class Excerpt:
@@ -36,8 +39,14 @@ def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Exc
     """Return the costliest stretches of all records, as one excerpt for each record.
 
     A stretch has 8 blocks, or what is left at a record's end; at most 48 blocks are taken together.
-    `costs` (blocks,) has the blocks of all records one after the other. `period` is the sampling
-    period in s. The excerpt of a record of which no stretch is taken is empty.
+    The two costliest of each record come first: what depends on a quantity that hardly changes
+    within a record, such as the pressure on a seal, shows in several records only. The excerpt of a
+    record of which no stretch is taken is empty.
+
+    Args:
+        records: the records.
+        period: sampling period, s.
+        costs: float64 (blocks,), of the blocks of all records, one after the other.
     """
     stretches, first = [], 0
     blocks_of = [slices_of(record, period) for record in records]
@@ -49,7 +58,15 @@ def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Exc
         first += len(blocks)
     chosen: list[list[int]] = [[] for _ in records]
     left = MOST_BLOCKS
-    for _, index, begin, end in sorted(stretches, reverse=True):
+    ranked = sorted(stretches, reverse=True)
+    of_record = [[each for each in ranked if each[1] == index] for index in range(len(records))]
+    # One after the other of each record, so that each is in two folds of a cross-validation.
+    first_of_all = [
+        stretch
+        for number in range(OF_EACH)
+        for stretch in sorted((own[number] for own in of_record if number < len(own)), reverse=True)
+    ]
+    for _, index, begin, end in dict.fromkeys([*first_of_all, *ranked]):
         if end - begin <= left:
             chosen[index] += range(begin, end)
             left -= end - begin

@@ -1,7 +1,7 @@
 """This module defines what a fit changes: nuisances and the knobs of effects, within bounds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, log
 
 from estimator.gap.plant import Effect, Knob, Nuisance, Plant
@@ -51,6 +51,16 @@ class Variable:
         for follower in self.follows:
             changed[follower] = values[follower] * value / before
         return changed
+
+    def held(self, values: Values) -> "Variable":
+        """Return this variable with bounds that leave it no other value than its present one."""
+        at = values[self.parameter]
+        return replace(self, lower=at, upper=at)
+
+    @property
+    def is_held(self) -> bool:
+        """Return whether the bounds leave it one value."""
+        return self.lower == self.upper
 
     def within(self, value: float) -> float:
         """Return the value, or the bound that it is beyond."""

@@ -1,5 +1,4 @@
 from .discovery import (
-    ADDED as ADDED,
     DiscoveredModel as DiscoveredModel,
     Discovering as Discovering,
     Discovery as Discovery,
@@ -26,3 +25,4 @@ from .signatures import (
     cosines as cosines,
     limits as limits,
 )
+from .standing_in import ADDED as ADDED

@@ -20,10 +20,9 @@ from .findings import CHANCE, MATERIAL, deviate
 from .refits import Refits
 from .screening import starts_of
 from .shapes import symbols
+from .standing_in import ADDED, stood_in_for
 from .twins import Twins
 
-ADDED: Final = "added"
-"""Name of the variables of additions."""
 MOST: Final = 3
 """Greatest number of disturbances that are discovered."""
 SURE: Final = 2.0
@@ -298,28 +297,34 @@ class Discovering:
         """Return the model with an explanation in the plant; None if that does not lower the cost.
 
         In each of some rounds the filter's gains are computed and all variables fitted with them.
-        The fit starts from the values `start`, or else from those without the explanation.
+        The fit starts from the values `start`, or else from those without the explanation. What
+        the disturbance may stand in for (`stood_in_for`) keeps its value without it: the
+        disturbance is what that leaves.
         """
         layout = self.plant.layout
         assert layout is not None
         at = found.fitted
         additions = [*layout.additions(self.plant.nominal), *found.additions, each.addition]
         values = {**(start or at.values), **layout.values(additions)}
-        base = tuple(v for v in found.variables if v.name != ADDED)
+        base = found.variables
         given = len(additions) - len(found.additions) - 1
-        own = addition_variables(layout, additions, range(given, len(additions)))
-        variables = (*base, *own)
-        for _ in range(rounds):
-            filtered = self._refits.fitter.filtered(values)
-            values = filtered.fit(values, variables, 2, 3e-3).values
-        filtered = self._refits.fitter.filtered(values)
-        fitted = Fitted(values, filtered.costs(values))
+        own = addition_variables(layout, additions, [len(additions) - 1])
+        fitted, filtered = self._rounds(values, (*base, *own), rounds)
         if not fitted.cost < at.cost:
             return None
+        vague = stood_in_for(each, self.plant, filtered, fitted.values, base, own)
+        if vague:
+            base = tuple(v.held(at.values) if v in vague else v for v in base)
+            values = {**values, **{v.parameter: at.values[v.parameter] for v in vague}}
+            fitted, filtered = self._rounds(values, (*base, *own), rounds)
+            if not fitted.cost < at.cost:
+                return None
+        variables, values = (*base, *own), fitted.values
         columns = filtered.columns(values, variables)
-        names = [column.name for column in columns]
         linear = filtered.linearise(values, columns)
-        errors = linear.errors(names, linear.solve(names)[0])
+        free = [c.name for c, v in zip(columns, variables, strict=True) if not v.is_held]
+        of_free = dict(zip(free, linear.errors(free, linear.solve(free)[0]), strict=True))
+        errors = [of_free.get(column.name, 0.0) for column in columns]
         sizes = set(layout.names(additions, len(additions) - 1)[0])
         shown = tuple(
             float(error)
@@ -332,6 +337,18 @@ class Discovering:
         return _InPlant(
             each, fitted, filtered, variables, present[-1], shown, tuple(present[given:])
         )
+
+    def _rounds(
+        self, values: Values, variables: tuple[Variable, ...], rounds: int
+    ) -> tuple[Fitted, Filtered]:
+        """Return a fit after some rounds of computing gains and fitting, and the records with it.
+
+        The gains are those of the fit's own values.
+        """
+        for _ in range(rounds):
+            values = self._refits.fitter.filtered(values).fit(values, variables, 2, 3e-3).values
+        filtered = self._refits.fitter.filtered(values)
+        return Fitted(dict(values), filtered.costs(values)), filtered
 
 
 @dataclass(frozen=True)

@@ -302,8 +302,9 @@ class Attribution:
         linear = self.linear(place, shapes)
         steps, errors, gain, cost = self.solved(linear)
         excess = cost - floor * linear.samples
-        # Where the motion never came, nothing is known.
-        errors = np.where(np.sum([s.sum(0) for s in shapes], axis=0) > 0.0, errors, np.inf)
+        # Where the motion never came in blocks that count, nothing is known.
+        known = np.diag(linear.products.sum(0))[len(self._base) :] > 0.0
+        steps, errors = np.where(known, steps, 0.0), np.where(known, errors, np.inf)
         region = self.region(name)
         return Curve(
             place.name, region.name, middles, steps, errors, place.unit, region.unit, place.shown,

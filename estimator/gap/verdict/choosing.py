@@ -4,7 +4,8 @@ There are three answers: the named effects, the disturbances alone, or both toge
 predicts the recordings fitted to better, block by block and beyond chance, at the least number of
 parts. Disturbances are free curves, and explain much in the likeness of an effect. So an effect
 that explains four fifths of the excess keeps its name, unless disturbances alone predict better and
-are not a curve of the effect's own variable.
+are not a curve of the effect's own variable. So do effects that explain four fifths of what such a
+curve does, where that explains four fifths of the excess.
 """
 
 from dataclasses import dataclass
@@ -87,7 +88,8 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     beside = discovering.run(found.fitted, found.variables, floor)
     both = Choice(beside, True, *_divided(plant, found, beside))
     doubted = bool(pinned) or stands_in
-    if own is None and (doubted or found.explained < EXPLAINED):
+    told = found.explained >= EXPLAINED or _is_formula_of(plant, found, alone, excess)
+    if own is None and (doubted or not told):
         # Names that are in doubt stand where without them half of the rest more would be left.
         least = HALF * left_alone if pinned or not stands_in else BEYOND * excess
         if not _beats(beside.fitted.costs, alone.fitted.costs, max(least, BEYOND * excess)):
@@ -142,6 +144,19 @@ def _is_own(plant: Plant, found: Found, alone: DiscoveredModel) -> bool:
     first = alone.discoveries[0]
     where = (first.addition.place, first.addition.of)
     return any(where in plant.effects[named.effect].own for named in found.named)
+
+
+def _is_formula_of(plant: Plant, found: Found, alone: DiscoveredModel, excess: float) -> bool:
+    """Return whether what was discovered alone is, for the most part, the named effects' formula.
+
+    It begins with an effect's own curve and explains `EXPLAINED` of the excess, and the formulas
+    explain `EXPLAINED` of what it does. What neither explains then says nothing against the names.
+    """
+    by_curves = found.refitted.cost - alone.fitted.cost
+    by_formulas = found.refitted.cost - found.fitted.cost
+    if by_curves < EXPLAINED * excess or by_formulas < EXPLAINED * by_curves:
+        return False
+    return _is_own(plant, found, alone)
 
 
 def _divided(

@@ -162,8 +162,11 @@ def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> Non
 def at_an_end(variable: Variable, values: Values) -> bool:
     """Return whether a refitted parameter is at an end of its tolerance or beyond it.
 
-    At an end means within the part `PINNED` of the distance between both ends.
+    At an end means within the part `PINNED` of the distance between both ends. One that is held is
+    at none.
     """
+    if variable.is_held:
+        return False
     near = PINNED * (variable.upper - variable.lower)
     value = values[variable.parameter]
     return bool(min(value - variable.lower, variable.upper - value) <= near)

@@ -312,7 +312,8 @@ def _of_table(sort: str, x: Array, y: Array) -> str:
     if sort in ("pressure", "position", "") and (_is_hinge(x, y) or _is_hinge(-x[::-1], y[::-1])):
         return "threshold"
     if sort == "pressure":
-        falls = -float(np.minimum(np.diff(np.abs(y)), 0.0).sum())
+        # What is added to a level, such as that of friction, may begin below zero and grow.
+        falls = min(-float(np.minimum(np.diff(each), 0.0).sum()) for each in (y, np.abs(y)))
         return "grows_with_pressure" if falls < BENT * reach else "depends_on_pressure"
     if sort == "velocity":
         squared = float(np.var(_left(y, x * np.abs(x))))

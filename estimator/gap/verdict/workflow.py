@@ -27,11 +27,13 @@ from estimator.gap.prediction import (
     free_runs,
     mean_gap,
     slices_of,
+    unheard,
     unsuitable,
     usable,
     worse_than_resting,
 )
 from estimator.gap.search import (
+    ADDED,
     ENDLESS,
     MATERIAL,
     NORMAL_95,
@@ -47,6 +49,7 @@ from estimator.gap.search import (
 )
 from rig.recording import Recording
 
+from .another_day import changed_since
 from .choosing import Choice, choose
 from .confirming import held_out_deviates
 from .describing import Wanted, described_as, kept_of, measured
@@ -223,7 +226,10 @@ def _set_answer(
     result.refitted = [
         _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
     ]
-    if worse is not None:
+    if worse is None:
+        gap = (result.gap_before, result.gap_after)
+        result.reasons += changed_since(judged, result.values, gap)
+    else:
         names = " and ".join(named.effect for named in found.named)
         take_back(result, plant, names or "the refit", worse)
         result.discovered = [replace(each, in_model=False) for each in result.discovered]
@@ -359,22 +365,34 @@ def _compare(
 
 
 def _floor(search: Search, found: Found) -> None:
-    """Set the floor of a finding: the cost per reading of a rig that is exactly the model found."""
-    costs = [twin.costs(found.fitted.values).sum() for twin in search.twins.of(found.fitted.values)]
-    found.floor = float(np.mean(costs)) / found.samples
+    """Set the floor of a finding: the cost per reading of a rig that is exactly the model found.
+
+    Noise that a sensor is stated to have, and has not, is left out (`unheard`): it would hide as
+    much of what the model lacks.
+    """
+    values = found.fitted.values
+    twins = search.twins.of(values)
+    costs = [twin.costs(values).sum() for twin in twins]
+    found.floor = float(np.mean(costs)) / found.samples - unheard(found.filtered, twins, values)
 
 
 def _standard_errors(search: Search, found: Found) -> dict[str, float]:
     """Return the standard error of each variable's parameter, SI, by the parameter's name.
 
     It is the larger of two: one from the scatter of the blocks' scores, the other from how wrong
-    the parameters of twins, which are known, are estimated.
+    the parameters of twins, which are known, are estimated. A variable that is held beside a
+    disturbance has the error that it has without.
     """
     columns = found.filtered.columns(found.fitted.values, found.variables)
     names = [column.name for column in columns]
     linear = found.filtered.linearise(found.fitted.values, columns)
-    steps, _ = linear.solve(names)
-    errors = linear.errors(names, steps)
+    held = np.array([variable.is_held for variable in found.variables])
+    added = np.array([variable.name == ADDED for variable in found.variables])
+    errors = np.zeros(len(names))
+    for these, told in ((~held, ~held), (~added, held & ~added)):
+        among = [name for name, one in zip(names, these, strict=True) if one]
+        if told.any():
+            errors[told] = linear.errors(among, linear.solve(among)[0])[told[these]]
     misses = []
     for twin in search.twins.of(found.fitted.values, 3):
         misses.append(twin.linearise(found.fitted.values, columns).solve(names)[0])

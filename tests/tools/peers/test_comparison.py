@@ -9,7 +9,16 @@ import pytest
 
 from tools.peers import __main__ as program
 from tools.peers.cases import Case, Plan, case_of, listed_plans, shared_plans
-from tools.peers.compare import METHODS, Compared, Outcome, excess, placed, quantities, right
+from tools.peers.compare import (
+    METHODS,
+    Compared,
+    Outcome,
+    errors,
+    excess,
+    placed,
+    quantities,
+    right,
+)
 from tools.peers.correcting import Corrected, Correction
 from tools.peers.optional import MissingPeerError, needed
 from tools.peers.tables import by_case, summary
@@ -60,6 +69,15 @@ def test_a_peer_is_right_where_its_largest_correction_is_in_the_right_place() ->
 def test_a_channel_below_the_floor_counts_as_nothing() -> None:
     assert excess(np.array([3.0, 0.5]), np.array([1.0, 1.0])) == 1.0
     assert excess(np.array([np.inf]), np.array([1.0])) is None
+
+
+def test_errors_are_read_from_what_an_answer_tells_above_its_own_floor() -> None:
+    channels: list[dict[str, Any]] = [
+        {"before": 8.0, "after": 0.5, "floor": 1.5}, {"before": None, "floor": 1.0}
+    ]  # fmt: skip
+    assert errors(channels[:1], "after") == [2.0]
+    assert excess(errors(channels[:1], "after"), np.array([1.0])) == 1.0
+    assert np.isnan(errors(channels, "before")[1])
 
 
 def test_cases_are_listed_in_a_file(tmp_path: Path) -> None:

@@ -100,6 +100,29 @@ def test_one_effect_that_explains_most_keeps_its_name_and_is_corrected_by_its_ow
     assert not choice.discovered
 
 
+@pytest.mark.parametrize(
+    ("left", "alone", "of", "named"),
+    [
+        (2.7, 1.5, "velocity", True),  # 73 % and 85 %: most of what is known is the formula
+        (2.7, 1.5, "position", False),
+        (3.5, 2.5, "velocity", False),  # the curve itself explains 75 % only
+        (
+            4.0,
+            1.5,
+            "velocity",
+            False,
+        ),  # the formula explains 60 %, two thirds of what the curve does
+    ],
+)
+def test_an_effect_that_is_most_of_its_own_curve_keeps_its_name_whatever_neither_explains(
+    left: float, alone: float, of: str, named: bool
+) -> None:
+    discovers = Discovers([DRAG], (alone, [of]), (0.95 * alone, [of]))
+    choice, names = chosen(discovers, found(left, "drag"))
+    assert names == (["drag"] if named else [])
+    assert list(choice.corrections) == names
+
+
 def test_effects_that_share_a_curve_become_one_effect_with_a_correction() -> None:
     other = effect("weight", (("force", "velocity"),))
     discovers = Discovers(

@@ -3,25 +3,12 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache
-from math import pi
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from estimator.gap.plant.compile_plant import build
-from estimator.gap.plant.description import (
-    Channel,
-    EquationOf,
-    Input,
-    MayLack,
-    PlantDescription,
-    RegionOf,
-    StateOf,
-    reading,
-)
-from estimator.gap.plant.interface import Parameter, Plant
+from estimator.gap.plant.interface import Plant
 from estimator.gap.plant.records import record_of
 from estimator.gap.prediction.predictor import Predictor
 from estimator.gap.prediction.results import GapResult, NamedEffect
@@ -39,69 +26,11 @@ from estimator.gap.verdict.workflow import find_gap
 from rig.recording import Recording
 from rig.runner.experiments.gap_results import answer
 from tests.estimator.gap.courses import rig
+from tests.estimator.gap.wheel import ran, wheel
 from tools.hidden_effects.menu import with_effects
 from tools.hidden_effects.motions import drawn
 from tools.hidden_effects.recordings import COLUMNS, record
 from tools.hidden_effects.rig_values import TABLE
-
-NOISE = 1e-3
-
-
-def _rates(state, inputs, par):  # type: ignore[no-untyped-def]
-    return ((par.gain * inputs.motor_V - par.drag * state.speed - par.offset) / 2.0,)
-
-
-def _readings(state, inputs, par):  # type: ignore[no-untyped-def]
-    return (state.speed,)
-
-
-@cache
-def wheel() -> Plant:
-    """A wheel on a motor, M v' = g u - b v - offset, whose speed is read."""
-    described = PlantDescription(
-        name="wheel",
-        inputs=(Input("motor_V", "V", size=5.0),),
-        outputs=(Channel("speed_m_per_s", "m/s", noise=NOISE),),
-        states=(StateOf("speed", "m/s", start=reading("speed_m_per_s"), spread=0.01),),
-        parameters=(
-            Parameter("gain", "N/V", 0.1, 100.0),
-            Parameter("drag", "N s/m", 0.1, 100.0),
-            Parameter("offset", "N", -50.0, 50.0, neutral=0.0),
-        ),
-        rates=_rates,
-        readings=_readings,
-        effects=(MayLack("offset", "M v' = ... - offset", "force", {"value": "offset"}),),
-        tolerances={"gain": 0.1, "drag": 0.3},
-        equations=(
-            EquationOf("force", "N", "speed", lambda state, par: -0.5, error=0.05, of=("speed",)),
-        ),
-        regions=(RegionOf("speed", "m/s", lambda state, inputs: state.speed),),
-        substeps=1,
-    )
-    return build(described, {"gain": 4.0, "drag": 8.0, "offset": 0.0})
-
-
-def ran(
-    seed: int, seconds: float, *, rate: float = 1.0, gain: float = 4.0, drag: float = 8.0,
-    offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
-) -> Recording:  # fmt: skip
-    """Record a wheel that may have what no model of it has: another drag, a slow or late sensor."""
-    generator = np.random.default_rng(seed)
-    time = np.arange(round(seconds * 1000)) * 1e-3
-    volts = sum(
-        size * np.sin(2.0 * pi * rate * hertz * time + generator.uniform(0.0, 2.0 * pi))
-        for size, hertz in ((3.0, 0.4), (1.5, 2.3), (1.0, 7.0))
-    )
-    speed = read = 0.0
-    read_of = np.empty(len(time))
-    for row in range(len(time)):
-        read += 1.0 if lag_s == 0.0 else 1e-3 / (lag_s + 1e-3) * (speed - read)
-        read_of[row] = read = speed if lag_s == 0.0 else read
-        force = gain * volts[max(row - late, 0)] - drag * speed - offset
-        speed += 1e-3 * (force - squared * speed * abs(speed)) / 2.0
-    noise = NOISE * generator.standard_normal(len(time))
-    channels = {"time_s": time, "motor_V": volts, "speed_m_per_s": read_of + noise}
-    return Recording(channels, source=f"wheel {seed}")
 
 
 def grown(found: GapResult, plant: Plant, recordings: list[Recording]) -> Growth:
@@ -194,6 +123,8 @@ def test_nothing_is_said_of_a_refit_within_its_tolerance() -> None:
     assert ends_in_words(variables, inside) == []
     (said,) = ends_in_words(variables, {**inside, "gain": 4.4})
     assert said.startswith("gain was refitted to an end of its tolerance")
+    held = [variable.held(inside) for variable in variables]
+    assert ends_in_words(held, inside) == []
 
 
 LOWERED, LEVEL, CHANCE, CERTAIN = (

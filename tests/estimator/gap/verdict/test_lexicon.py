@@ -30,6 +30,7 @@ def table(place: str, of: str, reach: tuple[float, float], shape: str, seed: int
     along = (at - reach[0]) / (reach[1] - reach[0])
     values = {
         "rising": 1.0 + 2.0 * along,
+        "rising from below": 3.0 * along - 1.0,
         "falling then rising": np.abs(along - 0.5),
         "beyond": np.maximum(along - 0.6, 0.0),
         "at one place": np.exp(-(((along - 0.5) / 0.12) ** 2)),
@@ -50,6 +51,7 @@ def table(place: str, of: str, reach: tuple[float, float], shape: str, seed: int
     ("place", "of", "reach", "shape", "name"),
     [
         (LEVEL, "pressure 1", PRESSURES, "rising", "grows_with_pressure"),
+        (LEVEL, "pressure 1", PRESSURES, "rising from below", "grows_with_pressure"),
         (FLOW, "pressure 1", PRESSURES, "falling then rising", "depends_on_pressure"),
         (FLOW, "pressure 1", PRESSURES, "beyond", "threshold"),
         (FORCE, "position", STROKE, "beyond", "threshold"),

@@ -1,0 +1,32 @@
+"""A disturbance that may stand in for what a fit changes is what the value of that leaves."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from estimator.gap.plant.records import record_of
+from estimator.gap.prediction.fit import Fitter
+from estimator.gap.prediction.predictor import Predictor
+from estimator.gap.search.discovery import Discovering
+from estimator.gap.search.refits import Refits
+from estimator.gap.search.twins import Twins
+from tests.estimator.gap.wheel import ran, wheel
+
+
+def test_a_drag_keeps_its_value_beside_a_curve_that_a_drag_is_part_of() -> None:
+    plant = wheel()
+    records = [record_of(ran(seed, 5.0, dry=3.0), plant) for seed in (1, 2)]
+    with ThreadPoolExecutor(1) as pool:
+        refits = Refits(Fitter(Predictor(plant), records, pool))
+        refitted = refits.settled(plant.nominal, refits.nuisances)[0]
+        discovering = Discovering(refits, Twins(refits.fitter, 1))
+        found = discovering.run(refitted, refits.nuisances, 1.0, most=1)
+    assert found.fitted.cost < 0.02 * refitted.cost
+    (curve,) = found.additions
+    assert (curve.of, curve.form) == ("speed", "table")
+    held = {v.parameter: bool(v.is_held) for v in found.variables if v.name != "added"}
+    assert held == {"gain": False, "drag": True}
+    assert found.fitted.values["drag"] == refitted.values["drag"]
+    # What no curve of the speed may stand in for comes to its true value.
+    assert refitted.values["gain"] == pytest.approx(3.6, rel=1e-3)
+    assert found.fitted.values["gain"] == pytest.approx(4.0, rel=0.01)

@@ -1,0 +1,85 @@
+"""A wheel on a motor as a plant of its own, and records of it that its model may not explain."""
+
+from functools import cache
+from math import pi
+
+import numpy as np
+
+from estimator.gap.plant.compile_plant import build
+from estimator.gap.plant.description import (
+    Channel,
+    EquationOf,
+    Input,
+    MayLack,
+    PlantDescription,
+    RegionOf,
+    StateOf,
+    reading,
+)
+from estimator.gap.plant.interface import Parameter, Plant
+from rig.recording import Recording
+
+NOISE = 1e-3
+
+
+def _rates(state, inputs, par):  # type: ignore[no-untyped-def]
+    return ((par.gain * inputs.motor_V - par.drag * state.speed - par.offset) / 2.0,)
+
+
+def _readings(state, inputs, par):  # type: ignore[no-untyped-def]
+    return (state.speed,)
+
+
+@cache
+def wheel() -> Plant:
+    """A wheel on a motor, M v' = g u - b v - offset, whose speed is read."""
+    described = PlantDescription(
+        name="wheel",
+        inputs=(Input("motor_V", "V", size=5.0),),
+        outputs=(Channel("speed_m_per_s", "m/s", noise=NOISE),),
+        states=(StateOf("speed", "m/s", start=reading("speed_m_per_s"), spread=0.01),),
+        parameters=(
+            Parameter("gain", "N/V", 0.1, 100.0),
+            Parameter("drag", "N s/m", 0.1, 100.0),
+            Parameter("offset", "N", -50.0, 50.0, neutral=0.0),
+        ),
+        rates=_rates,
+        readings=_readings,
+        effects=(MayLack("offset", "M v' = ... - offset", "force", {"value": "offset"}),),
+        tolerances={"gain": 0.1, "drag": 0.3},
+        equations=(
+            EquationOf("force", "N", "speed", lambda state, par: -0.5, error=0.05, of=("speed",)),
+        ),
+        regions=(RegionOf("speed", "m/s", lambda state, inputs: state.speed),),
+        substeps=1,
+    )
+    return build(described, {"gain": 4.0, "drag": 8.0, "offset": 0.0})
+
+
+def ran(
+    seed: int, seconds: float, *, rate: float = 1.0, gain: float = 4.0, drag: float = 8.0,
+    offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
+    quiet: float = 1.0, dry: float = 0.0,
+) -> Recording:  # fmt: skip
+    """Record a wheel that may have what no model of it has: dry friction, a slow or late sensor.
+
+    The sensor's noise is `quiet` times what the model states.
+    """
+    generator = np.random.default_rng(seed)
+    time = np.arange(round(seconds * 1000)) * 1e-3
+    volts = sum(
+        size * np.sin(2.0 * pi * rate * hertz * time + generator.uniform(0.0, 2.0 * pi))
+        for size, hertz in ((3.0, 0.4), (1.5, 2.3), (1.0, 7.0))
+    )
+    speed = read = 0.0
+    read_of = np.empty(len(time))
+    for row in range(len(time)):
+        read += 1.0 if lag_s == 0.0 else 1e-3 / (lag_s + 1e-3) * (speed - read)
+        read_of[row] = read = speed if lag_s == 0.0 else read
+        force = (
+            gain * volts[max(row - late, 0)] - drag * speed - offset - dry * np.tanh(6.0 * speed)
+        )
+        speed += 1e-3 * (force - squared * speed * abs(speed)) / 2.0
+    noise = quiet * NOISE * generator.standard_normal(len(time))
+    channels = {"time_s": time, "motor_V": volts, "speed_m_per_s": read_of + noise}
+    return Recording(channels, source=f"wheel {seed}")
