@@ -88,4 +88,4 @@ def _remembered(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, A
     return answers[args]
 
 
-BaseFunction.get_call_type = _remembered
+BaseFunction.get_call_type = _remembered  # type: ignore[assignment, method-assign]

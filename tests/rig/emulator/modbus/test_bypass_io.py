@@ -43,7 +43,7 @@ class Served:
 
     def end(self) -> None:
         self.client.close()
-        self.thread.call(self.device.close)
+        self.thread.close(self.device.close)
 
 
 @pytest.fixture
