@@ -1,12 +1,12 @@
 """What a bypass of ball valve and needle valve passes, and how it is set to a leak."""
 
 from datetime import date
-from itertools import accumulate
 from math import inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, strategies as st
+from hypothesis import given, strategies as st
+from numpy.typing import NDArray
 
 from faults.bypass import (
     NOMINAL_BYPASSES,
@@ -24,22 +24,32 @@ EQUAL_PERCENTAGE = NeedleCharacteristic.equal_percentage(2.6e-8, 50.0)
 shares = st.floats(0.0, 1.0)
 coefficients = st.floats(1e-12, 1e-5)
 
+Array = NDArray[np.float64]
+
 
 @st.composite
 def calibrations(draw: st.DrawFn) -> NeedleCharacteristic:
     """Draw a table as uneven as one may be: steps of a hundredth, coefficients of 1 in 10^4."""
     count = draw(st.integers(1, 30))
-    steps = draw(st.lists(st.floats(1.0, 50.0), min_size=count, max_size=count))
-    rises = draw(st.lists(st.floats(-2.0, 2.0), min_size=count, max_size=count))
-    openings = np.array([0.0, *accumulate(steps)])
+    steps = np.array(draw(st.lists(st.floats(1.0, 50.0), min_size=count, max_size=count)))
+    powers = np.array(draw(st.lists(st.floats(-2.0, 2.0), min_size=count, max_size=count)))
     start = draw(st.sampled_from([0.0, 1e-3, 1.0]))
-    coefficients = np.array(list(accumulate([start, *(10.0**rise for rise in rises)])))
-    assume(np.min(np.diff(openings)) / openings[-1] > 0.01)
-    assume(np.min(np.diff(coefficients)) / coefficients[-1] > 1e-4)
+    rises = 10.0**powers
+    openings = _added_up(0.0, steps / steps.sum(), 0.0101)
+    coefficients = _added_up(start, rises, 1.01e-4)
     maximum = draw(st.floats(1e-10, 1e-7))
-    return NeedleCharacteristic(
-        tuple(openings / openings[-1]), tuple(maximum * coefficients / coefficients[-1])
-    )
+    return NeedleCharacteristic(tuple(openings), tuple(maximum * coefficients))
+
+
+def _added_up(start: float, steps: Array, least: float) -> Array:
+    """Return the sums of a start and positive steps, scaled so that the last is 1.
+
+    No step is below `least`.
+    """
+    parts = np.array([start, *steps]) * (1.0 - len(steps) * least) / (start + steps.sum())
+    sums = np.cumsum(parts + least * (np.arange(len(parts)) > 0))
+    sums[-1] = 1.0
+    return np.asarray(sums)
 
 
 bypasses = st.builds(

