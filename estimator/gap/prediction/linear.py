@@ -68,7 +68,9 @@ def slices_of(record: Record, period: float) -> list[slice]:
 def cost_of(innovations: Array) -> Array:
     """Return twice Huber's cost of each innovation: its square, or less if it is an outlier."""
     size = np.abs(innovations)
-    return np.where(size < HUBER, size * size, HUBER * (2.0 * size - HUBER))
+    # An unstable model misses by so much that a square of all that it misses by would overflow.
+    inside = np.minimum(size, HUBER)
+    return np.asarray(inside * (2.0 * size - inside))
 
 
 class Linear:

@@ -55,6 +55,12 @@ def test_an_outlier_costs_less_than_its_square_but_never_less_than_a_smaller_one
     assert near == pytest.approx(innovation**2) or abs(innovation) > HUBER
 
 
+def test_a_model_that_is_unstable_costs_much_and_not_an_error() -> None:
+    cost = cost_of(np.array([1e181, np.inf]))
+    assert cost[0] == pytest.approx(2e181 * HUBER)
+    assert cost[1] == np.inf
+
+
 def drawn(seed: int, correlated: int = 1) -> Linear:
     """Return the linearisation of noise with two columns, of a step of (0.3, -0.2) in it."""
     rng = np.random.default_rng(seed)
