@@ -66,11 +66,14 @@ def slices_of(record: Record, period: float) -> list[slice]:
 
 
 def cost_of(innovations: Array) -> Array:
-    """Return twice Huber's cost of each innovation: its square, or less if it is an outlier."""
+    """Return twice Huber's cost of each innovation: its square, or less if it is an outlier.
+
+    An unstable model may miss by so much that its cost is infinite.
+    """
     size = np.abs(innovations)
-    # An unstable model misses by so much that a square of all that it misses by would overflow.
     inside = np.minimum(size, HUBER)
-    return np.asarray(inside * (2.0 * size - inside))
+    with np.errstate(over="ignore"):
+        return np.asarray(inside * (2.0 * size - inside))
 
 
 class Linear:
