@@ -63,3 +63,4 @@ from .records import (
     seen_parts as seen_parts,
     smoothed as smoothed,
 )
+from .stuck import Stuck as Stuck, stuck_stretches as stuck_stretches

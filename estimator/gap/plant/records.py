@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rig.recording import Recording
 
 from .interface import Array, Plant
+from .stuck import stuck_stretches
 
 BoolArray = NDArray[np.bool_]
 
@@ -86,8 +87,9 @@ class Record:
 def record_of(recording: Recording, plant: Plant) -> Record:
     """Return a recording as the record that the filter of this plant takes.
 
-    Readings that were not taken at their time (`untimely`) count as missing. The others are moved
-    to the usual time, by their rate of change.
+    Readings that were not taken at their time (`untimely`), or that a stuck channel repeats
+    (`stuck_stretches`), count as missing. The others are moved to the usual time, by their rate of
+    change.
 
     Raises:
         KeyError: a channel that the plant needs is missing.
@@ -96,6 +98,8 @@ def record_of(recording: Recording, plant: Plant) -> Record:
     readings = np.column_stack([recording[output.channel] for output in plant.outputs])
     late = np.where(untimely(recording), np.nan, lateness(recording))
     readings[~np.isfinite(late)] = np.nan
+    for each in stuck_stretches(recording, plant):
+        readings[each.first : each.end, each.output] = np.nan
     record = made_of(recording.source, inputs, readings, plant)
     # All readings are brought to the usual time of a sample: 50 us at 0.3 m/s are half a count.
     moved = np.nan_to_num(late)[:, None] * _rates(record.readings, plant.period)

@@ -56,6 +56,7 @@ from .describing import Wanted, described_as, kept_of, measured
 from .experiments import separations
 from .judging import Evidence, Judgement, judge
 from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
+from .stuck_channels import stuck_channels
 from .unsettled import compared, unsettled
 
 _FORM: Final = 5e-3
@@ -113,6 +114,7 @@ def find_gap(
                 result.values, result.names, result.as_given = dict(plant.nominal), (), True
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
         _show(result, predictor, judged, pool)
+    _tell_stuck(result, [*recordings, *holdout], plant)
     long = [record for record in (*whole, *whole_judged) if slices_of(record, plant.period)]
     lost = sum(map(len, long)) - sum(map(len, [*records, *judged]))
     if lost:
@@ -121,6 +123,14 @@ def find_gap(
             "more are missing or at an end of their range there: they are left out"
         )
     return result
+
+
+def _tell_stuck(result: GapResult, recordings: Sequence[Recording], plant: Plant) -> None:
+    """Set the channels that are stuck in the result: a rig with one is not as its model is."""
+    stuck = stuck_channels(recordings, plant)
+    result.discovered = [*result.discovered, *stuck]
+    if stuck and result.verdict == "adequate":
+        result.verdict = "unknown_effect"
 
 
 def _silent(words: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import Final
 
@@ -331,12 +332,7 @@ def _table(result: GapResult, *, plain: bool) -> Table:
         if effect.correction is not None:
             _add_discovered(table, effect.correction, "corrected")
     for disturbance in result.discovered:
-        left_out = (
-            "discovered, suspected leak, left out"
-            if disturbance.suspected_leak
-            else ("discovered, left out")
-        )
-        _add_discovered(table, disturbance, "discovered" if disturbance.in_model else left_out)
+        _add_discovered(table, disturbance, _how(disturbance))
     for each in result.refitted:
         how = "refitted" if not result.as_given else "refitted, not kept"
         end = "at the end of its tolerance" if each.at_an_end else ""
@@ -344,9 +340,19 @@ def _table(result: GapResult, *, plain: bool) -> Table:
     return table
 
 
+def _how(each: Discovered) -> str:
+    """Return whether the model written has a discovered disturbance, in the table's words."""
+    if each.in_model:
+        return "discovered"
+    if each.name == "stuck_channel":
+        return "discovered, its readings left out"
+    return f"discovered, {'suspected leak, ' if each.suspected_leak else ''}left out"
+
+
 def _add_discovered(table: Table, each: Discovered, how: str) -> None:
     """Add a discovered disturbance to the table; `how` says whether the model written has it."""
     table.add_row(
         how, Text(f"{in_words(each.name)} in {each.where}", "bold"), extent(each), "0",
-        f"z = {each.z:.1f}, {share(each.share)}", ", ".join(map(in_words, each.could_also_be)),
+        f"z = {each.z:.1f}, {share(each.share)}" if isfinite(each.z) else "",
+        ", ".join(map(in_words, each.could_also_be)),
     )  # fmt: skip
