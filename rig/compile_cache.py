@@ -39,6 +39,11 @@ Other checkouts of the software have their folders in the same place.
 """
 
 
+def cache_home() -> Path:
+    """Return the user's cache directory: XDG_CACHE_HOME, else ~/.cache."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
 def source_key(root: Path) -> str:
     """Return a digest, 16 hex digits, of Python's version and all sources that may be compiled.
 
@@ -90,7 +95,7 @@ def use_compile_cache() -> None:
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hydraulic-rig"
+    home = cache_home() / "hydraulic-rig"
     folder = home / "-".join(filter(None, (source_key(Path(__file__).parents[1]), drivers_key())))
     try:
         if folder.is_dir():

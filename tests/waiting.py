@@ -15,7 +15,7 @@ PATIENCE_S: Final = 60.0
 """s: how long a test waits for an event; only a failure takes so long."""
 COMPILE_S: Final = 300.0
 """s: how long a test waits if something may have to be compiled first."""
-_LOOK_S: Final = 5e-3
+_LOOK_S: Final = 0.02
 
 
 def until(

@@ -145,7 +145,7 @@ def _check_depth(content: bytes) -> None:
             if depth > MAX_DEPTH + 1:
                 raise yaml.MarkedYAMLError(
                     problem=f"it is nested too deeply (more than {MAX_DEPTH} levels)",
-                    problem_mark=event.start_mark,
+                    problem_mark=event.start_mark,  # type: ignore[arg-type]  # libyaml has its own
                 )
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1

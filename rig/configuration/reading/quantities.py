@@ -7,9 +7,10 @@ import math
 import re
 from decimal import Decimal
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from .problems import nearest
+from .unit_registry import unit_registry
 
 if TYPE_CHECKING:
     import pint
@@ -88,19 +89,6 @@ class Reading(NamedTuple):
 
 
 @cache
-def _registry() -> "pint.UnitRegistry[Any]":
-    # pint takes a quarter of a second to import, which commands without quantities avoid this way.
-    import pint
-
-    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(
-        non_int_type=Decimal, on_redefinition="ignore"
-    )
-    # By default pint converts 1 Hz to 1 rad/s, which would make a 100 Hz valve a 16 Hz one.
-    registry.define("hertz = 2 * pi * radian / second = Hz")
-    return registry
-
-
-@cache
 def unit_factor(unit: str, si_unit: str) -> Decimal:
     """Return the factor from `unit` to `si_unit`; 1 Hz counts as 2 pi rad/s.
 
@@ -113,12 +101,12 @@ def unit_factor(unit: str, si_unit: str) -> Decimal:
     wanted = dimension(si_unit)
     expected = f"write {wanted.name}, such as {wanted.example}"
     parsed = _parse_unit(unit, si_unit)
-    target = _registry().parse_units(si_unit)
+    target = unit_registry().parse_units(si_unit)
     same = parsed.dimensionality == target.dimensionality
     if not same or bool(_ANGLE.search(unit)) != bool(_ANGLE.search(si_unit)):
         raise WrongDimensionError(f"is not {wanted.name}", expected)
     try:
-        factor = _registry().convert(Decimal(1), parsed, target)
+        factor = unit_registry().convert(Decimal(1), parsed, target)
     except (ArithmeticError, ValueError) as error:
         raise QuantityError(f"has an unusable unit {unit!r}", expected) from error
     return Decimal(factor)
@@ -131,8 +119,9 @@ def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
     if not _UNIT.fullmatch(unit):
         raise QuantityError(f"has an unusable unit {unit!r}", remedy)
     text = _ROOT.sub(r"\1^0.5", unit).replace("·", "*")
+    registry = unit_registry()
     try:
-        return _registry().parse_units(text)
+        return registry.parse_units(text)
     except Exception as error:  # pint passes on whatever its tokenizer and arithmetic raise
         raise QuantityError(f"has an unknown unit {unit!r}", remedy) from error
 

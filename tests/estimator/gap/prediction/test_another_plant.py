@@ -1,8 +1,6 @@
 """The positioning axis of docs/another_plant.md, on recordings simulated by other code."""
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -92,21 +90,24 @@ def test_a_force_that_no_effect_holds_is_discovered_placed_and_written(
     assert not again.discovered
 
 
-def test_a_hidden_delay_is_named_from_outside_the_package(tmp_path: Path) -> None:
+def test_a_hidden_delay_is_named_from_outside_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     for file in ("axis.py", "axis.yaml"):
         copy(EXAMPLE / file, tmp_path / file)
     for name, seed in (("fit", 3), ("held", 4)):
         channels = axis_rig.recorded("strokes", seed, 5.0, delay=2.3e-3, **OFF)
         axis_rig.write_csv(tmp_path / f"{name}.csv", channels)
-    # fmt: off
-    done = subprocess.run(
-        [Path(sys.executable).with_name("rig"), "gap", "fit.csv", "--holdout", "held.csv",
-         "--plant", "axis:axis", "--model", "axis.yaml", "--out", "out", "--json"],
-        cwd=tmp_path, capture_output=True, text=True, check=False, env=dict(os.environ),
-    )
-    # fmt: on
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "axis", raising=False)
+    with pytest.raises(SystemExit) as done:
+        main(
+            ["gap", "fit.csv", "--holdout", "held.csv", "--plant", "axis:axis",
+             "--model", "axis.yaml", "--out", "out", "--json"]
+        )  # fmt: skip
+    shown = capsys.readouterr()
+    assert done.value.code == 0, shown.err
+    told = json.loads(shown.out)
     assert told["verdict"] == "missing_effect"
     (effect,) = told["effects"]
     assert effect["name"] == "delay"

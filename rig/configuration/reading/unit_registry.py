@@ -1,0 +1,59 @@
+"""This module makes pint's registry of units, and keeps what pint read of its own definitions."""
+
+import os
+import shutil
+from decimal import Decimal
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Any
+
+from rig.compile_cache import cache_home
+
+if TYPE_CHECKING:
+    import pint
+
+
+@cache
+def unit_registry() -> "pint.UnitRegistry[Any]":
+    """Return the registry of all units that may be written, with numbers as `Decimal`."""
+    # pint takes a quarter of a second to import, which commands without quantities avoid this way.
+    import pint
+
+    folder = cache_home() / f"hydraulic-rig-units/{pint.__version__}"
+    registry = _kept(folder) or _made(None)
+    # By default pint converts 1 Hz to 1 rad/s, which would make a 100 Hz valve a 16 Hz one.
+    registry.define("hertz = 2 * pi * radian / second = Hz")
+    return registry
+
+
+def _made(folder: Path | None) -> "pint.UnitRegistry[Any]":
+    """Make a registry from pint's definitions, or from what a folder keeps of them."""
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Decimal, on_redefinition="ignore", cache_folder=folder)
+
+
+def _kept(folder: Path) -> "pint.UnitRegistry[Any] | None":
+    """Return a registry from what a folder keeps, which takes a tenth of the time.
+
+    pint writes to its folder without a lock. So a new folder is filled under another name and then
+    renamed; a folder that cannot be read is removed.
+    """
+    try:
+        if folder.is_dir():
+            return _made(folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        new = Path(mkdtemp(dir=folder.parent))
+    except OSError:
+        return None
+    except Exception:
+        shutil.rmtree(folder, ignore_errors=True)
+        return None
+    registry = _made(new)
+    try:
+        os.rename(new, folder)
+    except OSError:
+        # Another process was faster.
+        shutil.rmtree(new, ignore_errors=True)
+    return registry
