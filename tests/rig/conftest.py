@@ -1,5 +1,6 @@
-"""Fixtures that install drivers of third parties for one test, as pip would install them."""
+"""Fixtures that install drivers of third parties for one test, or spare it a real-time process."""
 
+import gc
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -8,6 +9,7 @@ from textwrap import dedent
 import pytest
 
 from rig.io import registry
+from rig.loop import realtime
 
 Install = Callable[..., Path]
 
@@ -115,3 +117,15 @@ class Fast(Slow):
     def look_plan(self): return Plan()
     def driven(self): return ""
 '''
+
+
+@pytest.fixture
+def no_memory_locked(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Have a request to lock this process's memory granted without its being done.
+
+    A worker of the tests has gigabytes, which the kernel would fetch page by page. Afterwards the
+    objects that exist are kept out of garbage collections again, as they were.
+    """
+    monkeypatch.setattr(realtime._libc, "mlockall", lambda _flags: 0)
+    yield
+    gc.freeze()

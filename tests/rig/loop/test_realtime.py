@@ -12,6 +12,8 @@ import pytest
 from rig.loop import realtime
 from rig.loop.realtime import Grant, RealTime
 
+pytestmark = pytest.mark.usefixtures("no_memory_locked")
+
 
 def in_a_thread(work: Callable[[], tuple[Grant, ...]]) -> tuple[Grant, ...]:
     found: list[tuple[Grant, ...]] = []
@@ -30,7 +32,7 @@ def asked(cpu: int | None = None, priority: int = 10) -> tuple[Grant, ...]:
 
 
 @pytest.fixture
-def no_privilege(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_privilege(no_memory_locked: None, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> Any:
         raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
 

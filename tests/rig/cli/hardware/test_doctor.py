@@ -11,6 +11,8 @@ import pytest
 from rig.cli.hardware.machine import Finding, machine
 from rig.loop.idle import wakeup_lateness
 
+pytestmark = pytest.mark.usefixtures("no_memory_locked")
+
 Invoke = Callable[..., Any]
 
 BENCH = """
