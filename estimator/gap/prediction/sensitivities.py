@@ -215,6 +215,51 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
             put(x[i], ahead[i])
 
 
+@njit(
+    void(_CUBE, _CUBE, _CUBE, _MATRIX, int64[::1], _MATRIX, _MATRIX),
+    cache=True, error_model="numpy", nogil=True,
+)  # fmt: skip
+def pull_back(transitions, slopes, gains, variances, starts, weights, pulls):
+    """Compute by how much each possible kick changes a weighted sum of what `respond` computes.
+
+    This is the adjoint of `respond`: one run backwards in time gives the derivatives by all kicks.
+    The arrays that are not described here are those of `respond`.
+
+    Args:
+        transitions: as in `respond`.
+        slopes: as in `respond`.
+        gains: as in `respond`.
+        variances: as in `respond`.
+        starts: as in `respond`.
+        weights: float64 (m, outputs), weights of the changes in the sum.
+        pulls: float64 (m, k + outputs), written: derivatives of the sum by a kick of each state
+            after the step, then of each reading, per SI unit.
+    """
+    count, outputs = transitions.shape[1], slopes.shape[1]
+    x, before = np.zeros(count), np.zeros(count)
+    for t in range(transitions.shape[0] - 1, -1, -1):
+        for j in range(count):
+            pulls[t, j] = x[j]
+        before[:] = 0.0
+        for i in range(count):
+            for j in range(count):
+                before[j] += transitions[t, i, j] * x[i]
+        put(x, before)
+        for i in range(outputs - 1, -1, -1):
+            pulls[t, count + i] = 0.0
+            if not variances[t, i] < np.inf:
+                continue
+            error = weights[t, i] / np.sqrt(variances[t, i])
+            for j in range(count):
+                error += gains[t, i, j] * x[j]
+            pulls[t, count + i] = -error
+            for j in range(count):
+                x[j] -= slopes[t, i, j] * error
+        # No kick before the beginning of a stretch has an effect in it.
+        if starts[t] == 1:
+            x[:] = 0.0
+
+
 @dataclass(frozen=True)
 class Course:
     """Stretches of a record with their linearisation.
@@ -260,6 +305,20 @@ class Course:
         respond(
             self.transitions, self.slopes, self.gains, self.variances, self.starts,
             np.array(rows, dtype=np.int64), np.ascontiguousarray(kicks), found,
+        )  # fmt: skip
+        return found
+
+    def pulls(self, weights: Array) -> Array:
+        """Return the derivatives (m, k + outputs) of a weighted sum of answers by each kick.
+
+        The columns belong to the states, then to the readings. The sum is that of `weights`
+        (m, outputs) times the answers to a kick, so that a kick times its derivative is what it
+        adds to the sum.
+        """
+        found = np.empty((len(self.samples), self.states.shape[1] + self.variances.shape[1]))
+        pull_back(
+            self.transitions, self.slopes, self.gains, self.variances, self.starts,
+            np.ascontiguousarray(weights), found,
         )  # fmt: skip
         return found
 

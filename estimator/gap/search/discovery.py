@@ -5,19 +5,19 @@ one figure: by how much they lower the error of predictions that they were not f
 (`explaining`). The best is fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from estimator.gap.plant import SLOTS, Addition, Array, Effect, Layout, Plant
-from estimator.gap.prediction import Filtered, Fitted, Values, Variable, freed, started
+from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable, freed, started
 
 from .disturbances import Place
 from .explaining import Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate
-from .refits import Refits
+from .refits import Refits, changes_by_name
 from .screening import starts_of
 from .shapes import symbols
 from .standing_in import ADDED, stood_in_for
@@ -309,14 +309,14 @@ class Discovering:
         base = found.variables
         given = len(additions) - len(found.additions) - 1
         own = addition_variables(layout, additions, [len(additions) - 1])
-        fitted, filtered = self._rounds(values, (*base, *own), rounds)
+        fitted, filtered, kept = self._rounds(values, (*base, *own), rounds)
         if not fitted.cost < at.cost:
             return None
         vague = stood_in_for(each, self.plant, filtered, fitted.values, base, own)
         if vague:
             base = tuple(v.held(at.values) if v in vague else v for v in base)
             values = {**values, **{v.parameter: at.values[v.parameter] for v in vague}}
-            fitted, filtered = self._rounds(values, (*base, *own), rounds)
+            fitted, filtered, _ = self._rounds(values, (*base, *own), rounds, kept)
             if not fitted.cost < at.cost:
                 return None
         variables, values = (*base, *own), fitted.values
@@ -339,16 +339,35 @@ class Discovering:
         )
 
     def _rounds(
-        self, values: Values, variables: tuple[Variable, ...], rounds: int
-    ) -> tuple[Fitted, Filtered]:
+        self,
+        values: Values,
+        variables: tuple[Variable, ...],
+        rounds: int,
+        kept: Mapping[str, Changes] | None = None,
+    ) -> tuple[Fitted, Filtered, Mapping[str, Changes]]:
         """Return a fit after some rounds of computing gains and fitting, and the records with it.
 
-        The gains are those of the fit's own values.
+        The gains are those of the fit's own values. The changes by the variables are computed at
+        the start and after the first step, and kept from then on (chord method): a table has a
+        column for each knot, and to run the plant for each takes most of the time.
+
+        Args:
+            values: values of all parameters at the start.
+            variables: parameters to fit.
+            rounds: number of rounds.
+            kept: changes by column name that are used from the start; None to compute them.
+
+        Returns:
+            The fit, the records with its gains, and the changes that were kept.
         """
         for _ in range(rounds):
-            values = self._refits.fitter.filtered(values).fit(values, variables, 2, 3e-3).values
+            filtered = self._refits.fitter.filtered(values)
+            if kept is None:
+                values = filtered.fit(values, variables, 1, 3e-3).values
+                kept = changes_by_name(filtered, values, variables)
+            values = filtered.fit(values, variables, 2, 3e-3, kept).values
         filtered = self._refits.fitter.filtered(values)
-        return Fitted(dict(values), filtered.costs(values)), filtered
+        return Fitted(dict(values), filtered.costs(values)), filtered, kept or {}
 
 
 @dataclass(frozen=True)

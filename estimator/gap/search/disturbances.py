@@ -158,6 +158,7 @@ class Attribution:
             course.answers(rows, course.shifts[:, :, : len(sizes)] / sizes)
             for course in self.courses
         ]
+        self._pulls: list[Array] | None = None
 
     def region(self, name: str) -> Region:
         """Return the region with this name, either of the plant or the time."""
@@ -225,9 +226,8 @@ class Attribution:
             rates = self._rates(place, course)
             answers = course.answers(place.rows, rates[:, :, None] * shapes[index][:, None, :])
             changes = np.concatenate([self._known[index], answers], axis=2)
-            weights = np.minimum(1.0, HUBER / np.maximum(np.abs(course.innovations), 1e-12))
             rows = np.stack([np.arange(b.start, b.stop) for b in self._blocks[index]])
-            root = np.sqrt(weights)[rows]
+            root = np.sqrt(_weights(course))[rows]
             changed = changes[rows] * root[..., None]
             count = len(rows)
             used = int(np.isfinite(course.variances[rows]).sum())
@@ -244,11 +244,38 @@ class Attribution:
             sum(part[2] for part in parts),
         )
 
+    def pull(self, place: Place) -> list[Array]:
+        """Return the slope of half the cost by a unit of disturbance at each sample of each course.
+
+        The slopes, (m,) each, are those of what the fit's variables leave.
+        """
+        if self._pulls is None:
+            self._pulls = self._pulled()
+        return [
+            (pulls[:, list(place.rows)] * self._rates(place, course)).sum(1)
+            for pulls, course in zip(self._pulls, self.courses, strict=True)
+        ]
+
+    def _pulled(self) -> list[Array]:
+        """Return the slopes of half the cost by each kick at each sample, `Course.pulls`."""
+        counted = []
+        for course, blocks in zip(self.courses, self._blocks, strict=True):
+            weights = np.zeros_like(course.innovations)
+            for block in blocks:
+                weights[block] = _weights(course)[block]
+            counted.append(weights)
+        parts = list(zip(self.courses, self._known, counted, strict=True))
+        matrix = sum(np.einsum("tia,ti,tib->ab", known, w, known) for _, known, w in parts)
+        slope = sum(np.einsum("tia,ti->a", known, w * c.innovations) for c, known, w in parts)
+        steps = np.linalg.lstsq(matrix, -slope, rcond=1e-12)[0] if len(self._base) else slope
+        return [c.pulls(w * (c.innovations + known @ steps)) for c, known, w in parts]
+
     def take_out(self, place: Place, shapes: Sequence[Array]) -> None:
         """Take a disturbance out of the innovations that are to be explained, to first order.
 
         `shapes` has an array (m, 1) for each course: the disturbance that the values hold, SI.
         """
+        self._pulls = None
         for index, course in enumerate(self.courses):
             kicks = self._rates(place, course)[:, :, None] * shapes[index][:, None, :]
             held = course.answers(place.rows, kicks)[:, :, 0]
@@ -323,6 +350,13 @@ class Attribution:
             for name in (*place.of, TIME.name)
         ]
         return sorted((c for c in found if c is not None), key=lambda curve: -curve.gain)
+
+
+def _weights(course: Course) -> Array:
+    """Return the weights (m, outputs) of squared innovations, less for outliers (Huber)."""
+    return np.asarray(
+        np.minimum(1.0, HUBER / np.maximum(np.abs(course.innovations), 1e-12)), np.float64
+    )
 
 
 def attribution(

@@ -16,6 +16,7 @@ from estimator.gap.prediction import Excerpt, Filtered, Values, Variable, excerp
 from .disturbances import Attribution, Place, places_of, varying_of
 from .findings import deviate
 from .shapes import Shape, fine_shapes, finer, periodic, tables
+from .waves import promising
 
 _FOLD: Final = 8
 """Number of half-second blocks in a fold: neighbouring errors are alike for less than that."""
@@ -163,7 +164,11 @@ class Explaining:
         found = self.of(place, shapes)
         names = periodic(self.plant.regions, place.of) if place.varying is None else []
         for name in names:
-            fine = self.of(place, fine_shapes(name, self._together[name], turned))
+            every = fine_shapes(name, self._together[name], turned)
+            waves = [shape for shape in every if shape.form == "wave"]
+            others = [shape for shape in every if shape.form != "wave"]
+            some = promising(self.attribution, place, waves, self._along[name])
+            fine = self.of(place, [*some, *others])
             fine.sort(key=lambda each: -each.gain)
             span = float(np.ptp(self._together[name]))
             best = [next((e for e in fine if e.shape.form == f), None) for f in ("wave", "bump")]

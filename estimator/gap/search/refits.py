@@ -72,11 +72,11 @@ class Refits:
         """
         effect = self.plant.effects[candidate.effect]
         start = started(self.plant, values, effect, candidate.start)
-        kept = _changes_by_name(filtered, values, variables)
+        kept = changes_by_name(filtered, values, variables)
         first = {}
         # At this start, and at no other, the screening has already run these changes side by side.
         if start == values:
-            first = _changes_by_name(filtered, values, (*variables, *effect_variables(effect)))
+            first = changes_by_name(filtered, values, (*variables, *effect_variables(effect)))
         return filtered.fit(start, freed(tuple(variables), effect), 5, 3e-4, kept, first)
 
     def with_own_gains(
@@ -116,11 +116,11 @@ class Refits:
         filtered = found.filtered
         if filtered.costs(once).sum() < filtered.costs(values).sum():
             values = once
-        changes = None if exact else _changes_by_name(filtered, found.fitted.values, kept)
+        changes = None if exact else changes_by_name(filtered, found.fitted.values, kept)
         return variables, filtered.fit(values, variables, 6, 3e-4, changes)
 
 
-def _changes_by_name(
+def changes_by_name(
     filtered: Filtered, values: Values, variables: Sequence[Variable]
 ) -> dict[str, Changes]:
     """Return the changes of the innovations by each variable at `values`, by column name."""

@@ -30,7 +30,8 @@ from estimator.gap.search.disturbances import attribution
 from estimator.gap.search.drift import drifts
 from estimator.gap.search.explaining import Explaining
 from estimator.gap.search.findings import CHANCE
-from estimator.gap.search.shapes import Shape, hats
+from estimator.gap.search.shapes import Shape, fine_shapes, hats
+from estimator.gap.search.waves import promising
 
 TICK, MASS, DRAG = 1e-3, 10.0, 300.0
 POSITION_NOISE, SPEED_NOISE = 1e-6, 1e-3
@@ -166,6 +167,20 @@ def test_a_wave_along_the_stroke_is_told_with_its_pitch(pool: ThreadPoolExecutor
     assert best.shape.form == "wave"
     assert best.shape.at[0] == pytest.approx(0.02, rel=0.03)
     assert best.addition.values[0] == pytest.approx(15.0, rel=0.1)
+
+
+def test_of_many_waves_those_that_explain_most_are_among_the_few_that_are_followed(
+    pool: ThreadPoolExecutor,
+) -> None:
+    explaining = _explaining(_moved(lambda x, v: 15.0 * np.sin(2.0 * np.pi * x / 0.0217)), pool)
+    (place,) = [each for each in explaining.places if each.name == "force balance"]
+    along = explaining.attribution.along("position")
+    shapes = fine_shapes("position", np.concatenate(along), turned=False)
+    waves = [shape for shape in shapes if shape.form == "wave"]
+    few = promising(explaining.attribution, place, waves, along)
+    assert len(few) < len(waves) / 4
+    best = max(explaining.of(place, waves), key=lambda each: each.gain)
+    assert best.shape in few
 
 
 def test_a_plant_that_names_no_direction_of_motion_is_explained_without_it(
