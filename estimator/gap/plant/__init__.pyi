@@ -4,6 +4,7 @@ from .additions import (
     EXTENSION as EXTENSION,
     KICKS as KICKS,
     KNOTS as KNOTS,
+    PHASES as PHASES,
     SHOWS as SHOWS,
     SLOT_PARAMETERS as SLOT_PARAMETERS,
     SLOTS as SLOTS,

@@ -35,17 +35,21 @@ NOWHERE, IN_EQUATION, IN_READING, IN_PARAMETER = range(4)
 CONSTANT_OF: Final = -1.0
 TIME_OF: Final = -2.0
 """What an addition depends on is the index of a quantity, or one of these: nothing, or the time."""
-FORMS: Final = ("constant", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table")
+FORMS: Final = ("constant", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table", "tone")
 """How an addition depends on its quantity x. A wave is sin(2 pi x / at + by), a bump
-exp(-((x - at) / by)^2), and a hinge max(0, x - at)."""
+exp(-((x - at) / by)^2), and a hinge max(0, x - at). A tone is a wave in time whose phase differs
+from recording to recording."""
 TABLE: Final = FORMS.index("table")
+TONE: Final = FORMS.index("tone")
 PARTS: Final = (
     "enters", "place", "of", "times", "form",
     *(f"x{k}" for k in range(KNOTS)), *(f"y{k}" for k in range(KNOTS)),
 )  # fmt: skip
 """Names of the numbers in a slot: what it enters and the index of that, what it depends on and is
 multiplied by, its form, and its knots. A form in symbols has `at` in x0, `by` in x1 and its size in
-y0."""
+y0. A tone has its period in x0 and the phases of the recordings from x1 on."""
+PHASES: Final = KNOTS - 1
+"""Greatest number of recordings that a tone has a phase for."""
 WIDTH: Final = len(PARTS)
 _X: Final = PARTS.index("x0")
 _Y: Final = PARTS.index("y0")
@@ -74,7 +78,9 @@ class Addition:
         of: name of the quantity that it depends on: a region, "time", or "" for none.
         times: name of the region that it is multiplied by, such as "direction"; "" for none.
         form: one of `FORMS`.
-        at: positions of a table's knots, ascending, SI; else (at, by) of a form that has them.
+        at: positions of a table's knots, ascending, SI; (at, by) of a form that has them; of a tone
+            its period, s, and its phase in each of `PHASES` recordings, rad: 0 where it is not
+            known, and the tone is left out.
         values: values at these knots, SI; else the size alone.
     """
 
@@ -85,10 +91,17 @@ class Addition:
     at: tuple[float, ...]
     values: tuple[float, ...]
 
-    def shape(self, x: Array) -> Array:
-        """Return the addition (n,) at values of its quantity (n,), without the factor `times`."""
+    def shape(self, x: Array, recording: int = 0) -> Array:
+        """Return the addition (n,) at values of its quantity (n,), without the factor `times`.
+
+        A tone is that of the recording with this number.
+        """
         if self.form == "table":
             return np.interp(x, self.at, self.values)
+        if self.form == "tone":
+            phase = self.at[1 + recording]
+            known = self.values[0] if phase != 0.0 else 0.0
+            return np.asarray(known * np.sin(2.0 * pi * x / self.at[0] + phase))
         at, by = (*self.at, 0.0, 0.0)[:2]
         shapes = {
             "constant": lambda: np.ones_like(x),
@@ -103,14 +116,14 @@ class Addition:
         return np.asarray(self.values[0] * shapes[self.form]())
 
 
-_COUNTS: Final = {"wave": 2, "bump": 2, "hinge": 1}
+_COUNTS: Final = {"wave": 2, "bump": 2, "hinge": 1, "tone": 1 + PHASES}
 """Number of elements of `Addition.at` of the forms in symbols that have any."""
 
 
 def as_term(addition: Addition) -> AddedTerm:
-    """Return an addition as a term of a model file."""
+    """Return an addition as a term of a model file; a tone is a wave as in the first recording."""
     turned = addition.times == DIRECTION
-    form = "1" if addition.form == "constant" else addition.form
+    form = {"constant": "1", "tone": "wave"}.get(addition.form, addition.form)
     if form == "table":
         knots = tuple(zip(addition.at, addition.values, strict=True))
         return AddedTerm(addition.place, addition.of, form, turned, 1.0, knots=knots)
@@ -154,6 +167,7 @@ class Extension(NamedTuple):
         quantities: number of the quantities alone; the rates follow, two for each equation.
         time_s: time of the first sample since the recording began, s.
         period: sampling period, s.
+        recording: number of the recording, from 0.
     """
 
     kicked: NDArray[np.int64]
@@ -164,10 +178,11 @@ class Extension(NamedTuple):
     quantities: int
     time_s: float
     period: float
+    recording: int
 
 
 EXTENSION: Final = types.BaseTuple.from_types(
-    (int64[:, ::1], int64[:, ::1], int64, int64, int64, int64, float64, float64), Extension
+    (int64[:, ::1], int64[:, ::1], int64, int64, int64, int64, float64, float64, int64), Extension
 )
 
 
@@ -357,10 +372,10 @@ def _shape(form, x, at, by):
 
 
 @njit(
-    float64(float64[::1], int64, float64[::1], float64),
+    float64(float64[::1], int64, float64[::1], float64, int64),
     cache=True, error_model="numpy",
 )  # fmt: skip
-def added_value(parameters, first, measured, time_s):
+def added_value(parameters, first, measured, time_s, recording):
     """Return the disturbance of the slot whose numbers begin at `first`, SI.
 
     Args:
@@ -368,12 +383,18 @@ def added_value(parameters, first, measured, time_s):
         first: index of the slot's first number.
         measured: float64 (quantities and rates,), of `Plant.measures`.
         time_s: time since the recording began, s.
+        recording: number of the recording.
     """
     x = _quantity(parameters[first + 2], measured, time_s)
     form = int(parameters[first + 4])
     knots = first + _X
     if form == TABLE:
         value = _table(parameters, knots, x)
+    elif form == TONE:
+        phase = parameters[knots + 1 + recording]
+        value = 0.0
+        if phase != 0.0:
+            value = parameters[knots + KNOTS] * sin(2.0 * pi * x / parameters[knots] + phase)
     else:
         value = parameters[knots + KNOTS] * _shape(
             form, x, parameters[knots], parameters[knots + 1]
@@ -401,7 +422,7 @@ def add_to_parameters(extension, parameters, measured, t, present):
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_PARAMETER:
-            added = added_value(parameters, first, measured, time_s)
+            added = added_value(parameters, first, measured, time_s, extension.recording)
             for k in range(2):
                 changed = extension.changed[int(parameters[first + 1]), k]
                 if changed >= 0:
@@ -418,7 +439,7 @@ def add_to_readings(extension, parameters, measured, t, readings):
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_READING:
-            added = added_value(parameters, first, measured, time_s)
+            added = added_value(parameters, first, measured, time_s, extension.recording)
             readings[int(parameters[first + 1])] += added
 
 
@@ -435,7 +456,7 @@ def add_to_state(extension, parameters, measured, t, state):
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_EQUATION:
-            added = added_value(parameters, first, measured, time_s)
+            added = added_value(parameters, first, measured, time_s, extension.recording)
             equation = int(parameters[first + 1])
             for k in range(2):
                 kicked = extension.kicked[equation, k]

@@ -64,6 +64,7 @@ class Record:
         variances: float64 (n, outputs), of the readings' noise and rounding; infinite where a
             reading is missing or saturated.
         first: number of the recording's samples that come before this record.
+        number: number of the recording among those that are looked at together, from 0.
         unread: bool (n, outputs), whether the recording has no reading, as between the rows of a
             slower one; None if it has all of them.
     """
@@ -73,6 +74,7 @@ class Record:
     readings: Array
     variances: Array
     first: int = 0
+    number: int = 0
     unread: BoolArray | None = None
 
     def lacks(self, output: int) -> bool:
@@ -135,7 +137,7 @@ def seen_parts(record: Record, period: float) -> list[Record]:
         Record(
             record.source, np.ascontiguousarray(record.inputs[a:b]),
             np.ascontiguousarray(record.readings[a:b]),
-            np.ascontiguousarray(record.variances[a:b]), record.first + a,
+            np.ascontiguousarray(record.variances[a:b]), record.first + a, record.number,
             None if record.unread is None else record.unread[a:b],
         )
         for a, b in parts

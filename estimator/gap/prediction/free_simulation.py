@@ -5,6 +5,7 @@ nothing.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -41,12 +42,12 @@ def free_runs(
     plant = predictor.plant
     whole = records[0]
     count = min(round(SECONDS / plant.period), len(whole))
-    record = Record(
-        whole.source,
-        whole.inputs[:count],
-        whole.readings[:count],
-        whole.variances[:count],
-        whole.first,
+    record = replace(
+        whole,
+        inputs=whole.inputs[:count],
+        readings=whole.readings[:count],
+        variances=whole.variances[:count],
+        unread=None,
     )
     given = predictor.simulate(record, before, steered=False)[1]
     written = predictor.simulate(record, after, steered=False)[1]

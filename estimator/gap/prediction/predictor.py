@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.gap.plant import (
+    PHASES,
     Array,
     Extension,
     Gains,
@@ -67,7 +68,7 @@ class Predictor:
         return Extension(
             self._kicked, self._changed, own, activity(values) if plant.layout else 0,
             quantities + 2 * len(plant.equations), quantities, record.first * plant.period,
-            plant.period,
+            plant.period, min(record.number, PHASES - 1),
         )  # fmt: skip
 
     def _kind(self, values: Values) -> tuple[float, ...] | None:
@@ -228,4 +229,4 @@ class Predictor:
         twin = made_of(f"twin of {record.source}", driven, simulated, self.plant)
         # Readings that the recording lacks must be missing in its twin as well.
         twin.variances[~np.isfinite(record.variances)] = np.inf
-        return replace(twin, first=record.first)
+        return replace(twin, first=record.first, number=record.number)

@@ -1,8 +1,8 @@
+from .added_variables import addition_variables as addition_variables
 from .discovery import (
     DiscoveredModel as DiscoveredModel,
     Discovering as Discovering,
     Discovery as Discovery,
-    addition_variables as addition_variables,
 )
 from .disturbances import TIME as TIME, attribution as attribution
 from .drift import drifts as drifts
@@ -12,6 +12,7 @@ from .findings import (
     HELD_OUT as HELD_OUT,
     MATERIAL as MATERIAL,
     NORMAL_95 as NORMAL_95,
+    SETTLED as SETTLED,
     Alternative as Alternative,
     Found as Found,
     Named as Named,

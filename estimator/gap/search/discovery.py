@@ -5,22 +5,23 @@ one figure: by how much they lower the error of predictions that they were not f
 (`explaining`). The best is fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import SLOTS, Addition, Array, Effect, Layout, Plant
+from estimator.gap.plant import SLOTS, Addition, Array, Effect, Plant
 from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable, freed, started
 
+from .added_variables import addition_variables, refitted
 from .disturbances import Place
 from .explaining import Explaining, Explanation, Wheres
-from .findings import CHANCE, MATERIAL, deviate
+from .findings import CHANCE, MATERIAL, deviate, left_alone
 from .refits import Refits, changes_by_name
 from .screening import starts_of
 from .shapes import symbols
-from .standing_in import ADDED, stood_in_for
+from .standing_in import stood_in_for
 from .twins import Twins
 
 MOST: Final = 3
@@ -113,6 +114,7 @@ class Discovering:
         floor: float,
         most: int = MOST,
         only: Wheres | None = None,
+        begun: DiscoveredModel | None = None,
     ) -> DiscoveredModel:
         """Return the model with all disturbances that earn their place.
 
@@ -122,10 +124,14 @@ class Discovering:
             floor: cost per reading of a rig that is exactly the model.
             most: greatest number of disturbances.
             only: places and quantities that are looked at; None for all.
+            begun: model with what was discovered already, with which the search goes on; None for
+                none.
         """
         filtered = self._refits.fitter.filtered(fitted.values)
         present = Fitted(fitted.values, filtered.costs(fitted.values))
         found = DiscoveredModel(present, filtered, variables)
+        if begun is not None:
+            found = replace(begun, discoveries=list(begun.discoveries))
         layout = self.plant.layout
         if layout is None:
             return found
@@ -133,12 +139,13 @@ class Discovering:
         room = min(most, SLOTS - len(layout.additions(fitted.values)))
         while len(found.discoveries) < room:
             left = found.fitted.cost - floor * found.filtered.samples
-            if found.discoveries and left < MATERIAL * found.filtered.samples:
+            if found.discoveries and left < left_alone(first, found.filtered.samples):
                 break
             explaining = Explaining(found.filtered, found.fitted.values, found.variables, floor)
             if not self._add(found, explaining, explaining.explanations(only), first, only):
                 break
-        return self.settled(found) if found.discoveries else found
+        is_new = begun is None or len(found.discoveries) > len(begun.discoveries)
+        return self.settled(found) if found.discoveries and is_new else found
 
     def settled(self, model: DiscoveredModel) -> DiscoveredModel:
         """Return a model with all its variables fitted, and with the filter's gains for them.
@@ -425,58 +432,6 @@ def _is_possible(plant: Plant, values: Values, place: Place, addition: Addition)
     least = min(addition.values) if addition.form == "table" else 0.0
     lower = {each.name: each.lower for each in plant.parameters}
     return all(values[name] + least >= lower[name] for name in place.varying.parameters)
-
-
-def addition_variables(
-    layout: Layout, additions: Sequence[Addition], which: Iterable[int]
-) -> tuple[Variable, ...]:
-    """Return the variables with which some of a model's additions are refitted.
-
-    They are all values of a table, and of a form in symbols its size, with the period and phase of
-    a wave or the middle and width of a bump. Knots of a table and the place of a hinge stay. Their
-    name is `ADDED`, and each key is the name of the parameter.
-
-    Args:
-        layout: how models of the plant hold additions.
-        additions: all additions of the model.
-        which: indices of those that are refitted.
-    """
-    found: list[Variable] = []
-    for index in which:
-        each = additions[index]
-        sizes, places = layout.names(additions, index)
-        largest = max(max(abs(value) for value in each.values), 1e-300)
-        steps = [(name, 0.03 * largest, -10.0 * largest, 10.0 * largest) for name in sizes]
-        if each.form == "wave":
-            pitch, phase = each.at
-            steps.append((places[0], 1e-3 * pitch, pitch / 1.3, pitch * 1.3))
-            steps.append((places[1], 0.03, phase - 10.0, phase + 10.0))
-        elif each.form == "bump":
-            middle, width = each.at
-            steps.append((places[0], 0.03 * width, middle - 2.0 * width, middle + 2.0 * width))
-            steps.append((places[1], 0.03 * width, width / 3.0, width * 3.0))
-        found += [
-            Variable(ADDED, name, name, probe, lower, upper) for name, probe, lower, upper in steps
-        ]
-    return tuple(found)
-
-
-def refitted(layout: Layout, values: Values, additions: Sequence[Addition]) -> list[Addition]:
-    """Return a model's additions as a fit with these values of all parameters has them.
-
-    They keep their order, which that of `Layout.additions` need not be.
-    """
-    found = []
-    for index, each in enumerate(additions):
-        sizes, places = layout.names(additions, index)
-        found.append(
-            replace(
-                each,
-                values=tuple(float(values[name]) for name in sizes),
-                at=tuple(float(values[name]) for name in places),
-            )
-        )
-    return found
 
 
 def _distinct(ranked: Sequence[Explanation]) -> list[Explanation]:

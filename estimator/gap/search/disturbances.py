@@ -121,6 +121,7 @@ class Attribution:
         plant: plant that the records belong to.
         values: values of all parameters, as given.
         courses: linearised course of each record that is not left out.
+        numbers: number of the recording that each of these courses belongs to.
     """
 
     def __init__(
@@ -135,6 +136,7 @@ class Attribution:
         kept = [(record, gains, part) for record, gains, part in whole if part.blocks]
         self._blocks = [part.blocks for *_, part in kept]
         self._first = [record.first for record, *_ in kept]
+        self.numbers = [record.number for record, *_ in kept]
         probes = [column.values for column in self._base]
         self._drifting: dict[str, int] = {}
         for place in drifting:

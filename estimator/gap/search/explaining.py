@@ -10,12 +10,13 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Array
+from estimator.gap.plant import DIRECTION, PHASES, TIME_NAME, Addition, Array
 from estimator.gap.prediction import Excerpt, Filtered, Values, Variable, excerpts
 
 from .disturbances import Attribution, Place, places_of, varying_of
 from .findings import deviate
-from .shapes import Shape, fine_shapes, finer, periodic, tables
+from .shapes import RECORDING, Shape, fine_shapes, finer, periodic, tables
+from .tones import tones
 from .waves import promising
 
 _FOLD: Final = 8
@@ -104,6 +105,7 @@ class Explaining:
         self.places = [*places_of(self.plant), *self._drifting]
         names = [*self.plant.regions, TIME_NAME]
         self._along = {name: self.attribution.along(name) for name in names}
+        self._numbers = tuple(sorted(set(self.attribution.numbers)))
         self._together = {name: np.concatenate(parts) for name, parts in self._along.items()}
         if without is not None:
             place = next(each for each in self.places if each.name == without.place)
@@ -136,7 +138,8 @@ class Explaining:
         found = []
         for k, course in enumerate(self.attribution.courses):
             ones = np.ones(len(course.samples))
-            value = addition.shape(self._along[addition.of][k] if addition.of else ones)
+            x = self._along[addition.of][k] if addition.of else ones
+            value = addition.shape(x, self.attribution.numbers[k])
             found.append(value * (self._along[addition.times][k] if addition.times else ones))
         return found
 
@@ -158,7 +161,7 @@ class Explaining:
         return sorted(found, key=lambda each: -each.gain)
 
     def _of_place(self, place: Place) -> list[Explanation]:
-        """Return all explanations of a place: tables first, then waves and bumps."""
+        """Return all explanations of a place: tables first, then waves, bumps and tones."""
         turned = place.turned and DIRECTION in self._along
         shapes = tables(self._together, [*place.of, TIME_NAME], turned)
         found = self.of(place, shapes)
@@ -175,6 +178,8 @@ class Explaining:
             for each in best:
                 if each is not None and each.gain > 0.0:
                     found += self.of(place, finer(each.shape, span))
+        if max(self._numbers) < PHASES:
+            found += self.of(place, tones(self.attribution, place, self._along[TIME_NAME]))
         return found
 
     def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
@@ -220,7 +225,8 @@ class Explaining:
         """Return the columns of all shapes along each course, a list of (m, columns)."""
         along = [
             {name: parts[k] for name, parts in self._along.items()}
-            for k in range(len(self.attribution.courses))
+            | {RECORDING: np.array([number])}
+            for k, number in enumerate(self.attribution.numbers)
         ]
         return [np.concatenate([s.columns(each) for s in shapes], axis=1) for each in along]
 

@@ -1,7 +1,7 @@
 """This module defines what a search finds, candidates and named effects, and bounds for them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,6 +20,9 @@ FEW_BLOCKS: Final = 2.0
 FORM: Final = 0.01
 """Part of what an effect explains by which its form may be wrong: a tenth in amplitude, squared.
 Another effect that explains all but this part may be the cause as well."""
+SETTLED: Final = 0.1
+"""Greatest excess, in variances per reading, that may be left without a look at what else may be
+missing: ten times what matters. It must also be less than `FORM` of what is explained."""
 MOST_EFFECTS: Final = 4
 """Greatest number of effects that are named."""
 NORMAL_95: Final = 1.96
@@ -109,7 +112,6 @@ class Found:
         named: effects, in the order in which they were found.
         floor: cost per reading of a twin of the final model; 0 until it is set after the search.
         samples: number of readings used.
-        rejected: candidates of the last stage at which none was added.
     """
 
     given: Fitted
@@ -120,7 +122,6 @@ class Found:
     named: list[Named]
     floor: float = 0.0
     samples: int = 0
-    rejected: list[Screened] = field(default_factory=list)
 
     @property
     def explained(self) -> float:
@@ -131,6 +132,14 @@ class Found:
         before = self.refitted.cost / self.samples - self.floor
         after = self.fitted.cost / self.samples - self.floor
         return 1.0 - after / before if before > 0.0 else 0.0
+
+
+def left_alone(excess: float, samples: int) -> float:
+    """Return how much of an excess in cost may be left without a look at what else may be missing.
+
+    It is what does not matter (`MATERIAL`), or the smaller one of `SETTLED` and the part `FORM`.
+    """
+    return max(MATERIAL * samples, min(FORM * excess, SETTLED * samples))
 
 
 def deviate(differences: Array) -> float:

@@ -12,7 +12,7 @@ extension, prediction error). Its gain, by which it lowers the cost, must exceed
 Held-out recordings are not looked at.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
 from estimator.gap.plant import Effect
@@ -79,39 +79,65 @@ class Search:
         self._screening = Screening(self.plant)
         self.rivals = Rivals(self.refits, self._screening)
 
-    def run(self) -> Found:
+    def run(self, narrowed: Callable[[Found], Collection[str] | None] | None = None) -> Found:
         """Search the fitter's records, and return the finding: the effects that the model lacks.
 
         The nuisances are refitted first. Then effects are added while they earn their place, those
         that no longer do so are removed, and others are tried in the place of each. The finding
         names no effects if none earns its place; its `floor` is not set.
+
+        Args:
+            narrowed: is asked, once one effect was added, which effects are worth looking at. If it
+                returns their names, the search begins anew with these alone; if None, it goes on
+                with all.
         """
         values = dict(self.plant.nominal)
         given = Fitted(values, self.fitter.filtered(values).costs(values))
         present, filtered = self.refits.settled(values, self.refits.nuisances)
         found = Found(given, present, present, filtered, self.refits.nuisances, [])
-        screened = self._grow(found)
+        # Candidates that were near an effect are also near the effect that took its place.
+        screened: dict[str, list[Screened]] = {}
+        self._grow(found, screened, most=1)
+        if not found.named:
+            return found
+        names = narrowed(found) if narrowed is not None else None
+        if names is not None:
+            found.fitted, found.filtered = present, filtered
+            found.variables, found.named = self.refits.nuisances, []
+            screened.clear()
+        self._grow(found, screened, names)
         for _ in range(_SWAPS):
             self._eliminate(found)
             if not self.rivals.exchange(found, screened):
                 break
-            # Candidates that were near an effect are also near the effect that took its place.
-            for name, stages in self._grow(found).items():
-                screened.setdefault(name, []).extend(stages)
+            self._grow(found, screened, names)
         return found
 
     # One stage
 
-    def _grow(self, found: Found) -> dict[str, list[Screened]]:
-        """Add effects while they earn their place; return all candidates screened, by effect."""
-        seen: dict[str, list[Screened]] = {}
-        while len(found.named) < MOST_EFFECTS:
-            screened = self._screening.screen(found.filtered, found.fitted.values, found.variables)
+    def _grow(
+        self,
+        found: Found,
+        seen: dict[str, list[Screened]],
+        names: Collection[str] | None = None,
+        most: int = MOST_EFFECTS,
+    ) -> None:
+        """Add effects while they earn their place, until the finding has `most` of them.
+
+        Args:
+            found: the finding; changed in place.
+            seen: takes all candidates that are screened, by the name of the effect.
+            names: effects that are looked at; None for all.
+            most: greatest number of effects of the finding.
+        """
+        while len(found.named) < most and (names is None or names):
+            screened = self._screening.screen(
+                found.filtered, found.fitted.values, found.variables, names
+            )
             for candidate in screened:
                 seen.setdefault(candidate.effect, []).append(candidate)
             added = self._next(found, screened)
             if added is None:
-                found.rejected = screened
                 break
             effect, fitted, bar = added
             before = found.fitted
@@ -124,7 +150,6 @@ class Search:
                     deviate(before.costs - fitted.costs),
                 )
             )  # fmt: skip
-        return seen
 
     def _next(
         self, found: Found, screened: Sequence[Screened]

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import atan2, hypot
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import DIRECTION, KNOTS, TIME_NAME, Addition, Array, Region, wave
+from estimator.gap.plant import DIRECTION, KNOTS, PHASES, TIME_NAME, Addition, Array, Region, wave
 
 WAVES: Final = 250
 """Greatest number of wave periods that are tried along a length. They are evenly spaced in
@@ -27,6 +28,8 @@ _EMPTY: Final = 2
 """Number of bins in a row with hardly any values that separate two clusters."""
 _HARDLY: Final = 0.05
 """Hardly any values are fewer than this part of those that evenly spread ones would be."""
+RECORDING: Final = "recording"
+"""Among the quantities along a course, the number of its recording."""
 _ROUGH: Final = (1e-4, 3e-2)
 """Weights that are tried for the roughness of a table, as parts of its columns' mean square."""
 
@@ -39,25 +42,36 @@ class Shape:
         of: name of the quantity; "" for none.
         times: name of the quantity that the disturbance is multiplied by; "" for none.
         form: one of `FORMS`.
-        at: knots of a table; period of a wave; middle and width of a bump; place of a hinge, SI;
-            empty for the others.
+        at: knots of a table; period of a wave or tone; middle and width of a bump; place of a
+            hinge, SI; empty for the others.
+        recordings: numbers of the recordings that a tone has a phase in; empty for other forms.
     """
 
     of: str
     times: str
     form: str
     at: tuple[float, ...] = ()
+    recordings: tuple[int, ...] = ()
 
     @property
     def count(self) -> int:
         """Return the number of coefficients."""
-        return len(self.at) if self.form == "table" else 2 if self.form == "wave" else 1
+        several = {"table": len(self.at), "wave": 2, "tone": 2 * len(self.recordings)}
+        return several.get(self.form, 1)
 
     def columns(self, along: Mapping[str, Array]) -> Array:
-        """Return the columns (n, count), given quantities (n,) by name."""
+        """Return the columns (n, count), given quantities (n,) by name.
+
+        All samples must be of one recording if the shape is a tone.
+        """
         x = along[self.of] if self.of else np.ones(len(next(iter(along.values()))))
         if self.form == "table":
             found = hats(x, np.array(self.at))
+        elif self.form == "tone":
+            found = np.zeros((len(x), self.count))
+            first = 2 * self.recordings.index(int(along[RECORDING][0]))
+            phase = 2.0 * np.pi * x / self.at[0]
+            found[:, first : first + 2] = np.column_stack([np.sin(phase), np.cos(phase)])
         elif self.form == "wave":
             phase = 2.0 * np.pi * x / self.at[0]
             found = np.column_stack([np.sin(phase), np.cos(phase)])
@@ -83,6 +97,12 @@ class Shape:
         own = tuple(float(c) for c in coefficients)
         if self.form == "wave":
             return wave(place, self.of, self.at[0], *own)
+        if self.form == "tone":
+            phases = [0.0] * PHASES
+            for number, sine, cosine in zip(self.recordings, own[::2], own[1::2], strict=True):
+                phases[number] = atan2(cosine, sine)
+            size = hypot(*own) / len(self.recordings) ** 0.5
+            return Addition(place, self.of, "", "tone", (self.at[0], *phases), (size,))
         return Addition(place, self.of, self.times, self.form, self.at, own)
 
 

@@ -14,13 +14,10 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import Array, Plant
-from estimator.gap.search import FORM, DiscoveredModel, Discovering, Discovery, Found
+from estimator.gap.search import FORM, SETTLED, DiscoveredModel, Discovering, Discovery, Found
 
 from .own_form import EXPLAINED, SURE, OwnForm, by_formula, by_likeness, in_place_of_several
 
-SETTLED: Final = 0.1
-"""Greatest excess, in variances per reading, that named effects may leave without a look at what
-else may be missing: ten times what matters."""
 WHOLE: Final = 0.98
 """Part of the excess that disturbances alone must take away for the named effects to be given up
 before both are tried together."""
@@ -50,13 +47,20 @@ class Choice:
     discovered: tuple[Discovery, ...]
 
 
-def choose(discovering: Discovering, found: Found, material: float) -> Choice:
+def choose(
+    discovering: Discovering,
+    found: Found,
+    material: float,
+    begun: DiscoveredModel | None = None,
+) -> Choice:
     """Return the answer to what a search found, with what is discovered beside or in its place.
 
     Args:
         discovering: discovers disturbances in the records of the search.
         found: finding of the search, with its floor.
         material: least excess, in variances per reading, that is looked into.
+        begun: model with the first disturbance that is discovered without effects of the
+            catalogue; None if it is not known yet.
     """
     plant, floor = discovering.plant, found.floor
     excess = found.refitted.cost - floor * found.samples
@@ -71,7 +75,7 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     settled = left < min(FORM * excess, SETTLED * found.samples) and not pinned
     if left < material * found.samples or (found.named and settled):
         return Choice(names, bool(found.named), *_divided(plant, found, names))
-    alone = discovering.run(found.refitted, discovering.nuisances, floor)
+    alone = discovering.run(found.refitted, discovering.nuisances, floor, begun=begun)
     nothing_named = Choice(alone, False, {}, tuple(alone.discoveries))
     own = None
     if not found.named or found.explained < EXPLAINED:

@@ -21,12 +21,20 @@ from rig.plant import unit_per
 
 from .choosing import Choice
 from .lexicon import LEXICON, is_leak, likely_parts, shape_of
+from .phases import known_phases
 from .sentences import quantity_unit, sentence, si_unit_of, unit_of
 
-_KEYS: Final = {"wave": ("pitch", "phase"), "bump": ("middle", "width"), "hinge": ("from",)}
-"""Names of what a form in symbols has besides its size, in the order of `Addition.at`."""
+_KEYS: Final = {
+    "wave": ("pitch", "phase"),
+    "tone": ("period",),
+    "bump": ("middle", "width"),
+    "hinge": ("from",),
+}
+"""Names of what is told of a form in symbols besides its size, in the order of `Addition.at`."""
 _DRAWN: Final = 121
 """Number of points at which a form in symbols is drawn."""
+_TURNS: Final = 4
+"""Number of periods of a tone that are drawn."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +53,17 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Kept:
-    """The model that is written: values of all parameters, and the disturbances that it has."""
+    """The model without what is not wanted: values of all parameters, and its disturbances."""
 
     values: Values
     held: tuple[Discovery, ...]
 
-    def has(self, each: Discovery) -> bool:
-        """Return whether the model has a disturbance."""
-        return any(held is each for held in self.held)
+    def writes(self, each: Discovery) -> bool:
+        """Return whether the model file has a disturbance; it has no tones.
+
+        The phase of a tone does not hold in other recordings.
+        """
+        return each.addition.form != "tone" and any(held is each for held in self.held)
 
 
 def described_as(each: Discovery, plant: Plant) -> Discovered:
@@ -93,7 +104,7 @@ def _estimates(each: Discovery, unit: str, of_unit: str) -> tuple[Estimate, ...]
     size = addition.values[0]
     found = [Estimate("size", "", size, size - reach, size + reach, per, 0.0)]
     nan = float("nan")
-    for key, value in zip(_KEYS.get(addition.form, ()), addition.at, strict=True):
+    for key, value in zip(_KEYS.get(addition.form, ()), addition.at, strict=False):
         found.append(Estimate(key, "", value, nan, nan, "rad" if key == "phase" else of_unit, 0.0))
     return tuple(found)
 
@@ -106,6 +117,8 @@ def _drawn(each: Discovery, plant: Plant, unit: str, of_unit: str) -> Curve:
         errors = np.array(each.errors) if each.errors else np.full(len(at), np.nan)
     else:
         low, high = each.reach
+        if addition.form == "tone":
+            high = min(high, low + _TURNS * addition.at[0])
         at = np.linspace(low, high, _DRAWN)
         values = addition.shape(at)
         of_size = each.errors[0] / abs(addition.values[0]) if each.errors else np.nan
@@ -160,5 +173,6 @@ def kept_of(
 
 def measured(discovered: Discovered, each: Discovery, fitter: Fitter, judged: Fitter) -> Discovered:
     """Return a disturbance with the held-out gap before it was added and with it."""
-    gaps = channel_gaps(fitter.predictor, judged.records, each.before, each.after, fitter.pool)
+    before, after = (known_phases(values, judged) for values in (each.before, each.after))
+    gaps = channel_gaps(fitter.predictor, judged.records, before, after, fitter.pool)
     return replace(discovered, gap=mean_gap(gaps))

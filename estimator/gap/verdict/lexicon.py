@@ -262,6 +262,8 @@ def shape_of(addition: Addition, low: float, high: float, plant: Plant) -> str:
         return "play" if is_play else "depends_on_velocity"
     if not addition.of or form == "constant":
         return "constant"
+    if form == "tone":
+        return "tone"
     if form == "wave":
         return "tone" if sort == "time" else "periodic_in_position"
     if form == "bump":

@@ -12,17 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import KNOTS, Effect
+from estimator.gap.plant import KNOTS, Effect, Plant
 from estimator.gap.prediction import Fitted, Variable
-from estimator.gap.search import (
-    CHANCE,
-    DiscoveredModel,
-    Discovering,
-    Discovery,
-    Found,
-    Named,
-    deviate,
-)
+from estimator.gap.search import CHANCE, DiscoveredModel, Discovering, Found, Named, deviate
 
 EXPLAINED: Final = 0.8
 """Part of the excess in prediction error that an effect's formula must take away by itself."""
@@ -89,7 +81,8 @@ def by_formula(discovering: Discovering, found: Found, alone: DiscoveredModel) -
     excess = found.refitted.cost - found.floor * found.samples
     if not alone.discoveries or excess <= 0.0:
         return None
-    effects = _owners(discovering, alone.discoveries[0])
+    first = alone.discoveries[0].addition
+    effects = owners(discovering.plant, first.place, first.of)
     names = {named.effect for named in found.named}
     if len(names) == 1 and names <= {each.name for each in effects}:
         return None
@@ -149,7 +142,6 @@ def _explaining_most(
     return best
 
 
-def _owners(discovering: Discovering, discovery: Discovery) -> list[Effect]:
-    """Return the effects whose formula is a curve where a disturbance was discovered."""
-    where = (discovery.addition.place, discovery.addition.of)
-    return [each for each in discovering.plant.effects.values() if where in each.own]
+def owners(plant: Plant, place: str, of: str) -> list[Effect]:
+    """Return the effects of a plant whose formula is a curve of a quantity at a place."""
+    return [each for each in plant.effects.values() if (place, of) in each.own]

@@ -57,7 +57,7 @@ def sentence(
     y = addition.shape(x)
     small = 0.05 * float(np.abs(y).max())
     positive, negative, either = _nouns(addition, plant)
-    if addition.form == "wave":
+    if addition.form in ("wave", "tone"):
         noun, sign = either.split(",")[0], 1.0
     elif y.min() >= -small:
         noun, sign = positive, 1.0
@@ -95,7 +95,7 @@ class _Predicate:
         form = self._addition.form
         if form == "table":
             return self._table()
-        if form == "wave":
+        if form in ("wave", "tone"):
             return self._wave()
         if form == "bump":
             middle, width = self._addition.at
@@ -134,7 +134,9 @@ class _Predicate:
         period = self._addition.at[0]
         swings = f"by {self._size(1.0).removeprefix('-')} to either side"
         if self._addition.of == TIME_NAME:
-            return f"that swings {1.0 / period:.3g} times a second, {swings}"
+            begins = ", and begins each recording at another phase"
+            begins = begins if self._addition.form == "tone" else ""
+            return f"that swings {1.0 / period:.4g} times a second, {swings}{begins}"
         return f"that swings along {self._of} once every {self._at(period)}, {swings}"
 
     def _table(self) -> str:

@@ -8,13 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Knob, Plant, Record, record_of
+from estimator.gap.plant import PHASES, Knob, Plant, Record, record_of
 from estimator.gap.prediction import (
     Curve,
     DetectionLimit,
     Discovered,
     Estimate,
     Filtered,
+    Fitted,
     Fitter,
     GapResult,
     NamedEffect,
@@ -37,6 +38,7 @@ from estimator.gap.search import (
     ENDLESS,
     MATERIAL,
     NORMAL_95,
+    DiscoveredModel,
     Discovering,
     Found,
     Named,
@@ -56,6 +58,8 @@ from .describing import Wanted, described_as, kept_of, measured
 from .experiments import separations
 from .judging import Evidence, Judgement, judge
 from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
+from .one_curve import OneCurve
+from .phases import BEGINNING_S, has_tones, known_phases, without_tones
 from .stuck_channels import stuck_channels
 from .unsettled import compared, unsettled
 
@@ -97,9 +101,13 @@ def find_gap(
         sum(len(r) for r in recordings) * plant.period,
         sum(len(r) for r in holdout) * plant.period,
     )
-    whole, whole_judged = (
-        [record_of(recording, plant) for recording in each] for each in (recordings, holdout)
-    )
+    # A tone has a phase for each of a few recordings; with more of them none is looked for.
+    few = len(recordings) + len(holdout) <= PHASES
+    every = [
+        replace(record_of(recording, plant), number=number if few else PHASES)
+        for number, recording in enumerate((*recordings, *holdout))
+    ]
+    whole, whole_judged = every[: len(recordings)], every[len(recordings) :]
     records, judged = usable(whole, plant), usable(whole_judged, plant)
     tell = said or _silent
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
@@ -146,10 +154,12 @@ def _search(
 ) -> None:
     """Run the search, and set its findings and the verdict in the result."""
     said("trying the effects of the catalogue")
-    found = search.run()
-    _floor(search, found)
+    discovering = Discovering(search.refits, search.twins)
+    curve = OneCurve(discovering)
+    found = search.run(lambda begun: curve.narrowed(begun, _floor(search, begun)))
+    found.floor = _floor(search, curve.first if curve.first and curve.is_enough else found)
     said("looking for what the catalogue does not have")
-    choice = choose(Discovering(search.refits, search.twins), found, MATERIAL)
+    choice = choose(discovering, found, MATERIAL, curve.first)
     said("looking where the model was wrong, and what is left")
     judgement = _judgement(result, search, found, choice, judged)
     result.verdict, result.reasons = judgement.verdict, list(judgement.reasons)
@@ -181,6 +191,10 @@ def _judgement(
     if not choice.named:
         found.named = []
     model = choice.model
+    values = known_phases(model.fitted.values, judged)
+    if values is not model.fitted.values:
+        model.fitted = Fitted(dict(values), model.fitted.costs)
+        model.filtered = search.fitter.filtered(values)
     found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
     if choice.named or choice.discovered:
         after = attribution(found.filtered, found.fitted.values, found.variables)
@@ -216,10 +230,17 @@ def _set_answer(
     }
     # All is told of the whole model, and then what is not wanted is left out of that written.
     kept = kept_of(search, found, choice, described, wanted)
+    layout = plant.layout
     result.values, result.names = dict(kept.values), tuple(n.effect for n in found.named)
+    if layout is not None and has_tones(layout, kept.values):
+        result.values = without_tones(layout, kept.values)
+        result.reasons.append(
+            "the model written has no tone, as it begins each recording at another phase; the gap "
+            f"after has it, with the phase of the first {BEGINNING_S:g} s of what was held out"
+        )
     result.as_given = False
     result.discovered = [
-        measured(replace(described[id(each)], in_model=kept.has(each)), each, fitter, judged)
+        measured(replace(described[id(each)], in_model=kept.writes(each)), each, fitter, judged)
         for each in choice.discovered
     ]
     result.reasons += [
@@ -374,16 +395,16 @@ def _compare(
     return why_worse(held_out, gap, fitted_to, named=named)
 
 
-def _floor(search: Search, found: Found) -> None:
-    """Set the floor of a finding: the cost per reading of a rig that is exactly the model found.
+def _floor(search: Search, model: Found | DiscoveredModel) -> float:
+    """Return the floor of a model: the cost per reading of a rig that is exactly like it.
 
     Noise that a sensor is stated to have, and has not, is left out (`unheard`): it would hide as
     much of what the model lacks.
     """
-    values = found.fitted.values
+    values, filtered = model.fitted.values, model.filtered
     twins = search.twins.of(values)
     costs = [twin.costs(values).sum() for twin in twins]
-    found.floor = float(np.mean(costs)) / found.samples - unheard(found.filtered, twins, values)
+    return float(np.mean(costs)) / filtered.samples - unheard(filtered, twins, values)
 
 
 def _standard_errors(search: Search, found: Found) -> dict[str, float]:

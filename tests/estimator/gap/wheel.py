@@ -59,10 +59,11 @@ def wheel() -> Plant:
 def ran(
     seed: int, seconds: float, *, rate: float = 1.0, gain: float = 4.0, drag: float = 8.0,
     offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
-    quiet: float = 1.0, dry: float = 0.0,
+    quiet: float = 1.0, dry: float = 0.0, hum: float = 0.0, hum_hz: float = 17.0,
 ) -> Recording:  # fmt: skip
     """Record a wheel that may have what no model of it has: dry friction, a slow or late sensor.
 
+    A force that hums begins each recording, by its seed, at another phase.
     The sensor's noise is `quiet` times what the model states.
     """
     generator = np.random.default_rng(seed)
@@ -71,6 +72,7 @@ def ran(
         size * np.sin(2.0 * pi * rate * hertz * time + generator.uniform(0.0, 2.0 * pi))
         for size, hertz in ((3.0, 0.4), (1.5, 2.3), (1.0, 7.0))
     )
+    hums = hum * np.sin(2.0 * pi * hum_hz * time + 2.1 * seed)
     speed = read = 0.0
     read_of = np.empty(len(time))
     for row in range(len(time)):
@@ -79,7 +81,7 @@ def ran(
         force = (
             gain * volts[max(row - late, 0)] - drag * speed - offset - dry * np.tanh(6.0 * speed)
         )
-        speed += 1e-3 * (force - squared * speed * abs(speed)) / 2.0
+        speed += 1e-3 * (force + hums[row] - squared * speed * abs(speed)) / 2.0
     noise = quiet * NOISE * generator.standard_normal(len(time))
     channels = {"time_s": time, "motor_V": volts, "speed_m_per_s": read_of + noise}
     return Recording(channels, source=f"wheel {seed}")

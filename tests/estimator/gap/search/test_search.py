@@ -13,7 +13,7 @@ from estimator.gap.plant.records import Record, made_of, record_of
 from estimator.gap.prediction.fit import Filtered, Fitted, Fitter
 from estimator.gap.prediction.predictor import Predictor
 from estimator.gap.prediction.variables import Values
-from estimator.gap.search.findings import Found, Screened
+from estimator.gap.search.findings import Found, Named, Screened
 from estimator.gap.search.refits import Refits
 from estimator.gap.search.rivals import Rivals
 from estimator.gap.search.screening import Screening
@@ -195,10 +195,12 @@ def test_what_was_like_an_effect_is_tried_in_the_place_of_the_one_that_replaced_
 
         stages = 0
 
-        def _grow(self, found: Found) -> dict[str, list[Screened]]:
+        def _grow(self, found: Found, seen: Any, names: Any = None, most: int = 4) -> None:
             self.stages += 1
             gain = 7000.0 if self.stages == 1 else 40.0
-            return {"pressure_1_bias": [Screened("pressure_1_bias", {}, gain, 1.0)]}
+            found.named = [Named("pressure_2_bias", gain, 1.0, 0.0, 9.0)]
+            screened = Screened("pressure_1_bias", {}, gain, 1.0)
+            seen.setdefault(screened.effect, []).append(screened)
 
     class Exchanging(Rivals):
         """Exchanges one effect for another once."""
@@ -216,7 +218,7 @@ def test_what_was_like_an_effect_is_tried_in_the_place_of_the_one_that_replaced_
         search = Growing(of_record)
         search.rivals = rivals = Exchanging(search.refits, Screening(plant))
         search.run()
-    assert search.stages == rivals.times == 2
+    assert (search.stages, rivals.times) == (3, 2)
     assert max(candidate.gain for candidate in rivals.tried) == 7000.0
 
 

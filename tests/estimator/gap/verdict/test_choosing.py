@@ -47,8 +47,9 @@ class Discovers:
         self.runs = 0
 
     def run(
-        self, fitted: Any, variables: Any, floor: float, most: int = 3, only: Any = None
-    ) -> Any:
+        self, fitted: Any, variables: Any, floor: float, most: int = 3, only: Any = None,
+        begun: Any = None,
+    ) -> Any:  # fmt: skip
         self.runs += 1
         left, of = self._beside if variables else self._alone
         found = [discovery(name) for name in of]

@@ -1,0 +1,76 @@
+"""This module makes the variables with which disturbances of a model are refitted."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Final
+
+from estimator.gap.plant import Addition, Layout
+from estimator.gap.prediction import Values, Variable
+
+from .standing_in import ADDED
+
+_TURN: Final = 1e-3
+"""1/s. The period T of a tone is moved by this times T^2 to see what it changes: its phase then
+turns by 2 pi times this in a second."""
+
+
+def addition_variables(
+    layout: Layout, additions: Sequence[Addition], which: Iterable[int]
+) -> tuple[Variable, ...]:
+    """Return the variables with which some of a model's additions are refitted.
+
+    They are all values of a table, and of a form in symbols its size, with the period and phase of
+    a wave, the period and the known phases of a tone, or the middle and width of a bump. Knots of a
+    table and the place of a hinge stay. Their name is `ADDED`, and each key is the name of the
+    parameter.
+
+    Args:
+        layout: how models of the plant hold additions.
+        additions: all additions of the model.
+        which: indices of those that are refitted.
+    """
+    found: list[Variable] = []
+    for index in which:
+        each = additions[index]
+        sizes, places = layout.names(additions, index)
+        largest = max(max(abs(value) for value in each.values), 1e-300)
+        steps = [(name, 0.03 * largest, -10.0 * largest, 10.0 * largest) for name in sizes]
+        if each.form == "tone":
+            period = each.at[0]
+            probe = _TURN * period * period
+            steps.append((places[0], probe, period / 1.3, period * 1.3))
+            steps += [
+                (name, 0.03, phase - 10.0, phase + 10.0)
+                for name, phase in zip(places[1:], each.at[1:], strict=True)
+                if phase != 0.0
+            ]
+        elif each.form == "wave":
+            pitch, phase = each.at
+            steps.append((places[0], 1e-3 * pitch, pitch / 1.3, pitch * 1.3))
+            steps.append((places[1], 0.03, phase - 10.0, phase + 10.0))
+        elif each.form == "bump":
+            middle, width = each.at
+            steps.append((places[0], 0.03 * width, middle - 2.0 * width, middle + 2.0 * width))
+            steps.append((places[1], 0.03 * width, width / 3.0, width * 3.0))
+        found += [
+            Variable(ADDED, name, name, probe, lower, upper) for name, probe, lower, upper in steps
+        ]
+    return tuple(found)
+
+
+def refitted(layout: Layout, values: Values, additions: Sequence[Addition]) -> list[Addition]:
+    """Return a model's additions as a fit with these values of all parameters has them.
+
+    They keep their order, which that of `Layout.additions` need not be.
+    """
+    found = []
+    for index, each in enumerate(additions):
+        sizes, places = layout.names(additions, index)
+        found.append(
+            replace(
+                each,
+                values=tuple(float(values[name]) for name in sizes),
+                at=tuple(float(values[name]) for name in places),
+            )
+        )
+    return found

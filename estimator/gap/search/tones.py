@@ -1,0 +1,94 @@
+"""This module selects tones, waves in time, that are worth an exact look.
+
+A machine beside the rig, or the mains, keeps its frequency, but each recording begins at another
+moment of its turn. So a tone has one frequency, and a phase of its own in each recording.
+
+By how much a tone would lower the cost follows from two figures, to second order: the slope of the
+cost by its sine and cosine, and the curvature. The slopes at all frequencies are the Fourier
+transform of what `Attribution.pull` returns. The curvature at all frequencies follows from the
+answer of the linearised course to one course of white noise.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import TIME_NAME, Array
+
+from .disturbances import Attribution, Place
+from .findings import CHANCE
+from .shapes import Shape
+
+_SLOWEST: Final = 3.0
+"""Least number of periods of a tone in the shortest recording: fewer are a course of their own."""
+_FASTEST: Final = 5.0
+"""Least number of samples in a period."""
+_FINER: Final = 4
+"""Frequencies are tried at this part of 1 / the length of the longest recording."""
+_BANDS_HZ: Final = (0.0, 2.0, 20.0, np.inf)
+"""Hz. The best tone is selected in each of these bands, as the curvature is rougher at the slow
+end, where a block of half a second has no whole period."""
+_SMOOTHED: Final = 5
+"""Number of frequencies of a block that the curvature is averaged over."""
+_SEED: Final = 1
+
+
+def tones(attribution: Attribution, place: Place, times: Sequence[Array]) -> list[Shape]:
+    """Return the tones at a place that promise the most, at most one in each of three bands.
+
+    Args:
+        attribution: linearised courses, with what is to be explained.
+        place: place where the tone enters.
+        times: time at each sample of each course, (m,) each, s.
+    """
+    period = attribution.plant.period
+    numbers = np.array(attribution.numbers)
+    recordings = tuple(int(number) for number in np.unique(numbers))
+    begins = [min(t[0] for t, n in zip(times, numbers, strict=True) if n == r) for r in recordings]
+    ends = [max(t[-1] for t, n in zip(times, numbers, strict=True) if n == r) for r in recordings]
+    lengths = np.array(ends) - np.array(begins)
+    count = _FINER * round(float(lengths.max()) / period)
+    frequencies = np.fft.rfftfreq(count, period)
+    curvature = np.interp(frequencies, *_curvature(attribution, place))
+    gains = np.zeros(len(frequencies))
+    pulls = attribution.pull(place)
+    for begin, recording in zip(begins, recordings, strict=True):
+        whole = np.zeros(count)
+        for pull, time, number in zip(pulls, times, numbers, strict=True):
+            if number == recording:
+                np.add.at(whole, np.round((time - begin) / period).astype(np.int64), pull)
+        samples = sum(len(t) for t, n in zip(times, numbers, strict=True) if n == recording)
+        gains += np.abs(np.fft.rfft(whole)) ** 2 / (curvature * samples)
+    least, most = _SLOWEST / float(lengths.min()), 1.0 / (_FASTEST * period)
+    found = []
+    for low, high in pairwise(_BANDS_HZ):
+        inside = (frequencies >= max(low, least)) & (frequencies < min(high, most))
+        if inside.any():
+            best = int(np.argmax(np.where(inside, gains, -1.0)))
+            if gains[best] < CHANCE:
+                continue
+            at = (float(1.0 / frequencies[best]),)
+            found.append(Shape(TIME_NAME, "", "tone", at, recordings))
+    return found
+
+
+def _curvature(attribution: Attribution, place: Place) -> tuple[Array, Array]:
+    """Return frequencies (n,), Hz, and the curvature of the cost by a tone at each, per sample.
+
+    It is half the mean square of what a tone of size one changes in the weighted innovations of a
+    sample, summed over the readings.
+    """
+    generator = np.random.default_rng(_SEED)
+    noise = [generator.standard_normal((len(c.samples), 1)) for c in attribution.courses]
+    changes, residual, _ = attribution.stacked(place, noise)
+    outputs = len(attribution.plant.outputs)
+    answers = changes[:, :, -1].reshape(len(residual), -1, outputs)
+    window = np.hanning(answers.shape[1])[:, None]
+    powers = np.square(np.abs(np.fft.rfft(answers * window, axis=1))).mean(0).sum(1)
+    powers /= float(np.square(window).sum())
+    kernel = np.ones(_SMOOTHED) / _SMOOTHED
+    smooth = np.convolve(np.pad(powers, _SMOOTHED // 2, mode="edge"), kernel, mode="valid")
+    frequencies = np.asarray(np.fft.rfftfreq(answers.shape[1], attribution.plant.period))
+    return frequencies, np.maximum(0.5 * smooth, 1e-12 * float(smooth.max()))
