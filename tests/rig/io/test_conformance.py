@@ -32,7 +32,8 @@ from rig.io.conformance import (
 )
 from rig.io.driver import DriverError
 from rig.io.flow_meters.driver import FlowMeterOptions, FlowMeters
-from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
+from rig.io.modbus_daq.driver import ModbusDaq
+from rig.io.modbus_daq.link import ModbusDaqOptions
 from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_types
 from rig.plant import Model
