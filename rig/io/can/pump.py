@@ -155,7 +155,7 @@ class CanPump:
         while not self._fresh:
             if self._clock() >= until:
                 self.close()
-                state = f"no {self._status.name} on {link.place}"
+                state = f"no {self._status.name} on {self._options.bus}"
                 raise self._error(state, "check power, bitrate, termination and the DBC")
             self._listen(link, LOOK)
 

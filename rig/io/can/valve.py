@@ -9,9 +9,8 @@ from rig.io.driver import DriverError
 from .canopen import emergency_words
 from .drive_walk import DriveWalk
 from .ds408 import WALK, DriveState
-from .ds408_valve import Ds408Valve
+from .ds408_valve import CanValveOptions, Ds408Valve
 from .link import LOOK, Clock
-from .valve_options import CanValveOptions
 
 
 class CanValve:
