@@ -12,6 +12,7 @@ from typing import Final
 
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from rig.channels import BYPASSES
@@ -20,7 +21,6 @@ from rig.emulator.pseudo_terminal import PseudoTerminal
 from rig.emulator.record import Record
 from rig.io import IDENTITY, NEEDLE_FULL_SCALE, STANDARD_REGISTERS, THROTTLE
 
-from .rtu_line import RtuLine
 from .server import Wire
 from .valve_bank import SWITCHES, ValveBank
 
@@ -66,7 +66,7 @@ class BypassIo:
         self._record = record
         self._noise = random.Random(0)
         self._servers: list[ModbusTcpServer] = []
-        self._lines: list[RtuLine] = []
+        self._lines: list[_RtuLine] = []
 
     async def open(self, host: str, port: int) -> int:
         """Begin to serve over TCP; return the port, which the system chooses if 0 is asked for.
@@ -99,7 +99,7 @@ class BypassIo:
         line = PseudoTerminal(path)
         line.plug_in()
         server = ModbusSerialServer(self._device(), port=str(path), trace_packet=self._through_wire)
-        self._lines.append(RtuLine(line, server.callback_new_connection()))
+        self._lines.append(_RtuLine(line, server.callback_new_connection()))
 
     def close(self) -> None:
         """Close ports, lines and connections; repeated calls do no harm."""
@@ -217,13 +217,7 @@ class BypassIo:
 
     def _through_wire(self, sending: bool, data: bytes) -> bytes:
         """Return the bytes that remain of a frame after the wire's present faults."""
-        if not sending:
-            return data
-        if self.wire.requests_lost or self.wire.replies_lost:
-            return b""
-        if self.wire.wrong_transaction:
-            data = (int.from_bytes(data[:2], "big") ^ 0x5555).to_bytes(2, "big") + data[2:]
-        return self._noise.randbytes(len(data)) if self.wire.garbage else data
+        return self.wire.passed(data, self._noise) if sending else data
 
     def _note_connection(self, connected: bool) -> None:
         self._record.note("connected" if connected else "disconnected", device=self.name)
@@ -237,3 +231,30 @@ def _packed(bits: Iterable[bool]) -> int:
 
 def _registers(first: int, shares: Iterable[float]) -> dict[int, int]:
     return {first + i: round(share * NEEDLE_FULL_SCALE) for i, share in enumerate(shares)}
+
+
+class _RtuLine(asyncio.Transport):
+    """The far end of a pseudo-terminal, which pymodbus uses as a serial port.
+
+    Pymodbus itself opens serial ports only by name.
+
+    Args:
+        line: the pseudo-terminal, which must be plugged in.
+        handler: answers the requests that come over it.
+    """
+
+    def __init__(self, line: PseudoTerminal, handler: ServerRequestHandler) -> None:
+        super().__init__()
+        self._line = line
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(line.fileno(), lambda: handler.data_received(line.read()))
+        handler.connection_made(self)
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Send a reply."""
+        self._line.write(bytes(data))
+
+    def close(self) -> None:
+        """Unplug the line."""
+        self._loop.remove_reader(self._line.fileno())
+        self._line.unplug()

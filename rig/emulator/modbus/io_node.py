@@ -98,10 +98,8 @@ class IoNode(IoDevice):
         self._counted_ns = self._fed_ns = self._power_up_ns
         self._control = Control(0)
         self._command = 0.0
-        self._output = 0.0
         self._latched = True
         self._null_requested = False
-        self._enabled = False
 
     def has(self, address: int, count: int) -> bool:
         """Return whether `count` registers from `address` on can be read, all of one block."""
@@ -174,7 +172,7 @@ class IoNode(IoDevice):
             self._record.note("watchdog_rearmed", now)
         self.exchanges += 1
         self._settle("host", now)
-        self._record.command(now, command, self._output, self._enabled)
+        self._record.command(now, command, self._output, self.enabled)
 
     @property
     def _watchdog_ns(self) -> int:
@@ -190,20 +188,10 @@ class IoNode(IoDevice):
             self._record.note("watchdog_trip", deadline, host_counter=self._host_counter)
             self._settle("watchdog", deadline)
 
-    def _settle(self, cause: str, at_ns: int) -> None:
-        """Set relay and output as host, emergency stop, latch and watchdog allow, at `at_ns`."""
+    def _asked(self) -> tuple[bool, float, float]:
         asked = Control.VALVE_ENABLE in self._control
-        enabled = asked and self._estop_closed and not self._latched and not self._tripped
-        if enabled != self._enabled:
-            self._enabled = enabled
-            if enabled:
-                self._record.note("valve_enabled", at_ns, command_V=self._command)
-            else:
-                self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
-        output = min(max(self._command, -COMMAND_RANGE), COMMAND_RANGE) if enabled else 0.0
-        if output != self._output:
-            self._output = output
-            self._valve(output, at_ns)
+        allowed = asked and not self._latched and not self._tripped
+        return allowed, self._command, min(max(self._command, -COMMAND_RANGE), COMMAND_RANGE)
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         if not 0 < watchdog_ms <= WATCHDOG_LIMIT_MS:
@@ -223,12 +211,8 @@ class IoNode(IoDevice):
 
     def press_estop(self, pressed: bool) -> None:
         """Open the emergency stop's chain, which latches the node, or close the chain again."""
-        now = self._clock()
-        self.tend(now)
-        self._estop_closed = not pressed
         self._latched = self._latched or pressed
-        self._record.note("estop_opened" if pressed else "estop_closed", now)
-        self._settle("estop", now)
+        super().press_estop(pressed)
 
     def press_reset(self, pressed: bool) -> None:
         """Press the reset button, or release it.
@@ -239,7 +223,7 @@ class IoNode(IoDevice):
         self.tend(now)
         rising = pressed and not self._button
         self._button = pressed
-        if rising and self.lamp and self._estop_closed and self._latched:
+        if rising and self.lamp and self.estop_closed and self._latched:
             self._latched = self._null_requested = False
             self._record.note("reset", now)
             self._settle("reset", now)
@@ -249,11 +233,6 @@ class IoNode(IoDevice):
         """Whether the reset lamp is lit."""
         return Control.RESET_LAMP in self._control
 
-    @property
-    def enabled(self) -> bool:
-        """Whether the valve's relay is closed."""
-        return self._enabled
-
     def state(self) -> dict[str, object]:
         """Return the state of the device for the control port and the record."""
         return {
@@ -261,8 +240,8 @@ class IoNode(IoDevice):
             "host_counter": self._host_counter,
             "command_V": self._command,
             "output_V": self._output,
-            "valve_enabled": self._enabled,
-            "estop_closed": self._estop_closed,
+            "valve_enabled": self.enabled,
+            "estop_closed": self.estop_closed,
             "watchdog_tripped": self._tripped,
             "watchdog_ms": self._watchdog_ms,
             "null_requested": self._null_requested,
@@ -274,9 +253,9 @@ class IoNode(IoDevice):
 
     def _status(self, encoder_lost: bool) -> int:
         return (
-            Status.ESTOP_CLOSED * self._estop_closed
+            Status.ESTOP_CLOSED * self.estop_closed
             | Status.RESET_BUTTON * self._button
-            | Status.VALVE_ENABLED * self._enabled
+            | Status.VALVE_ENABLED * self.enabled
             | Status.WATCHDOG_TRIPPED * self._tripped
             | Status.ENCODER_FAULT * (self._encoder_fault or encoder_lost)
         )

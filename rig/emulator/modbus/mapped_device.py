@@ -47,7 +47,7 @@ class MappedDevice(IoDevice):
         self._outputs = {a for r in register_map.written for a in addresses(r)}
         self._words = self._initial()
         self._given = {register.signal: 0.0 for register in register_map.written}
-        self._acting = 0.0
+        self.enabled = "valve_enable" not in self._given
         self._heard_ns = self._clock()
 
     def _initial(self) -> dict[int, int]:
@@ -106,24 +106,16 @@ class MappedDevice(IoDevice):
 
     def _take(self, given: dict[str, float], now: int) -> None:
         """Act on outputs in SI by signal, which the host has set at `now` in ns."""
-        enabled = self.enabled
         self._given = given
         self._tripped = False
         self.exchanges += 1
-        self._settle("host", now, enabled)
-        self._record.command(now, given["command_V"], self._acting, self.enabled)
+        self._settle("host", now)
+        self._record.command(now, given["command_V"], self._output, self.enabled)
 
-    def _settle(self, cause: str, at_ns: int, was_enabled: bool) -> None:
-        """Set relay and valve as host, emergency stop and watchdog allow, at `at_ns`."""
-        enabled = self.enabled
-        acting = self._given["command_V"] if enabled else 0.0
-        if enabled and not was_enabled:
-            self._record.note("valve_enabled", at_ns, command_V=acting)
-        elif was_enabled and not enabled:
-            self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
-        if acting != self._acting:
-            self._acting = acting
-            self._valve(acting, at_ns)
+    def _asked(self) -> tuple[bool, float, float]:
+        asked = bool(self._given.get("valve_enable", 1.0))
+        command = self._given["command_V"]
+        return asked and not self._tripped, command, command
 
     def _hear(self) -> int:
         """Restart the watchdog's time, since the host sent a request; return the present in ns."""
@@ -136,11 +128,10 @@ class MappedDevice(IoDevice):
         timeout_ns = self._watchdog_ns()
         if not timeout_ns or self._tripped or self._clock() - self._heard_ns < timeout_ns:
             return
-        was_enabled = self.enabled
         self._tripped = True
         deadline = self._heard_ns + timeout_ns
         self._record.note("watchdog_trip", deadline)
-        self._settle("watchdog", deadline, was_enabled)
+        self._settle("watchdog", deadline)
 
     def _watchdog_ns(self) -> int:
         """Return the silence in ns after which the watchdog trips; 0 if it is not armed."""
@@ -154,14 +145,6 @@ class MappedDevice(IoDevice):
         counts = self._code.number(watchdog.address, watchdog.type, self._words)
         return round(1e9 * counts / watchdog.counts_per_s)
 
-    def press_estop(self, pressed: bool) -> None:
-        """Open the emergency stop's chain if `pressed`, else close it."""
-        self.tend()
-        was_enabled, now = self.enabled, self._clock()
-        self._estop_closed = not pressed
-        self._record.note("estop_opened" if pressed else "estop_closed", now)
-        self._settle("estop", now, was_enabled)
-
     def press_reset(self, pressed: bool) -> None:
         """Press the reset button, or release it; the device only reports it."""
         if pressed and not self._button:
@@ -173,20 +156,14 @@ class MappedDevice(IoDevice):
         """Whether the reset lamp is lit."""
         return bool(self._given.get("reset_lamp", 0.0))
 
-    @property
-    def enabled(self) -> bool:
-        """Whether the valve's relay is closed."""
-        asked = bool(self._given.get("valve_enable", 1.0))
-        return asked and self._estop_closed and not self._tripped
-
     def state(self) -> dict[str, object]:
         """Return the state of the device for the control port and the record."""
         return {
             "exchanges": self.exchanges,
             "command_V": self._given["command_V"],
-            "output_V": self._acting,
+            "output_V": self._output,
             "valve_enabled": self.enabled,
-            "estop_closed": self._estop_closed,
+            "estop_closed": self.estop_closed,
             "watchdog_tripped": self._tripped,
             "watchdog_ms": self._watchdog_ns() // 1_000_000,
             "reset_lamp": self.lamp,
@@ -215,14 +192,14 @@ class MappedDevice(IoDevice):
             **found,
             **self._instruments.read_carried(),
             "position_m": found["position_m"] - resolution * self._zero,
-            "estop_closed": float(self._estop_closed),
+            "estop_closed": float(self.estop_closed),
             "reset_button": float(self._button),
             "valve_enabled": float(self.enabled),
             "watchdog_tripped": float(self._tripped),
             "encoder_fault": float(self._encoder_fault),
             "device_counter": float(self._samples),
             "device_echo": self._given.get("host_counter", 0.0),
-            "device_command_V": self._acting,
+            "device_command_V": self._output,
         }
 
     def _decoded(self, register: Register, words: Mapping[int, int]) -> float:
