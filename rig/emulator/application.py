@@ -75,7 +75,7 @@ class Emulator:
         # All balls are as slow as the rig's slowest one.
         travels = [valve.ball_travel_s for valve in rig.bypass_valves.values()]
         self.bypass = BypassIo(record, clock, *([max(travels)] if travels else []))
-        self._positions = self.bypass.positions()
+        self._positions = self.bypass.valves.positions()
         self.meters: MeterPanel | None = None
         if endpoints.meters is not None:
             self.meters = MeterPanel(endpoints.meters, lambda: self.instruments.read()[6:], record)
@@ -147,7 +147,7 @@ class Emulator:
 
     def _move_bypasses(self) -> None:
         """Set the plant's leaks to the true positions of the bypass valves."""
-        positions = self.bypass.positions()
+        positions = self.bypass.valves.positions()
         for bypass, (ball, needle) in positions.items():
             if (ball, needle) != self._positions[bypass]:
                 self.plant.set_bypass(bypass, ball, needle)

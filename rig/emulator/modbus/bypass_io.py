@@ -6,7 +6,7 @@ Its registers are those of `rig.io.bypass_valves.registers`; any unit number rea
 import asyncio
 import random
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -115,10 +115,6 @@ class BypassIo:
             for connection in tuple(server.active_connections.values()):
                 connection.close()
 
-    def positions(self) -> dict[str, tuple[float, float]]:
-        """Return the positions (ball, needle) of each bypass now, from 0 (shut) to 1 (open)."""
-        return self.valves.positions()
-
     def state(self) -> dict[str, object]:
         """Return the state of the device for the control port and the record."""
         return {
@@ -178,25 +174,19 @@ class BypassIo:
     def _take(self, function: int, address: int, values: list[int] | list[bool]) -> ExcCodes | None:
         at = STANDARD_REGISTERS
         if function in _COILS:
-            return self._take_coils(address - at.coils, values)
-        if address == at.watchdog:
+            first = address - at.coils
+            if first + len(values) > len(BYPASSES):
+                return ExcCodes.ILLEGAL_ADDRESS
+            for bypass, opened in zip(BYPASSES[first:], values, strict=False):
+                if bypass != THROTTLE:
+                    self.valves.order_ball(bypass, bool(opened))
+        elif address == at.watchdog:
             self.valves.watch(values[0])
-            return None
-        return self._take_setpoints(address - at.setpoints, values)
-
-    def _take_coils(self, first: int, values: Sequence[int]) -> ExcCodes | None:
-        if first + len(values) > len(BYPASSES):
-            return ExcCodes.ILLEGAL_ADDRESS
-        for bypass, opened in zip(BYPASSES[first:], values, strict=False):
-            if bypass != THROTTLE:
-                self.valves.order_ball(bypass, bool(opened))
-        return None
-
-    def _take_setpoints(self, first: int, values: Sequence[int]) -> ExcCodes | None:
-        if max(values) > NEEDLE_FULL_SCALE:
+        elif max(values) > NEEDLE_FULL_SCALE:
             return ExcCodes.ILLEGAL_VALUE
-        for bypass, setpoint in zip(BYPASSES[first:], values, strict=False):
-            self.valves.order_needle(bypass, setpoint / NEEDLE_FULL_SCALE)
+        else:
+            for bypass, setpoint in zip(BYPASSES[address - at.setpoints :], values, strict=False):
+                self.valves.order_needle(bypass, setpoint / NEEDLE_FULL_SCALE)
         return None
 
     def _current(self, function: int) -> Mapping[int, int]:

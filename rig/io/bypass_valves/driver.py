@@ -106,11 +106,18 @@ class BypassValves:
         self._options = options
         self._clock = clock
         self._sleep = sleep
-        self._bypass_of = {
-            **{f"{bypass}_ball": bypass for bypass in options.bypasses if bypass != THROTTLE},
-            **{f"{bypass}_needle": bypass for bypass in options.bypasses},
+        balls = [f"{bypass}_ball" for bypass in options.bypasses if bypass != THROTTLE]
+        needles = [f"{bypass}_needle" for bypass in options.bypasses]
+        self.inputs = self.outputs = (*balls, *needles)
+        # A needle behind a shut ball does not matter in the safe state.
+        self._safe_outputs = [*balls, *(n for n in needles if n.startswith(THROTTLE))]
+        ball_s = options.ball_travel + options.margin
+        needle_s = options.needle_travel + options.margin
+        self._slowest_s = max(ball_s, needle_s)
+        self._limits = {
+            **dict.fromkeys(balls, (ball_s, _SWITCH_TOLERANCE)),
+            **dict.fromkeys(needles, (needle_s, options.needle_tolerance)),
         }
-        self.inputs = self.outputs = tuple(self._bypass_of)
         self._travels: dict[str, Travel] = {}
         self._link: BypassLink | None = None
 
@@ -167,7 +174,7 @@ class BypassValves:
         Raises:
             DriverError: it was not confirmed within the time that the slowest move may take.
         """
-        deadline_ns = self._clock() + round(max(self._ball_time, self._needle_time) * 1e9)
+        deadline_ns = self._clock() + round(self._slowest_s * 1e9)
         if self._link is not None:
             with suppress(DriverError):
                 self._link.shut_balls(self._options.bypasses)
@@ -196,7 +203,9 @@ class BypassValves:
             self.close()
             raise
         # Targets from before this connection are not known; another program may have set them.
-        self._travels = {signal: self._travel(signal) for signal in self.outputs}
+        self._travels = {
+            signal: Travel(*limits, self._clock) for signal, limits in self._limits.items()
+        }
         return self._link
 
     def _client(self) -> Client:
@@ -218,19 +227,6 @@ class BypassValves:
             raise DriverError(self.name, "is not open", "open it first")
         return self._link
 
-    def _travel(self, signal: str) -> Travel:
-        if signal.endswith("_ball"):
-            return Travel(self._ball_time, _SWITCH_TOLERANCE, self._clock)
-        return Travel(self._needle_time, self._options.needle_tolerance, self._clock)
-
-    @property
-    def _ball_time(self) -> float:
-        return self._options.ball_travel + self._options.margin
-
-    @property
-    def _needle_time(self) -> float:
-        return self._options.needle_travel + self._options.margin
-
     def _check(self, signal: str, target: float) -> None:
         if signal not in self.outputs:
             action = f"its outputs are {', '.join(self.outputs)}"
@@ -241,11 +237,7 @@ class BypassValves:
             raise DriverError(self.name, f"{target:g} is not 0 to 1", "write 0 to 1", signal)
 
     def _send(self, link: BypassLink, signal: str, target: float) -> None:
-        bypass = self._bypass_of[signal]
-        if signal.endswith("_ball"):
-            link.set_ball(bypass, opened=target == 1.0)
-        else:
-            link.set_needle(bypass, target)
+        link.move(signal, target)
         self._travels[signal].begin(target)
 
     def _make_safe(self) -> None:
@@ -266,12 +258,6 @@ class BypassValves:
                 if not self._travels[signal].reached(positions[signal]):
                     failures[signal] = f"not shut, stands {shown(positions[signal])}"
         self._refuse(failures, "shut off the supply and " + _LOOK)
-
-    @property
-    def _safe_outputs(self) -> list[str]:
-        """Outputs that must be 0 in the safe state; a needle behind a shut ball does not matter."""
-        throttle = f"{THROTTLE}_needle"
-        return [signal for signal in self.outputs if signal.endswith("_ball") or signal == throttle]
 
     def _refuse(self, failures: Mapping[str, str], action: str) -> None:
         if failures:

@@ -55,7 +55,7 @@ def _bypass_specimen(folder: Path, *, serial: bool) -> Iterator[Specimen]:
     bench = BypassBench(thread, folder)
 
     def is_safe() -> bool:
-        positions = bench.device.positions()
+        positions = bench.device.valves.positions()
         shut = all(positions[bypass][0] == 0.0 for bypass in BYPASSES[:-1])
         return shut and positions["return_blockage"][1] <= 0.02
 
@@ -67,7 +67,7 @@ def _bypass_specimen(folder: Path, *, serial: bool) -> Iterator[Specimen]:
     driver = bench.serial_driver(baud=115_200) if serial else bench.driver()
     try:
         yield Specimen(
-            driver, bench.power_off, bench.device.positions, is_safe, moves, bench.clock.advance
+            driver, bench.power_off, bench.device.valves.positions, is_safe, moves, bench.clock.advance
         )
     finally:
         bench.end()
