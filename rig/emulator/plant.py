@@ -55,6 +55,10 @@ class EmulatedPlant:
         seed: seed of the noise.
         clock: returns the time in ns.
         fitted: which transducers the rig has, by the names that `rig.io.simulated_rig` takes.
+
+    Attributes:
+        pump_loaded: whether the pump delivers pressure.
+        time_ns: time in ns up to which the plant has been advanced.
     """
 
     def __init__(
@@ -80,7 +84,7 @@ class EmulatedPlant:
         self._sampled = np.empty(READING_COUNT)
         self._command = 0.0
         self._stuck_at: float | None = None
-        self._pump_loaded = pump_loaded
+        self.pump_loaded = pump_loaded
         if not pump_loaded:
             self._set_supply(self._par.return_pressure)
         at_rest = replace(model, parameters=self._par)
@@ -89,7 +93,7 @@ class EmulatedPlant:
         self._delay_ns = round(1e9 * self._par.command_delay)
         self._sent: deque[tuple[int, float]] = deque()
         self._compile()
-        self._time_ns = clock()
+        self.time_ns = clock()
 
     def _compile(self) -> None:
         """Compile, or load from the cache, the functions that run whenever the plant is read."""
@@ -115,40 +119,27 @@ class EmulatedPlant:
 
     def _move(self, until_ns: int) -> None:
         """Advance to a moment in ns, up to which the acting command does not change."""
-        while self._pump_moves and self._time_ns < until_ns:
-            step_ns = min(_PUMP_STEP_NS, until_ns - self._time_ns)
-            self._move_supply(step_ns * 1e-9)
+        target = self._full_pressure if self.pump_loaded else self._par.return_pressure
+        while self._par.supply_pressure != target and self.time_ns < until_ns:
+            step_ns = min(_PUMP_STEP_NS, until_ns - self.time_ns)
+            left = self._par.supply_pressure - target
+            left *= exp(-step_ns * 1e-9 / PUMP_TIME_CONSTANT)
+            self._set_supply(target + left if abs(left) > _PUMP_SETTLED else target)
             self._advance(step_ns)
-        self._advance(until_ns - self._time_ns)
+        self._advance(until_ns - self.time_ns)
 
     def _advance(self, duration_ns: int) -> None:
         if duration_ns <= 0:
             return
         rig = self._rig
+        # A stuck spool stands where this command would hold it.
+        stuck, command = self._stuck_at, self._command
+        acting = command if stuck is None else stuck / self._par.valve_gain
         advance_plant(
-            rig.state, rig.path, rig.seen, rig.meters, self._acting_command, self._par,
+            rig.state, rig.path, rig.seen, rig.meters, acting, self._par,
             self._fault, duration_ns * 1e-9, self.sensors.flow_time_constant,
         )  # fmt: skip
-        self._time_ns += duration_ns
-
-    @property
-    def _acting_command(self) -> float:
-        """Return the command in V that the spool follows; if it is stuck, that of its position."""
-        return self._command if self._stuck_at is None else self._stuck_at / self._par.valve_gain
-
-    @property
-    def _supply_target(self) -> float:
-        return self._full_pressure if self._pump_loaded else self._par.return_pressure
-
-    @property
-    def _pump_moves(self) -> bool:
-        return self._par.supply_pressure != self._supply_target
-
-    def _move_supply(self, duration: float) -> None:
-        target = self._supply_target
-        left = (self._par.supply_pressure - target) * exp(-duration / PUMP_TIME_CONSTANT)
-        pressure = target + left if abs(left) > _PUMP_SETTLED else target
-        self._set_supply(pressure)
+        self.time_ns += duration_ns
 
     def _set_supply(self, pressure: float) -> None:
         """Set the pump's pressure in Pa; its ripple is in proportion to the pressure."""
@@ -166,7 +157,7 @@ class EmulatedPlant:
         self.catch_up(at_ns)
         command = min(max(command_V, -COMMAND_RANGE), COMMAND_RANGE)
         if self._delay_ns:
-            sent_ns = self._time_ns if at_ns is None else max(at_ns, self._time_ns)
+            sent_ns = self.time_ns if at_ns is None else max(at_ns, self.time_ns)
             self._sent.append((sent_ns + self._delay_ns, command))
         else:
             self._command = command
@@ -184,12 +175,7 @@ class EmulatedPlant:
         The pressure follows with `PUMP_TIME_CONSTANT`.
         """
         self.catch_up()
-        self._pump_loaded = loaded
-
-    @property
-    def pump_loaded(self) -> bool:
-        """Whether the pump delivers pressure."""
-        return self._pump_loaded
+        self.pump_loaded = loaded
 
     def set_bypass(self, bypass: str, ball: float, needle: float) -> None:
         """Set the true positions of a bypass, 0 shut to 1 open; the leak by them acts from now on.
@@ -214,11 +200,6 @@ class EmulatedPlant:
     def coefficients(self) -> dict[str, float]:
         """The fault coefficients that act now, SI, by the names `FAULT_COLUMNS`."""
         return dict(zip(FAULT_COLUMNS, map(float, self._fault), strict=True))
-
-    @property
-    def time_ns(self) -> int:
-        """Time in ns up to which the plant has been advanced."""
-        return self._time_ns
 
     @property
     def truth(self) -> PlantState:

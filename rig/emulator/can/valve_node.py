@@ -17,6 +17,13 @@ from .object_dictionary import ObjectDictionary
 HOST_HEARTBEAT_LOST: Final = 0x8130
 """Emergency code of a node whose host's heartbeat stays away (CiA 301, section 7.2.7)."""
 
+_OBEYING: Final[dict[int, canopen.NmtState]] = {
+    canopen.NmtCommand.START: canopen.NmtState.OPERATIONAL,
+    canopen.NmtCommand.STOP: canopen.NmtState.STOPPED,
+    canopen.NmtCommand.PRE_OPERATIONAL: canopen.NmtState.PRE_OPERATIONAL,
+}
+"""State of communication to which a master's command brings the node."""
+
 _GARBAGE: Final = (b"", b"\xff\xff", b"\x05\x00\x00\x00", bytes(range(8)))
 """Data that no TPDO1 has: some have a wrong length, one has a state that does not exist."""
 
@@ -134,15 +141,10 @@ class ValveNode:
 
     def _obey(self, command: int) -> None:
         self._note("drive_nmt", command=command)
-        match command:
-            case canopen.NmtCommand.START:
-                self._nmt = canopen.NmtState.OPERATIONAL
-            case canopen.NmtCommand.STOP:
-                self._nmt = canopen.NmtState.STOPPED
-            case canopen.NmtCommand.PRE_OPERATIONAL:
-                self._nmt = canopen.NmtState.PRE_OPERATIONAL
-            case canopen.NmtCommand.RESET_NODE | canopen.NmtCommand.RESET_COMMUNICATION:
-                self._switch_on()
+        if command in (canopen.NmtCommand.RESET_NODE, canopen.NmtCommand.RESET_COMMUNICATION):
+            self._switch_on()
+        else:
+            self._nmt = _OBEYING.get(command, self._nmt)
 
     def _take_command(self, data: bytes) -> None:
         if len(data) != struct.calcsize(ds408.COMMAND_LAYOUT):

@@ -18,7 +18,7 @@ class IoDevice(ABC):
     Attributes:
         functions: codes of the Modbus functions that the device serves.
         enabled: whether the valve's relay is closed.
-        connections: number of its clients.
+        connections: number of its clients, which the server sets.
         frozen: whether its converters hang, so that it returns its last sample again and again.
         exchanges: number of times that its host has written outputs.
         estop_closed: whether the emergency stop's chain is closed.

@@ -13,7 +13,8 @@ from typing import Final
 from rig.emulator.addresses import listen
 from rig.emulator.record import Record
 
-from .functions import FEEDBACK_LIMIT, Device, exception_reply, serve
+from .functions import FEEDBACK_LIMIT, exception_reply, serve
+from .io_device import IoDevice
 
 # MBAP header: transaction, protocol (0), bytes that follow, unit (Modbus/TCP guide V1.0b).
 _MBAP: Final = Struct(">HHHB")
@@ -65,7 +66,7 @@ class ModbusServer:
         connections: the clients' connections.
     """
 
-    def __init__(self, name: str, device: Device, record: Record) -> None:
+    def __init__(self, name: str, device: IoDevice, record: Record) -> None:
         self.name, self.device, self.record = name, device, record
         self.wire = Wire()
         self.requests = 0

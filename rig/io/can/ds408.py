@@ -154,18 +154,14 @@ def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
         word: the control word.
         previous_word: the control word before it, for the rising edge of a reset.
     """
-    for transition in TRANSITIONS:
-        if transition.source is state and transition.made_by(word, previous_word):
-            return transition.target
-    return state
+    leaving = [transition for transition in TRANSITIONS if transition.source is state]
+    return next((t.target for t in leaving if t.made_by(word, previous_word)), state)
 
 
 def after_fault(state: DriveState) -> DriveState:
     """Return the state to which a fault brings the valve; `state` if it is not ready already."""
-    for transition in TRANSITIONS:
-        if transition.source is state and transition.word == FAULT:
-            return transition.target
-    return state
+    fallen = (t.target for t in TRANSITIONS if t.source is state and t.word == FAULT)
+    return next(fallen, state)
 
 
 def keeping_word(state: DriveState) -> int:
@@ -222,12 +218,12 @@ COMMAND_LAYOUT: Final = "<Hh"
 STATUS_LAYOUT: Final = "<Hh"
 """Format of TPDO1 for `struct`: status word, actual spool position in increments."""
 
-_RPDO1_COMMUNICATION: Final = 0x1400
-_TPDO1_COMMUNICATION: Final = 0x1800
-_RPDO1_MAPPING: Final = 0x1600
-_TPDO1_MAPPING: Final = 0x1A00
+_RPDO1_OBJECT: Final = 0x1400
+_TPDO1_OBJECT: Final = 0x1800
+_MAPPING: Final = 0x200
+"""Distance in the dictionary from the communication object of a PDO to its mapping object."""
 
-TPDO1_PERIOD: Final = Entry(_TPDO1_COMMUNICATION, 5, "<H")
+TPDO1_PERIOD: Final = Entry(_TPDO1_OBJECT, 5, "<H")
 """Entry of the event timer of TPDO1, the time in ms after which it is sent again."""
 
 _NOT_VALID: Final = 1 << 31
@@ -251,20 +247,15 @@ def set_up(node: int, rate_hz: float, silence: float) -> Iterator[tuple[Entry, i
         silence: time in s without a heartbeat after which the host counts the node as lost.
     """
     period_ms = max(1, round(500.0 / rate_hz))
-    yield from _pdo(
-        _RPDO1_COMMUNICATION, _RPDO1_MAPPING, canopen.RPDO1 + node, (CONTROL_WORD, SETPOINT)
-    )
+    yield from _pdo(_RPDO1_OBJECT, canopen.RPDO1 + node, CONTROL_WORD, SETPOINT)
     yield TPDO1_PERIOD, period_ms
-    yield from _pdo(
-        _TPDO1_COMMUNICATION, _TPDO1_MAPPING, canopen.TPDO1 + node, (STATUS_WORD, ACTUAL)
-    )
+    yield from _pdo(_TPDO1_OBJECT, canopen.TPDO1 + node, STATUS_WORD, ACTUAL)
     yield canopen.PRODUCER_HEARTBEAT, round(1e3 * silence / _BEATS_IN_SILENCE)
 
 
-def _pdo(
-    communication: int, mapping: int, identifier: int, mapped: tuple[Entry, ...]
-) -> Iterator[tuple[Entry, int]]:
+def _pdo(communication: int, identifier: int, *mapped: Entry) -> Iterator[tuple[Entry, int]]:
     """Yield the entries and values that map 16-bit entries to a PDO, which is invalid meanwhile."""
+    mapping = communication + _MAPPING
     yield Entry(communication, 1, "<I"), _NOT_VALID | identifier
     yield Entry(communication, 2, "<B"), _ON_CHANGE
     yield Entry(mapping, 0, "<B"), 0

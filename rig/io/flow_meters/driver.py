@@ -12,7 +12,7 @@ from rig.io.driver import DriverError
 from rig.io.signals import METERS
 from rig.plant import Quantity as _Quantity
 
-from .lines import LineCounts, MeterLineParser
+from .lines import MeterLineParser
 
 _FIRST_RETRY_S: Final = 0.1
 _LAST_RETRY_S: Final = 2.0
@@ -45,21 +45,6 @@ class FlowMeterOptions:
     stale: Annotated[float, _q("s", 0.2, 10.0)] = 0.5
 
 
-@dataclass
-class MeterDiagnostics:
-    """Counts of what happened on the serial line so far.
-
-    Attributes:
-        lines: counts of the text lines that came.
-        unplugged: how often the serial line was lost.
-        reopened: how often it was opened again.
-    """
-
-    lines: LineCounts
-    unplugged: int = 0
-    reopened: int = 0
-
-
 class FlowMeters:
     """The driver of a rig's leak-flow meters; meters 1, 2 and 3 are the signals `METERS` in order.
 
@@ -70,9 +55,6 @@ class FlowMeters:
         options: the driver's section there.
         clock: returns the time in ns.
         sleep: waits for a time in s; only `open` uses it.
-
-    Attributes:
-        diagnostics: counts of what happened on the line so far.
     """
 
     kind: ClassVar[Literal["fast", "slow"]] = "slow"
@@ -93,7 +75,6 @@ class FlowMeters:
         self._clock = clock
         self._sleep = sleep
         self._parser = MeterLineParser()
-        self.diagnostics = MeterDiagnostics(self._parser.counts)
         self._is_open = False
         self._port: serial.Serial | None = None
         self._heard_ns: dict[str, int] = {}
@@ -188,7 +169,6 @@ class FlowMeters:
         return flows
 
     def _unplugged(self) -> None:
-        self.diagnostics.unplugged += 1
         self._let_go()
         self._retry_s = _FIRST_RETRY_S
         self._retry_ns = self._clock() + round(self._retry_s * 1e9)
@@ -202,8 +182,6 @@ class FlowMeters:
         except OSError:
             self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
             self._retry_ns = self._clock() + round(self._retry_s * 1e9)
-        else:
-            self.diagnostics.reopened += 1
 
     def _let_go(self) -> None:
         if self._port is not None:

@@ -18,7 +18,7 @@ from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 
 from .compiled_exchange import ExchangePlan, Tally, exception_name
 from .link import DaqLink, ModbusDaqOptions
-from .plan import exchange_plan, look_plan
+from .plan import exchange_plans
 from .register_map import ExchangeMode
 
 _EXCHANGES_IN_WATCHDOG: Final = 3
@@ -57,11 +57,7 @@ class ModbusDaq:
         self._mode: ExchangeMode = options.exchange or self._map.exchange[0]
         self._check()
         self._socket: socket.socket | None = None
-        self._plan = exchange_plan(self._map, self._mode, options.unit)
-        # Both plans use one connection: either may receive the rest of a reply to the other.
-        self._look = look_plan(self._map, self._mode, options.unit)._replace(
-            received=self._plan.received, tally=self._plan.tally
-        )
+        self._plan, self._look = exchange_plans(self._map, self._mode, options.unit)
         self._sequence = 0
         self._given = np.zeros(len(FAST_OUTPUTS))
         self._found = np.full(len(FAST_INPUTS), np.nan)

@@ -14,8 +14,12 @@ from .register_map import FEEDBACK_BYTES, ExchangeMode, Register, RegisterMap
 _LONGEST_HEAD: Final = 5
 
 
-def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
-    """Return the plan of an exchange that writes all outputs and reads all inputs.
+def exchange_plans(
+    register_map: RegisterMap, mode: ExchangeMode, unit: int
+) -> tuple[ExchangePlan, ExchangePlan]:
+    """Return a plan that writes all outputs and reads all inputs, and one that only reads them.
+
+    Both are for one connection: either may receive the rest of a reply to the other.
 
     Args:
         register_map: the device's registers.
@@ -23,17 +27,10 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
         unit: unit id of the device, 0 to 255.
     """
     requests = exchange_requests(register_map, mode, unit)
-    return _plan(register_map, requests, len(requests))
-
-
-def look_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
-    """Return the plan of an exchange that reads all inputs and writes no output.
-
-    The arguments are those of `exchange_plan`.
-    """
+    plan = _plan(register_map, requests, len(requests))
     # Looks and exchanges are counted together, so that no two have the same transaction id.
-    identifiers = len(exchange_requests(register_map, mode, unit))
-    return _plan(register_map, (look_request(register_map, mode, unit),), identifiers)
+    look = _plan(register_map, (look_request(register_map, mode, unit),), len(requests))
+    return plan, look._replace(received=plan.received, tally=plan.tally)
 
 
 def _plan(

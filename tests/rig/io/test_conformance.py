@@ -67,7 +67,12 @@ def _bypass_specimen(folder: Path, *, serial: bool) -> Iterator[Specimen]:
     driver = bench.serial_driver(baud=115_200) if serial else bench.driver()
     try:
         yield Specimen(
-            driver, bench.power_off, bench.device.valves.positions, is_safe, moves, bench.clock.advance
+            driver,
+            bench.power_off,
+            bench.device.valves.positions,
+            is_safe,
+            moves,
+            bench.clock.advance,
         )
     finally:
         bench.end()
