@@ -31,11 +31,13 @@ from .limits import ChannelLimit as ChannelLimit, Response as Response
 from .loop_exchange import exchange as exchange
 from .modbus_daq import (
     WORDS as WORDS,
+    Fact as Fact,
     Register as Register,
     RegisterMap as RegisterMap,
     RegisterMapError as RegisterMapError,
     RegisterType as RegisterType,
     RegisterValue as RegisterValue,
+    Watchdog as Watchdog,
 )
 from .registry import (
     DriverSpec as DriverSpec,

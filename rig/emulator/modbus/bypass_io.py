@@ -7,6 +7,7 @@ import asyncio
 import random
 import time
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -38,7 +39,6 @@ class BypassIo:
         record: takes note of what happens.
         clock: returns the time in ns.
         ball_travel_s: time that a ball takes from shut to open, s.
-        needle_travel_s: time that a needle takes over its whole range, s.
 
     Attributes:
         valves: the valves; its method `stick` jams one.
@@ -56,9 +56,8 @@ class BypassIo:
         record: Record,
         clock: Callable[[], int] = time.monotonic_ns,
         ball_travel_s: float = 0.5,
-        needle_travel_s: float = 2.0,
     ) -> None:
-        self.valves = ValveBank(record, clock, ball_travel_s, needle_travel_s)
+        self.valves = ValveBank(record, clock, ball_travel_s)
         self.wire = Wire()
         self.shorted: set[str] = set()
         self.identity = IDENTITY
@@ -125,21 +124,19 @@ class BypassIo:
 
     def _device(self) -> SimDevice:
         at = STANDARD_REGISTERS
+        bits = partial(SimData, values=False, datatype=DataType.BITS)
+        words = partial(SimData, datatype=DataType.REGISTERS)
         return SimDevice(
             id=0,  # whichever is asked for
             simdata=(
-                [SimData(at.coils, count=len(BYPASSES), values=False, datatype=DataType.BITS)],
+                [bits(at.coils, count=len(BYPASSES))],
+                [bits(at.switches, count=2 * len(BYPASSES))],
                 [
-                    SimData(
-                        at.switches, count=2 * len(BYPASSES), values=False, datatype=DataType.BITS
-                    )
+                    words(at.setpoints, count=len(BYPASSES)),
+                    words(at.identity, readonly=True),
+                    words(at.watchdog),
                 ],
-                [
-                    SimData(at.setpoints, count=len(BYPASSES), datatype=DataType.REGISTERS),
-                    SimData(at.identity, datatype=DataType.REGISTERS, readonly=True),
-                    SimData(at.watchdog, datatype=DataType.REGISTERS),
-                ],
-                [SimData(at.positions, count=len(BYPASSES), datatype=DataType.REGISTERS)],
+                [words(at.positions, count=len(BYPASSES))],
             ),
             action=self._serve,
         )

@@ -5,20 +5,65 @@ set and the emergency stop's chain is closed. If no request at all comes for the
 the watchdog opens the relay until the next command.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from math import isnan
-from typing import Final
+from struct import pack, unpack
+from typing import Final, Literal
 
 from rig.channels import READINGS
 from rig.emulator.instruments import Instruments
 from rig.emulator.record import Record
-from rig.io import Register, RegisterMap, RegisterValue
+from rig.io import WORDS, Fact, Register, RegisterMap, RegisterValue, Watchdog
 
 from .functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
 from .io_device import IoDevice
-from .register_code import RegisterCode, addresses
 
 _FUNCTIONS: Final = {"fc23": 23, "fc76": 76}
+_FORMATS: Final = {"U16": ">H", "I16": ">h", "U32": ">I", "I32": ">i", "F32": ">f"}
+_RANGES: Final = {
+    "U16": (0, 0xFFFF),
+    "I16": (-0x8000, 0x7FFF),
+    "U32": (0, 0xFFFF_FFFF),
+    "I32": (-0x8000_0000, 0x7FFF_FFFF),
+}
+
+
+Place = Register | RegisterValue | Fact | Watchdog
+"""What stands in one or two registers, by its address and type."""
+
+
+@dataclass(frozen=True)
+class RegisterCode:
+    """Converts numbers to the contents of registers, and back.
+
+    Attributes:
+        word_order: order of the two words of a number of 32 bits.
+    """
+
+    word_order: Literal["high_first", "low_first"]
+
+    def number(self, place: Place, words: Mapping[int, int]) -> float:
+        """Return the number that stands in a place, given the registers' words by address."""
+        halves = [words[at].to_bytes(2, "big") for at in addresses(place)]
+        return float(unpack(_FORMATS[place.type], b"".join(self._ordered(halves)))[0])
+
+    def words(self, place: Place, number: float) -> dict[int, int]:
+        """Return the words of a number by address; unless F32, it is rounded and kept in range."""
+        if place.type != "F32":
+            low, high = _RANGES[place.type]
+            number = min(max(round(number), low), high)
+        data = pack(_FORMATS[place.type], number)
+        halves = self._ordered([data[i : i + 2] for i in range(0, len(data), 2)])
+        return {place.address + i: int.from_bytes(half, "big") for i, half in enumerate(halves)}
+
+    def _ordered(self, halves: list[bytes]) -> Iterable[bytes]:
+        return halves if self.word_order == "high_first" else halves[::-1]
+
+
+def addresses(place: Place) -> range:
+    """Return the addresses of the one or two registers that a number takes."""
+    return range(place.address, place.address + WORDS[place.type])
 
 
 class MappedDevice(IoDevice):
@@ -53,17 +98,13 @@ class MappedDevice(IoDevice):
     def _initial(self) -> dict[int, int]:
         """Return the contents of all registers at power-up, by address."""
         known = self._map
-        words = dict.fromkeys(self._inputs | self._outputs, 0)
-        places: list[RegisterValue] = [*known.setup]
-        if known.watchdog is not None:
-            watchdog = known.watchdog
-            places += [RegisterValue(watchdog.address, watchdog.type, 0.0), *watchdog.arm]
-        places += [RegisterValue(fact.address, fact.type, 0.0) for fact in known.facts]
-        for place in places:
-            words |= dict.fromkeys(addresses(place), 0)
+        watchdog = known.watchdog
+        armed: tuple[Place, ...] = () if watchdog is None else (watchdog, *watchdog.arm)
+        places: tuple[Place, ...] = (*known.registers, *known.setup, *armed, *known.facts)
+        words = {at: 0 for place in places for at in addresses(place)}
         for value in (known.identity, known.version):
             if value is not None:
-                words |= self._code.words(value.address, value.type, value.value)
+                words |= self._code.words(value, value.value)
         return words
 
     def has(self, address: int, count: int) -> bool:
@@ -139,10 +180,10 @@ class MappedDevice(IoDevice):
         if watchdog is None:
             return 0
         for value in watchdog.arm:
-            coded = self._code.words(value.address, value.type, value.value)
+            coded = self._code.words(value, value.value)
             if any(self._words[at] != word for at, word in coded.items()):
                 return 0
-        counts = self._code.number(watchdog.address, watchdog.type, self._words)
+        counts = self._code.number(watchdog, self._words)
         return round(1e9 * counts / watchdog.counts_per_s)
 
     def press_reset(self, pressed: bool) -> None:
@@ -180,7 +221,7 @@ class MappedDevice(IoDevice):
             if register.bit is not None:
                 words[register.address] |= (number >= 0.5) << register.bit
             else:
-                words |= self._code.words(register.address, register.type, number)
+                words |= self._code.words(register, number)
         self._words |= words
 
     def _found(self) -> dict[str, float]:
@@ -203,7 +244,7 @@ class MappedDevice(IoDevice):
         }
 
     def _decoded(self, register: Register, words: Mapping[int, int]) -> float:
-        number = self._code.number(register.address, register.type, words)
+        number = self._code.number(register, words)
         if register.bit is not None:
             number = float(int(number) >> register.bit & 1)
         return register.gain * number + register.bias

@@ -9,6 +9,8 @@ from rig.emulator.record import Record
 from rig.io import THROTTLE
 
 _SHUT, _OPEN = 0.0, 1.0
+_NEEDLE_TRAVEL_S: Final = 2.0
+"""Time in s that a needle takes over its whole range."""
 
 
 @dataclass
@@ -41,7 +43,6 @@ class ValveBank:
         record: takes note of orders, arrivals and the watchdog.
         clock: returns the time in ns.
         ball_travel_s: time that a ball takes from shut to open, s.
-        needle_travel_s: time that a needle takes over its whole range, s.
 
     Attributes:
         watchdog_ms: time in ms without a request after which the balls are shut and the throttle
@@ -49,17 +50,13 @@ class ValveBank:
     """
 
     def __init__(
-        self,
-        record: Record,
-        clock: Callable[[], int],
-        ball_travel_s: float = 0.5,
-        needle_travel_s: float = 2.0,
+        self, record: Record, clock: Callable[[], int], ball_travel_s: float = 0.5
     ) -> None:
         self.watchdog_ms = 0
         self._record = record
         self._clock = clock
         self._balls = {b: _Drive(ball_travel_s) for b in BYPASSES if b != THROTTLE}
-        self._needles = {b: _Drive(needle_travel_s) for b in BYPASSES}
+        self._needles = {b: _Drive(_NEEDLE_TRAVEL_S) for b in BYPASSES}
         self._time_ns = self._heard_ns = clock()
         self._barked = False
 

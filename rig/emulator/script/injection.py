@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 from rig.emulator.plant import Clock
@@ -24,21 +23,12 @@ class NotServedError(ValueError):
 
 @dataclass
 class _Injected:
-    """One fault that waits for its time or acts."""
+    """One fault that waits for its time or acts; without origin it waits for the enabling."""
 
     number: int
     fault: WireFault
     origin_ns: int | None
     acting: bool = False
-
-    @property
-    def begin_ns(self) -> float:
-        """Time in ns at which the fault begins; inf while it waits for the valve's enabling."""
-        return inf if self.origin_ns is None else self.origin_ns + 1e9 * self.fault.at_s
-
-    @property
-    def end_ns(self) -> float:
-        return self.begin_ns + 1e9 * self.fault.for_s
 
 
 class Injection:
@@ -104,11 +94,14 @@ class Injection:
         """Begin and end the faults that are due; one that has ended is forgotten."""
         now = self._clock()
         for injected in tuple(self._faults):
-            if not injected.acting and injected.begin_ns <= now:
+            if injected.origin_ns is None:
+                continue
+            begin_ns = injected.origin_ns + 1e9 * injected.fault.at_s
+            if not injected.acting and begin_ns <= now:
                 injected.acting = True
                 self._note("fault_begins", injected)
                 injected.fault.options.act(self._emulator, True)
-            if injected.acting and injected.end_ns <= now:
+            if injected.acting and begin_ns + 1e9 * injected.fault.for_s <= now:
                 self._end(injected)
 
     def _end(self, injected: _Injected) -> None:

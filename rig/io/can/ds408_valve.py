@@ -82,7 +82,14 @@ class Ds408Valve(CanopenNode):
         if not self.wait_for(lambda: self.nmt_state is not None, options.open_timeout):
             state = f"is not heard on {options.bus} for {options.open_timeout:g} s"
             raise self._error(state, "check power, bitrate, termination and node id")
-        self._verify()
+        profile = self.read(DEVICE_TYPE) & 0xFFFF
+        if profile != ds408.DEVICE_PROFILE:
+            state = f"is a device of profile {profile}, not {ds408.DEVICE_PROFILE}"
+            raise self._error(state, "give the valve's node id")
+        self._read_state()
+        if self.state is DriveState.ACTIVE:
+            action = "end whatever else commands it, or wait for its watchdog"
+            raise self._error("is ACTIVE already", action)
         self.order(NmtCommand.PRE_OPERATIONAL)
         for entry, value in (
             *ds408.set_up(options.node, options.rate, options.silence),
@@ -98,16 +105,6 @@ class Ds408Valve(CanopenNode):
         ):
             state = f"does not send its status for {options.open_timeout:g} s"
             raise self._error(state, "check that its TPDO1 can be mapped (docs/can.md)")
-
-    def _verify(self) -> None:
-        profile = self.read(DEVICE_TYPE) & 0xFFFF
-        if profile != ds408.DEVICE_PROFILE:
-            state = f"is a device of profile {profile}, not {ds408.DEVICE_PROFILE}"
-            raise self._error(state, "give the valve's node id")
-        self._read_state()
-        if self.state is DriveState.ACTIVE:
-            action = "end whatever else commands it, or wait for its watchdog"
-            raise self._error("is ACTIVE already", action)
 
     def listen(self) -> list[int]:
         """Handle the frames that have come in; return the error codes of the valve's emergencies.
@@ -180,8 +177,8 @@ class Ds408Valve(CanopenNode):
 
     def _show(self, status_word: int) -> bool:
         """Set `state` from a status word; return False if no known state has its bits."""
-        try:
-            self.state = DriveState(status_word & _STATUS_BITS)
-        except ValueError:
-            return False
-        return True
+        bits = status_word & _STATUS_BITS
+        known = bits in [*DriveState]
+        if known:
+            self.state = DriveState(bits)
+        return known

@@ -36,28 +36,20 @@ def exchange_plans(
 def _plan(
     register_map: RegisterMap, requests: tuple[Request, ...], identifiers: int
 ) -> ExchangePlan:
-    sizes = [len(request.frame) for request in requests]
-    ends = np.cumsum(sizes)
-    starts = ends - sizes
-    written = {
-        address: int(start) + at
-        for start, request in zip(starts, requests, strict=True)
-        for address, at in request.written.items()
-    }
+    frames, transactions = b"", []
+    written: dict[int, int] = {}
+    heads = np.zeros((len(requests), _LONGEST_HEAD), np.uint8)
+    for request, head in zip(requests, heads, strict=True):
+        start, head_size = len(frames), len(request.reply_head)
+        written |= {address: start + at for address, at in request.written.items()}
+        frames += request.frame
+        head[:head_size] = tuple(request.reply_head)
+        transactions.append((start, len(frames), request.reply_size, head_size))
     outputs = register_map.written if written else ()
     word = np.zeros(1, np.uint32)
-    heads = np.zeros((len(requests), _LONGEST_HEAD), np.uint8)
-    for head, request in zip(heads, requests, strict=True):
-        head[: len(request.reply_head)] = tuple(request.reply_head)
     return ExchangePlan(
-        frames=np.frombuffer(b"".join(request.frame for request in requests), np.uint8).copy(),
-        transactions=np.array(
-            [
-                (start, end, request.reply_size, len(request.reply_head))
-                for start, end, request in zip(starts, ends, requests, strict=True)
-            ],
-            np.int64,
-        ),
+        frames=np.frombuffer(frames, np.uint8).copy(),
+        transactions=np.array(transactions, np.int64),
         identifiers=identifiers,
         heads=heads,
         encode=_table(outputs, FAST_OUTPUTS, written),
