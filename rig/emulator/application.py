@@ -60,7 +60,18 @@ class Emulator:
         self._endpoints = endpoints
         self._clock = clock
         self._script = script
-        self.plant = _plant(rig, seed, clock, pump_loaded=endpoints.pump is None)
+        self.plant = EmulatedPlant(
+            rig.plant,
+            rig.sensors,
+            bypass_valves=rig.bypass_valves,
+            return_resistance=rig.return_valve.maximum if rig.return_valve else 0.0,
+            pump_loaded=endpoints.pump is None,
+            seed=seed,
+            clock=clock,
+            spool_sensor=rig.has_spool_sensor,
+            supply_pressure_sensor=rig.has_supply_pressure_sensor,
+            load_cell=rig.has_load_cell,
+        )
         self.instruments = Instruments(self.plant)
         self.can = CanDevices(self.plant, record, endpoints.drive, endpoints.pump)
         parts = self.instruments, self.can.set_analog, record
@@ -201,19 +212,3 @@ class Emulator:
         """
         events = Counter(event["event"] for event in self.record.events)
         return {"exchange": self.node.exchanges, **events}
-
-
-def _plant(rig: Rig, seed: int, clock: Clock, pump_loaded: bool) -> EmulatedPlant:
-    """Return the plant of a rig file, at rest at mid stroke."""
-    return EmulatedPlant(
-        rig.plant,
-        rig.sensors,
-        bypass_valves=rig.bypass_valves,
-        return_resistance=rig.return_valve.maximum if rig.return_valve else 0.0,
-        pump_loaded=pump_loaded,
-        seed=seed,
-        clock=clock,
-        spool_sensor=rig.has_spool_sensor,
-        supply_pressure_sensor=rig.has_supply_pressure_sensor,
-        load_cell=rig.has_load_cell,
-    )

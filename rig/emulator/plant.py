@@ -188,13 +188,11 @@ class EmulatedPlant:
         if bypass not in BYPASSES:
             raise ValueError(f"{bypass}: no such bypass; there are {', '.join(BYPASSES)}")
         self.catch_up()
-        self._fault[FAULT_COLUMNS.index(bypass)] = self._coefficient(bypass, ball, needle)
-
-    def _coefficient(self, bypass: str, ball: float, needle: float) -> float:
-        if bypass == Verdict.RETURN_BLOCKAGE:
-            return self._return_resistance * needle
-        valve = self._bypass_valves.get(bypass)
-        return valve.effective(needle, ball) if valve else 0.0
+        coefficient = self._return_resistance * needle
+        if bypass != Verdict.RETURN_BLOCKAGE:
+            valve = self._bypass_valves.get(bypass)
+            coefficient = valve.effective(needle, ball) if valve else 0.0
+        self._fault[FAULT_COLUMNS.index(bypass)] = coefficient
 
     @property
     def coefficients(self) -> dict[str, float]:

@@ -65,8 +65,8 @@ class IoDevice(ABC):
         """
 
     @abstractmethod
-    def tend(self) -> None:
-        """Make the watchdog trip if its time is over."""
+    def tend(self) -> int:
+        """Make the watchdog trip if its time is over, and return the present in ns."""
 
     @property
     @abstractmethod
@@ -86,8 +86,7 @@ class IoDevice(ABC):
 
     def press_estop(self, pressed: bool) -> None:
         """Open the emergency stop's chain if `pressed`, else close it."""
-        self.tend()
-        now = self._clock()
+        now = self.tend()
         self.estop_closed = not pressed
         self._record.note("estop_opened" if pressed else "estop_closed", now)
         self._settle("estop", now)

@@ -157,8 +157,7 @@ class IoNode(IoDevice):
         counter, bits, command = _WRITTEN.unpack(image)
         if not isfinite(command):
             raise ModbusException(ILLEGAL_VALUE)
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         control = Control(bits & 7)
         risen = control & ~self._control
         if counter != self._host_counter:
@@ -178,15 +177,16 @@ class IoNode(IoDevice):
     def _watchdog_ns(self) -> int:
         return self._watchdog_ms * 1_000_000
 
-    def tend(self, now: int | None = None) -> None:
-        """Make the watchdog trip if its time is over at `now` in ns, by default the present."""
-        now = self._clock() if now is None else now
+    def tend(self) -> int:
+        """Make the watchdog trip if its time is over, and return the present in ns."""
+        now = self._clock()
         armed = Control.VALVE_ENABLE in self._control and not self._tripped
         deadline = self._fed_ns + self._watchdog_ns
         if armed and now >= deadline:
             self._tripped = self._latched = True
             self._record.note("watchdog_trip", deadline, host_counter=self._host_counter)
             self._settle("watchdog", deadline)
+        return now
 
     def _asked(self) -> tuple[bool, float, float]:
         asked = Control.VALVE_ENABLE in self._control
@@ -203,8 +203,7 @@ class IoNode(IoDevice):
     def _request_null(self, value: int) -> None:
         if value != 1:
             raise ModbusException(ILLEGAL_VALUE)
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         self._null_requested = self._latched = True
         self._record.note("null_request", now)
         self._settle("null_request", now)
@@ -219,8 +218,7 @@ class IoNode(IoDevice):
 
         A press resets the latch if the lamp is lit and the emergency stop's chain is closed.
         """
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         rising = pressed and not self._button
         self._button = pressed
         if rising and self.lamp and self.estop_closed and self._latched:
@@ -264,8 +262,7 @@ class IoNode(IoDevice):
         """Return the read block with a new sample, or with the last one while frozen."""
         if self.frozen:
             return self._sample
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         reading = self._instruments.read()
         self._samples = (self._samples + 1) & 0xFFFF
         lost = isnan(reading.position)

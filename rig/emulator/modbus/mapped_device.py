@@ -160,19 +160,18 @@ class MappedDevice(IoDevice):
 
     def _hear(self) -> int:
         """Restart the watchdog's time, since the host sent a request; return the present in ns."""
-        self.tend()
-        self._heard_ns = self._clock()
+        self._heard_ns = self.tend()
         return self._heard_ns
 
-    def tend(self) -> None:
-        """Make the watchdog trip if its time is over."""
-        timeout_ns = self._watchdog_ns()
-        if not timeout_ns or self._tripped or self._clock() - self._heard_ns < timeout_ns:
-            return
-        self._tripped = True
+    def tend(self) -> int:
+        """Make the watchdog trip if its time is over, and return the present in ns."""
+        now, timeout_ns = self._clock(), self._watchdog_ns()
         deadline = self._heard_ns + timeout_ns
-        self._record.note("watchdog_trip", deadline)
-        self._settle("watchdog", deadline)
+        if timeout_ns and not self._tripped and now >= deadline:
+            self._tripped = True
+            self._record.note("watchdog_trip", deadline)
+            self._settle("watchdog", deadline)
+        return now
 
     def _watchdog_ns(self) -> int:
         """Return the silence in ns after which the watchdog trips; 0 if it is not armed."""

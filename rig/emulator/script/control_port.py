@@ -88,20 +88,20 @@ class ControlPort:
             request = json.loads(line)
         except (ValueError, RecursionError) as error:
             return _refusal(f"request: is not JSON: {error}; write one object a line")
-        asked = str(request.get("do", "")) if isinstance(request, dict) else ""
-        if not isinstance(request, dict) or asked not in _KEYS:
-            remedy = suggestion(asked, tuple(_KEYS), "actions")
-            return _refusal(f"do: {asked} is not a known action; {remedy}")
-        do = str(request.pop("do"))
+        keys = request if isinstance(request, dict) else {}
+        do = str(keys.pop("do", ""))
+        if do not in _KEYS:
+            remedy = suggestion(do, tuple(_KEYS), "actions")
+            return _refusal(f"do: {do} is not a known action; {remedy}")
         problems = [
             f"{key}: {value} is not a key of {do}, or of another type; {_keys(do)}"
-            for key, value in request.items()
+            for key, value in keys.items()
             if do != "inject" and type(value) is not _KEYS[do].get(key)
         ]
         if problems:
             return _refusal(*problems)
         try:
-            return {"ok": True, **self._done(do, request)}
+            return {"ok": True, **self._done(do, keys)}
         except (ConfigError, NotServedError) as error:
             return _refusal(*map(str, error.problems))
 

@@ -162,16 +162,17 @@ class FlowMeters:
         try:
             data = self._port.read(_READ_BYTES)
         except OSError:
-            self._unplugged()
+            self._let_go()
+            self._wait(_FIRST_RETRY_S)
             return {}
         flows = {METERS[line.meter - 1]: line.flow for line in self._parser.feed(data)}
         self._heard_ns.update(dict.fromkeys(flows, self._clock()))
         return flows
 
-    def _unplugged(self) -> None:
-        self._let_go()
-        self._retry_s = _FIRST_RETRY_S
-        self._retry_ns = self._clock() + round(self._retry_s * 1e9)
+    def _wait(self, wait_s: float) -> None:
+        """Let the next attempt to open the line wait for a time in s."""
+        self._retry_s = wait_s
+        self._retry_ns = self._clock() + round(wait_s * 1e9)
 
     def _replug(self) -> None:
         """Try to open a lost line again, if the wait since the last attempt is over."""
@@ -180,8 +181,7 @@ class FlowMeters:
         try:
             self._port = self._plugged()
         except OSError:
-            self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
-            self._retry_ns = self._clock() + round(self._retry_s * 1e9)
+            self._wait(min(2.0 * self._retry_s, _LAST_RETRY_S))
 
     def _let_go(self) -> None:
         if self._port is not None:

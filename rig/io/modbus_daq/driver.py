@@ -88,7 +88,9 @@ class ModbusDaq:
         Raises:
             DriverError: the device is not open.
         """
-        return self._opened().fileno()
+        if self._socket is None:
+            raise DriverError(self.name, "is not open", "call open() first")
+        return self._socket.fileno()
 
     def plan(self) -> ExchangePlan:
         """Return the plan of the exchange over the socket of `fileno`, the same at every call."""
@@ -215,13 +217,8 @@ class ModbusDaq:
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return found
 
-    def _opened(self) -> socket.socket:
-        if self._socket is None:
-            raise DriverError(self.name, "is not open", "call open() first")
-        return self._socket
-
     def _exchange(self) -> None:
-        fd = self._opened().fileno()
+        fd = self.fileno()
         counter = FAST_OUTPUTS.index("host_counter")
         self._given[counter] = (self._given[counter] + 1) % 0x10000
         self._sequence += 1
