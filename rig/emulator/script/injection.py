@@ -72,9 +72,8 @@ class Injection:
             NotServedError: the fault concerns a part that the rig lacks.
         """
         self.script([fault])
-        number = self._numbers
         self.tend()
-        return number
+        return self._numbers
 
     def clear(self, number: int | None = None) -> int:
         """End the fault of a number, whether it acts or waits, or all; return how many ended."""

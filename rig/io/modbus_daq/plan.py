@@ -8,7 +8,7 @@ import numpy as np
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 
 from .compiled_exchange import TYPES, ExchangePlan, Floats, Integers, Tally
-from .frames import Request, exchange_requests, look_request
+from .frames import Request, exchange_requests
 from .register_map import FEEDBACK_BYTES, ExchangeMode, Register, RegisterMap
 
 _LONGEST_HEAD: Final = 5
@@ -26,10 +26,10 @@ def exchange_plans(
         mode: one of the modes in the map's `exchange`.
         unit: unit id of the device, 0 to 255.
     """
-    requests = exchange_requests(register_map, mode, unit)
+    requests, look_request = exchange_requests(register_map, mode, unit)
     plan = _plan(register_map, requests, len(requests))
     # Looks and exchanges are counted together, so that no two have the same transaction id.
-    look = _plan(register_map, (look_request(register_map, mode, unit),), len(requests))
+    look = _plan(register_map, (look_request,), len(requests))
     return plan, look._replace(received=plan.received, tally=plan.tally)
 
 
