@@ -42,13 +42,12 @@ def serve(device: IoDevice, request: bytes) -> bytes:
     It is an exception reply if the device does not serve the function or refuses the request. The
     parts of a feedback request (function 76) that come before the refused one have been done.
     """
-    function = request[0]
     try:
-        if function not in device.functions:
+        if request[0] not in device.functions:
             raise ModbusException(ILLEGAL_FUNCTION)
-        return request[:1] + _FUNCTIONS[function](device, request[1:])
+        return request[:1] + _FUNCTIONS[request[0]](device, request[1:])
     except ModbusException as refused:
-        return bytes((function | 0x80, refused.code))
+        return exception_reply(request, refused.code)
 
 
 def exception_reply(request: bytes, code: int) -> bytes:

@@ -17,10 +17,6 @@ CanDevice = Literal["drive", "pump"]
 Start = Literal["start", "enable"]
 
 
-def _q(unit: str, lower: float, upper: float) -> _Quantity:
-    return _Quantity(unit, lower, upper, "", "")
-
-
 @dataclass(frozen=True)
 class Fault:
     """A fault of an emulated rig; the fields of a subclass are its keys in a script."""
@@ -48,7 +44,7 @@ class _OfWire(Fault):
 class Delay(_OfWire):
     """Replies come late by the time `by`, s."""
 
-    by: Annotated[float, _q("s", 1e-4, 60.0)] = 5e-3
+    by: Annotated[float, _Quantity("s", 1e-4, 60.0, "", "")] = 5e-3
 
     def act(self, emulator: "Emulator", begins: bool) -> None:
         """Make replies late, or prompt again."""
@@ -94,7 +90,7 @@ class Refusal(_OfWire):
         code: code of the Modbus exception.
     """
 
-    code: Annotated[int, _q("", 1, 11)] = 4
+    code: Annotated[int, _Quantity("", 1, 11, "", "")] = 4
 
     def act(self, emulator: "Emulator", begins: bool) -> None:
         """Make the device refuse, or obey again."""
@@ -179,7 +175,7 @@ class Estop(Fault):
 class LostCounts(Fault):
     """The encoder loses counts, which stay lost; with `flagged` its interface reports a fault."""
 
-    counts: Annotated[int, _q("", -1_000_000, 1_000_000)] = 100
+    counts: Annotated[int, _Quantity("", -1_000_000, 1_000_000, "", "")] = 100
     flagged: bool = False
 
     def act(self, emulator: "Emulator", begins: bool) -> None:
@@ -252,7 +248,7 @@ class DriveFault(Fault):
         code: code of the emergency that they send (CiA 301); 0x3100 is the mains voltage.
     """
 
-    code: Annotated[int, _q("", 1, 0xFFFF)] = 0x3100
+    code: Annotated[int, _Quantity("", 1, 0xFFFF, "", "")] = 0x3100
 
     def lacking(self, emulator: "Emulator") -> str:
         """Return what is wrong if the rig lacks the servovalve, or "" if it has."""

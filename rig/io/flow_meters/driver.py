@@ -24,10 +24,6 @@ _READ_BYTES: Final = 4096
 _LOOK_S: Final = 0.02
 
 
-def _q(unit: str, lower: float, upper: float) -> _Quantity:
-    return _Quantity(unit, lower, upper, "", "")
-
-
 @dataclass(frozen=True)
 class FlowMeterOptions:
     """Keys of the flow meters in a rig file.
@@ -40,9 +36,9 @@ class FlowMeterOptions:
     """
 
     port: str
-    baud: Annotated[int, _q("", 1200, 1_000_000)] = 9600
-    rate: Annotated[float, _q("Hz", 1.0, 100.0)] = 20.0
-    stale: Annotated[float, _q("s", 0.2, 10.0)] = 0.5
+    baud: Annotated[int, _Quantity("", 1200, 1_000_000, "", "")] = 9600
+    rate: Annotated[float, _Quantity("Hz", 1.0, 100.0, "", "")] = 20.0
+    stale: Annotated[float, _Quantity("s", 0.2, 10.0, "", "")] = 0.5
 
 
 class FlowMeters:
@@ -72,6 +68,7 @@ class FlowMeters:
         self.outputs: tuple[str, ...] = ()
         self.rate_hz = options.rate
         self._options = options
+        self._stale_ns = round(options.stale * 1e9)
         self._clock = clock
         self._sleep = sleep
         self._parser = MeterLineParser()
@@ -146,10 +143,6 @@ class FlowMeters:
         """Close the line; repeated calls do no harm."""
         self._is_open = False
         self._let_go()
-
-    @property
-    def _stale_ns(self) -> int:
-        return round(self._options.stale * 1e9)
 
     def _plugged(self) -> serial.Serial:
         # Opening discards the bytes that were waiting in the line.
