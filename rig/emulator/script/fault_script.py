@@ -22,6 +22,7 @@ from rig.configuration import (
     Place,
     Schema,
     Sources,
+    elements_of,
     read_mapping,
     read_options,
     shown,
@@ -78,15 +79,13 @@ def read_script(path: Path) -> Script:
     """
     sources = Sources()
     root = sources.read_yaml(path)
-    file = read_mapping(ScriptFile, root, sources.problems) if root is not None else None
-    entries = root.get("faults") if root is not None else None
+    file: ScriptFile | None = None
     faults: list[WireFault] = []
-    if entries is not None and isinstance(entries.value, list):
-        found = (read_fault(item, sources) for item in entries.elements())
-        faults = [fault for fault in found if fault is not None]
-    elif entries is not None:
+    if root is not None:
+        file = read_mapping(ScriptFile, root, sources.problems)
         remedy = "write `faults:` and a list: - {fault: ..., at: ...}"
-        sources.problems.add(entries.place, "faults", shown(entries), "is not a list", remedy)
+        entries = elements_of(root.get("faults"), sources.problems, remedy)
+        faults = [fault for item in entries if (fault := read_fault(item, sources))]
     sources.problems.raise_if_any()
     assert file is not None
     return Script(tuple(faults), file.operator == "attentive")

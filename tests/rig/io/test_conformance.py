@@ -32,7 +32,8 @@ from rig.io.conformance import (
 )
 from rig.io.driver import DriverError
 from rig.io.flow_meters.driver import FlowMeterOptions, FlowMeters
-from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
+from rig.io.modbus_daq.driver import ModbusDaq
+from rig.io.modbus_daq.link import ModbusDaqOptions
 from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_types
 from rig.plant import Model
@@ -54,7 +55,7 @@ def _bypass_specimen(folder: Path, *, serial: bool) -> Iterator[Specimen]:
     bench = BypassBench(thread, folder)
 
     def is_safe() -> bool:
-        positions = bench.device.positions()
+        positions = bench.device.valves.positions()
         shut = all(positions[bypass][0] == 0.0 for bypass in BYPASSES[:-1])
         return shut and positions["return_blockage"][1] <= 0.02
 
@@ -66,7 +67,12 @@ def _bypass_specimen(folder: Path, *, serial: bool) -> Iterator[Specimen]:
     driver = bench.serial_driver(baud=115_200) if serial else bench.driver()
     try:
         yield Specimen(
-            driver, bench.power_off, bench.device.positions, is_safe, moves, bench.clock.advance
+            driver,
+            bench.power_off,
+            bench.device.valves.positions,
+            is_safe,
+            moves,
+            bench.clock.advance,
         )
     finally:
         bench.end()

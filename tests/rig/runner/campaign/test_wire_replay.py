@@ -26,7 +26,7 @@ from rig.emulator.modbus.io_node import IoNode
 from rig.emulator.modbus.mapped_device import MappedDevice
 from rig.emulator.plant import EmulatedPlant
 from rig.emulator.record import Record
-from rig.io.modbus_daq.plan import exchange_plan, look_plan
+from rig.io.modbus_daq.plan import exchange_plans
 from rig.io.modbus_daq.register_map import ExchangeMode, RegisterMap
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS
@@ -147,8 +147,7 @@ def streamed(wire: Wire, leak: float) -> Array:
             interlock(limit_table((), TICK), tol),
             hurried,
             device.socket.fileno(),
-            exchange_plan(wire.map, wire.mode, 1),
-            look_plan(wire.map, wire.mode, 1),
+            *exchange_plans(wire.map, wire.mode, 1),
             wire_memory(),
             shared_memory(board),
         )  # fmt: skip
