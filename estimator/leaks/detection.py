@@ -1,6 +1,6 @@
 """From a filter's estimates to a verdict: the interface of detectors and the default detector."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import hypot, isnan, sqrt
@@ -140,6 +140,7 @@ class OilAccountDetector:
             0 means that the model is exact.
 
     Attributes:
+        claimed: the faults that the last `decide` found, doubtful ones too; it may be empty.
         drawn_up: the blocks that the samples of the last `update` finished.
         begun: how often the test has started anew and dropped all earlier blocks.
     """
@@ -162,7 +163,7 @@ class OilAccountDetector:
         self._named_s = float("nan")
         self._hold = Hold()
         self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
-        self._claimed: list[Finding] = []
+        self.claimed: list[Finding] = []
         self.drawn_up: list[AccountBlock] = []
         self.begun = 0
 
@@ -189,19 +190,14 @@ class OilAccountDetector:
         found = bool(self._test.search()) or self._supply.search() is not None
         return found or self._named is not None
 
-    @property
-    def claimed(self) -> Sequence[Finding]:
-        """Return the faults that the last `decide` found, doubtful ones too; it may be empty."""
-        return self._claimed
-
     def evidence(self) -> tuple[float, float]:
         """Return the statistic of the most likely fault, and the limit it must exceed.
 
         The statistic exceeds the limit exactly if the last decision found a fault. It is 0 if no
         fault explains anything.
         """
-        likeliest = self._test.likeliest() if not self._claimed else None
-        found = [*self._claimed] if likeliest is None else [likeliest]
+        likeliest = self._test.likeliest() if not self.claimed else None
+        found = self.claimed if likeliest is None else [likeliest]
         if not found:
             return 0.0, self._test.limit()
         most = max(found, key=lambda finding: finding.statistic / finding.limit)
@@ -221,20 +217,19 @@ class OilAccountDetector:
         if self._leaks.ended(self._last_s):
             self._begin_anew()
         dropped = self._supply.search()
-        # A flow that a drop of the supply pressure explains is no leak.
-        findings = (
-            self._test.search()
-            if dropped is None
-            else leak_verdicts.leaks_beside(self._test, dropped)
-        )
-        threshold = self._test.limit() if dropped is None or findings else self._supply.limit()
+        if dropped is None:
+            findings, threshold = self._test.search(), self._test.limit()
+        else:
+            # A flow that a drop of the supply pressure explains is no leak.
+            findings = leak_verdicts.leaks_beside(self._test, dropped)
+            threshold = self._test.limit() if findings else self._supply.limit()
         accounts = self._probabilities()
         lines = leak_verdicts.may_be_lines(self._test, findings)
         present = self._leaks.update(self._last_s, [] if lines else findings, accounts)
         probabilities = _with_supply(accounts, self._supply.odds(), bool(findings))
         if dropped is not None:
             findings = [*findings, dropped]
-        self._claimed = findings
+        self.claimed = findings
         if findings and (dropped is not None or not self._doubtful(findings, accounts)):
             decision = replace(
                 self._found(findings, threshold, lines),
@@ -291,7 +286,7 @@ class OilAccountDetector:
             if self._hold.lapsed(self._last_s):
                 self._named = None
             return None
-        self._claimed = [passed]
+        self.claimed = [passed]
         found = self._found([passed], passed.limit, lines=False)
         return replace(found, probabilities=decision.probabilities)
 
