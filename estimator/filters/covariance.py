@@ -245,8 +245,7 @@ def kalman_step(
     linearised: tuple[Vector, Vector],
     x: Array,
     P: Array,
-    process_noise: Vector,
-    measurement_noise: Vector,
+    noise: tuple[Vector, Vector],
     measured: Vector,
     out: Array,
 ) -> None:
@@ -256,14 +255,14 @@ def kalman_step(
         linearised: x(-), n numbers, and the Jacobian's entries at `COLUMNS`, row by row.
         x: state, overwritten.
         P: covariance of the state, updated.
-        process_noise: diagonal of Q, n numbers.
-        measurement_noise: diagonal of R in the order position, p1, p2.
+        noise: diagonal of Q, n numbers, and that of R in the order position, p1, p2.
         measured: position in m, p1 and p2 in Pa; NaN where there is no reading.
         out: (9,), overwritten, as in `estimator.filters.thesis`.
     """
     state, entries = linearised
-    upper = _propagated(entries, P, process_noise)
+    process_noise, measurement_noise = noise
     position, p1, p2 = measured
+    upper = _propagated(entries, P, process_noise)
     out[0] = position - state[3]
     out[1] = p1 - state[1]
     out[2] = p2 - state[2]

@@ -94,15 +94,9 @@ def thesis6_step(
         parameters: parameters of the rig that the filter assumes.
         out: (9,), overwritten: innovations, residuals and innovation variances (see the module).
     """
-    kalman_step(
-        linearised_6(six(x), u, parameters),
-        x,
-        P,
-        THESIS6_PROCESS_NOISE,
-        THESIS6_MEASUREMENT_NOISE,
-        (z_position, z_p1, z_p2),
-        out,
-    )
+    linearised = linearised_6(six(x), u, parameters)
+    noise = THESIS6_PROCESS_NOISE, THESIS6_MEASUREMENT_NOISE
+    kalman_step(linearised, x, P, noise, (z_position, z_p1, z_p2), out)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -121,12 +115,6 @@ def thesis7_step(
     The arguments are as in `thesis6_step`, with x (7,) and P (7, 7); the seventh state is the load
     F_e in N.
     """
-    kalman_step(
-        linearised_7(seven(x), u, parameters),
-        x,
-        P,
-        THESIS7_PROCESS_NOISE,
-        THESIS7_MEASUREMENT_NOISE,
-        (z_position, z_p1, z_p2),
-        out,
-    )
+    linearised = linearised_7(seven(x), u, parameters)
+    noise = THESIS7_PROCESS_NOISE, THESIS7_MEASUREMENT_NOISE
+    kalman_step(linearised, x, P, noise, (z_position, z_p1, z_p2), out)

@@ -28,18 +28,18 @@ POSITION_VARIANCE: Final = 1e-4**2
 
 
 @njit(cache=True, error_model="numpy")
-def _run_6(x, P, command, measured, par, Q, R, states, outputs):
+def _run_6(x, P, command, measured, par, noise, states, outputs):
     for k in range(1, command.size):
         z = measured[k, 0], measured[k, 1], measured[k, 2]
-        kalman_step(linearised_6(six(x), command[k - 1], par), x, P, Q, R, z, outputs[k])
+        kalman_step(linearised_6(six(x), command[k - 1], par), x, P, noise, z, outputs[k])
         states[k] = x
 
 
 @njit(cache=True, error_model="numpy")
-def _run_7(x, P, command, measured, par, Q, R, states, outputs):
+def _run_7(x, P, command, measured, par, noise, states, outputs):
     for k in range(1, command.size):
         z = measured[k, 0], measured[k, 1], measured[k, 2]
-        kalman_step(linearised_7(seven(x), command[k - 1], par), x, P, Q, R, z, outputs[k])
+        kalman_step(linearised_7(seven(x), command[k - 1], par), x, P, noise, z, outputs[k])
         states[k] = x
 
 
@@ -75,6 +75,6 @@ def run_trusted(
     states = np.tile(x, (len(recording), 1))
     outputs = np.full((len(recording), len(OUTPUTS)), np.nan)
     outputs[:, OUTPUTS.index("filter_resets")] = 0.0  # These filters never start anew.
-    run(x, P, recording["command_V"], measured, model.parameters, Q,
-        (position_variance, *R[1:]), states, outputs)  # fmt: skip
+    noise = Q, (position_variance, *R[1:])
+    run(x, P, recording["command_V"], measured, model.parameters, noise, states, outputs)
     return TrustedRun(states, outputs)

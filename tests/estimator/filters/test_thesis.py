@@ -158,7 +158,7 @@ def test_the_compiled_step_rounds_as_plain_python_does(
         reference.step(x, P, u, *z, NOMINAL, out)
         covariance.kalman_step.py_func(
             linearised(tuple(plain_x), u, NOMINAL), plain_x, plain_covariance,
-            np.diag(reference.Q), np.diag(reference.R), z, plain_out,
+            (np.diag(reference.Q), np.diag(reference.R)), z, plain_out,
         )  # fmt: skip
         assert out.tobytes() == plain_out.tobytes()
         assert x.tobytes() == plain_x.tobytes()
