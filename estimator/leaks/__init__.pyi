@@ -15,11 +15,11 @@ from .detection import (
     Decision as Decision,
     Detector as Detector,
     OilAccountDetector as OilAccountDetector,
-    Samples as Samples,
     is_of as is_of,
     leak_flow as leak_flow,
 )
 from .found import Found as Found, found_in as found_in
+from .oil_account import Samples as Samples
 from .pattern import (
     LEARNING_S as LEARNING_S,
     PATTERNS as PATTERNS,

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.filters.registry import FilterRun
-from estimator.leaks.detection import Decision, Samples
+from estimator.leaks.detection import Decision
+from estimator.leaks.oil_account import Samples
 from faults.campaign import Campaign, CampaignTest
 from faults.verdict import Verdict
 from rig.configuration.rigs.rig import Rig

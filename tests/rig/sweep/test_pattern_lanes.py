@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
-from estimator.leaks.detection import Samples
+from estimator.leaks.oil_account import Samples
 from estimator.leaks.pattern import PatternDetector
 from rig.configuration.sweeps.sweep import load_sweep
 from rig.lanes import LANES
