@@ -12,6 +12,7 @@ from .field import (
     Safety as Safety,
     WriteOutputs as WriteOutputs,
 )
+from .health import STEPS as STEPS, loop_channel as loop_channel, stage_times as stage_times
 from .onlooker import Onlooker as Onlooker
 from .recorder import (
     BeginRecording as BeginRecording,

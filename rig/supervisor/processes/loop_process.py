@@ -338,7 +338,3 @@ def main() -> None:
     process = LoopProcess(*child_ends())
     signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
     process.run()
-
-
-if __name__ == "__main__":
-    main()

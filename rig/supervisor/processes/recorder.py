@@ -153,9 +153,9 @@ class Recorder:
 
     def _note_trip(self) -> None:
         """Add the first-out cause to a file that is not finished, as nobody else reports it."""
-        trips = trips_of(self._board).values()
+        trips = trips_of(self._board)
         if self._writer is not None and trips:
-            cause, _ = min(trips, key=lambda trip: trip[1])
+            cause, _ = next(iter(trips.values()))
             self._writer.event(self._last_s, "trip", f"{cause.name}: {explain(cause).sentence}")
 
     def _close(self) -> None:

@@ -14,9 +14,8 @@ from rig.configuration.rigs.rig import load_rig
 from rig.io.can.ds408 import DriveState
 from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
-from rig.supervisor.event_log import EventLog
 from rig.supervisor.processes.driven import Driven, Tally, departures
-from rig.supervisor.trip_report import TripReport, write_trip_report
+from rig.supervisor.trip_report import EventLog, TripReport, write_trip_report
 from tests.rig.supervisor.processes.test_loop_process import Rig, connected
 from tests.waiting import until
 
@@ -168,8 +167,8 @@ def test_what_comes_after_the_report_was_written_is_added_and_kept_in_the_journa
     said: list[str] = []
     event_log = EventLog(load_rig("emulated"), tmp_path, said.append, kept.append)
     trips = {"loop": (Cause.LIMIT_HIGH, 1_000_000)}
-    event_log._report = TripReport(trips, (), (), (), np.empty((0, 0)))
-    event_log._reported = write_trip_report(event_log._report, tmp_path)
+    event_log.report = TripReport(trips, {}, (), (), np.empty((0, 0)))
+    event_log._reported = write_trip_report(event_log.report, tmp_path)
     found = Driven(3_000_000, "loop", "enabled", "valve", 2, 2_000_000, 3_000_000)
     event_log.take(found)
     event_log.complete_report()
