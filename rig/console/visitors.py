@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from rig.stream import local_state, make_key, read_key
+from rig.stream import own_key
 
 LIFETIME_S: Final = 12 * 3600.0
 """Time in s after which a login ends: a shift."""
@@ -58,10 +58,8 @@ def console_token() -> tuple[str, Path]:
     Raises:
         KeyFileError: the file cannot be made, or cannot be used.
     """
-    path = local_state() / TOKEN_FILE
-    if not path.exists():
-        make_key(path)
-    return read_key(path).hex(), path
+    key, path = own_key(TOKEN_FILE)
+    return key.hex(), path
 
 
 class Visitors:

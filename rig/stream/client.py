@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import msgpack
@@ -107,7 +108,6 @@ class StreamClient:
         self._credentials = credentials
         self._on_message = on_message
         self._survives = Surviving("following the stream", on_failure or _to_stderr)
-        self._sender: Sender | None = None
         self._views: dict[str, RigView] = {}
         self._lock = threading.RLock()
         self._closing = threading.Event()
@@ -224,18 +224,10 @@ class StreamClient:
         """
         with self._lock:
             view = self._view(rig)
-            payload = self._signer().sign(view.rig, view.session, command, text, test)
-        return self._answer_to(command_key(view.rig, command), payload, timeout_s)
-
-    def _signer(self) -> Sender:
-        if self._sender is None:
-            operators = self._settings.operators or (Operator("local", ()),)
-            self._sender = Sender(self._credentials or credentials_of(operators[0]))
-        return self._sender
-
-    def _answer_to(self, selector: str, payload: bytes, timeout_s: float) -> Answer:
+            payload = self._sender.sign(view.rig, view.session, command, text, test)
         if self._session is None:
             return Answer(False, "no answer: there is no connection yet")
+        selector = command_key(view.rig, command)
         try:
             for reply in self._session.get(selector, payload=payload, timeout=timeout_s):
                 answer = None if reply.ok is None else _answer(bytes(reply.ok.payload))
@@ -244,6 +236,11 @@ class StreamClient:
         except zenoh.ZError as error:
             return Answer(False, f"no answer: {error}")
         return Answer(False, "no answer: the rig takes no commands from here, or is not there")
+
+    @cached_property
+    def _sender(self) -> Sender:
+        operators = self._settings.operators or (Operator("local", ()),)
+        return Sender(self._credentials or credentials_of(operators[0]))
 
     def _view(self, rig: str | None) -> RigView:
         if rig is None:
@@ -266,7 +263,7 @@ class StreamClient:
             present = sample.kind == zenoh.SampleKind.PUT
             with self._lock:
                 view = self._view_of(rig)
-                view.token(present=present)
+                view.has_token = present
             if present and self._history:
                 # This runs in a thread of Zenoh, which must not wait for answers, as these come in
                 # threads of Zenoh too.

@@ -21,8 +21,6 @@ MESSAGES_KEPT: Final = 10_000
 """Most messages that are stored of each kind of `KEPT`: samples of minutes, or more events than a
 rig has in a day."""
 
-_BEFORE_ALL: Final = -1
-
 
 class StreamSender:
     """The sending end of one rig's stream, which is open until `close` is called.
@@ -67,7 +65,7 @@ class StreamSender:
 
         Of kinds in `LASTING` only the newest message is stored. The content must be packable.
         """
-        sequence = self.sequences.get(kind, _BEFORE_ALL) + 1
+        sequence = self.sequences.get(kind, -1) + 1
         self.sequences[kind] = sequence
         now_ns = time.time_ns()
         header = {"version": VERSION, "session": self.name, "sequence": sequence, "sent_ns": now_ns}
@@ -119,12 +117,9 @@ class StreamSender:
             if query is None:
                 return
             with self._survives, suppress(zenoh.ZError), query:
-                self._reply(query)
-
-    def _reply(self, query: zenoh.Query) -> None:
-        for kind, payloads in self._asked_for(query).items():
-            for payload in payloads:
-                query.reply(key(self._rig, kind), payload)
+                for kind, payloads in self._asked_for(query).items():
+                    for payload in payloads:
+                        query.reply(key(self._rig, kind), payload)
 
     def _asked_for(self, query: zenoh.Query) -> dict[str, list[bytes]]:
         """Return, by kind, the packed messages that a question asks for.

@@ -30,6 +30,9 @@ DEAD_AFTER: Final = 4.0
 This is so even if its liveliness token is still there.
 """
 
+_SHOWN: Final = ("decision", "health", "campaign", "progress", "state")
+"""Kinds of messages whose newest one is in a snapshot as it came."""
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -136,6 +139,12 @@ class _Received:
     received_ns: int
     is_past: bool = False
 
+    def column(self, name: str) -> Singles:
+        """Return the values (n,) of a channel; NaN if the batch does not have it."""
+        if name in self.channels.names:
+            return self.samples.values[:, self.channels.names.index(name)]
+        return np.full(len(self.samples.time_s), np.nan, np.float32)
+
 
 class RigView:
     """A collector of one rig's messages, as the module describes; it is not thread-safe.
@@ -143,13 +152,18 @@ class RigView:
     Args:
         rig: the rig's id.
         window_s: how long samples are stored after their arrival.
+
+    Attributes:
+        rig: the rig's id.
+        session: name of the publisher's present session, for commands; empty if unknown.
+        has_token: whether the rig's liveliness token is there.
     """
 
     def __init__(self, rig: str, window_s: float = 30.0) -> None:
         self.rig = rig
+        self.session = ""
+        self.has_token = False
         self._window_ns = round(1e9 * window_s)
-        self._token = False
-        self._session = ""
         self._restarts = 0
         self._last_ns: int | None = None
         self._heartbeat_s = 0.5
@@ -169,15 +183,6 @@ class RigView:
         self._refused = 0
         self._refusal = ""
 
-    @property
-    def session(self) -> str:
-        """Name of the publisher's present session, for commands; empty if unknown."""
-        return self._session
-
-    def token(self, *, present: bool) -> None:
-        """Record whether the rig's liveliness token is there."""
-        self._token = present
-
     def refuse(self, why: str) -> None:
         """Count a payload on the rig's keys that was not a valid message, with the reason."""
         self._refused += 1
@@ -196,15 +201,18 @@ class RigView:
         Raises:
             MessageError: the content is not valid for its kind; nothing of it is used.
         """
-        held = read(kind, content)
-        if content["session"] != self._session:
+        held, sequence = read(kind, content), content["sequence"]
+        if content["session"] != self.session:
             self._begin_session(content["session"])
         self._last_ns, self._sent_ns = received_ns, content["sent_ns"]
-        self._number(kind, content["sequence"], received_ns)
+        self._miss_up_to(kind, sequence - 1, received_ns)
+        self._sequences[kind] = max(sequence, self._sequences.get(kind, -1))
         if isinstance(held, Samples):
             self._append(held, received_ns)
-        else:
+        elif kind != "event":
             self._file(kind, held, content, received_ns)
+        elif not self._has_event(content):
+            self._events.append(content)
 
     def take_past(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
         """Process a past message that was asked for; ignore it if it is known or superseded.
@@ -220,7 +228,7 @@ class RigView:
             MessageError: the content is not valid for its kind; nothing of it is used.
         """
         held = read(kind, content)
-        if content["session"] != self._session:
+        if content["session"] != self.session:
             # The answer may be the first message that comes from a publisher that has restarted.
             if content["sent_ns"] < self._sent_ns:
                 return
@@ -240,11 +248,14 @@ class RigView:
         newest = self._batches[-1] if self._batches else None
         names = newest.channels.names if newest else ()
         values = newest.samples.values[-1] if newest else ()
+        age_s = None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns)
+        # Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
+        is_heard = age_s is not None and age_s < DEAD_AFTER * self._heartbeat_s
         return Snapshot(
             rig=self.rig,
-            session=self._session,
-            alive=self.is_alive(now_ns),
-            age_s=None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns),
+            session=self.session,
+            alive=self.has_token and is_heard,
+            age_s=age_s,
             restarts=self._restarts,
             names=names,
             units=newest.channels.units if newest else (),
@@ -252,11 +263,7 @@ class RigView:
             test=newest.samples.test if newest else 0,
             latest=dict(zip(names, map(float, values), strict=True)),
             rate_hz=self._rate_hz(now_ns),
-            decision=self._lasting.get("decision", {}),
-            health=self._lasting.get("health", {}),
-            campaign=self._lasting.get("campaign", {}),
-            progress=self._lasting.get("progress", {}),
-            state=self._lasting.get("state", {}),
+            **{kind: self._lasting.get(kind, {}) for kind in _SHOWN},
             verdicts=tuple(self._verdicts),
             events=tuple(self._events),
             gaps=tuple(self._gaps),
@@ -264,15 +271,6 @@ class RigView:
             refused=self._refused,
             refusal=self._refusal,
         )
-
-    def is_alive(self, now_ns: int) -> bool:
-        """Return whether the token is there and a message came in the last four heartbeat periods.
-
-        Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
-        """
-        if not self._token or self._last_ns is None:
-            return False
-        return 1e-9 * (now_ns - self._last_ns) < DEAD_AFTER * self._heartbeat_s
 
     def window(self, last_s: float, names: tuple[str, ...] = ()) -> Window:
         """Return the stored samples of the last seconds of rig time; all channels if none is named.
@@ -291,7 +289,10 @@ class RigView:
             row=np.concatenate([np.empty(0, np.int64), *rows]),
             time_s=np.concatenate([np.empty(0), *(b.samples.time_s for b in batches)]),
             test=np.repeat(np.array([b.samples.test for b in batches], np.int64), sizes),
-            values={name: _column(batches, name) for name in names},
+            values={
+                name: np.concatenate([np.empty(0, np.float32), *(b.column(name) for b in batches)])
+                for name in names
+            },
         )
 
     def _last_batches(self, last_s: float) -> list[_Received]:
@@ -306,9 +307,9 @@ class RigView:
         return chosen[::-1]
 
     def _begin_session(self, name: str) -> None:
-        if self._session:
+        if self.session:
             self._restarts += 1
-        self._session, self._is_begun = name, False
+        self.session, self._is_begun = name, False
         # The channels of the earlier session stay: if a stranger has sent this message, the rig's
         # next samples still need them.
         self._sequences.clear()
@@ -316,11 +317,12 @@ class RigView:
         # cannot be compared with those of the new one.
         self._lasting.clear()
 
-    def _number(self, kind: str, sequence: int, received_ns: int) -> None:
-        last = self._sequences.get(kind)
-        if last is not None and sequence > last + 1:
-            self._lost(kind, sequence - last - 1, received_ns)
-        self._sequences[kind] = max(sequence, -1 if last is None else last)
+    def _miss_up_to(self, kind: str, sequence: int, received_ns: int) -> None:
+        """Record as missing all messages of a kind, up to this number, that have not come."""
+        last = self._sequences.get(kind, sequence)
+        if sequence > last:
+            self._lost(kind, sequence - last, received_ns)
+            self._sequences[kind] = sequence
 
     def _lost(self, kind: str, missing: int, received_ns: int) -> None:
         self._gaps.append(Gap(received_ns, kind, missing))
@@ -333,26 +335,12 @@ class RigView:
         content: Mapping[str, Any],
         received_ns: int,
     ) -> None:
-        if kind == "event":
-            if not self._has_event(content):
-                self._events.append(content)
-            return
+        """Make a message of a kind in `LASTING` the newest of its kind."""
         if isinstance(held, Channels):
             self._channels[content["session"], held.number] = held
             while len(self._channels) > CHANNELS_KEPT:
                 del self._channels[next(iter(self._channels))]
-        else:
-            self._note(kind, content, received_ns)
-        self._lasting[kind] = content
-
-    def _has_event(self, content: Mapping[str, Any]) -> bool:
-        return any(_numbered(event) == _numbered(content) for event in self._events)
-
-    def _has_rows(self, samples: Samples) -> bool:
-        return any(samples.first_row == batch.samples.first_row for batch in self._batches)
-
-    def _note(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
-        if kind == "heartbeat":
+        elif kind == "heartbeat":
             self._heartbeat(content, received_ns)
         elif kind == "campaign":
             # The first verdict of a run is listed even if the run before ended with the same one.
@@ -363,6 +351,13 @@ class RigView:
             if self._is_new or any(before.get(name) != content.get(name) for name in named):
                 self._verdicts.append(content)
             self._is_new = False
+        self._lasting[kind] = content
+
+    def _has_event(self, content: Mapping[str, Any]) -> bool:
+        return any(_numbered(event) == _numbered(content) for event in self._events)
+
+    def _has_rows(self, samples: Samples) -> bool:
+        return any(samples.first_row == batch.samples.first_row for batch in self._batches)
 
     def _heartbeat(self, content: Mapping[str, Any], received_ns: int) -> None:
         """Compare a heartbeat's sequence numbers with those received; record what is missing.
@@ -371,10 +366,8 @@ class RigView:
         """
         self._heartbeat_s = float(content["heartbeat_s"])
         for kind, sequence in content["sequences"].items():
-            last = self._sequences.get(kind)
-            if kind != "heartbeat" and last is not None and sequence > last:
-                self._lost(kind, sequence - last, received_ns)
-                self._sequences[kind] = sequence
+            if kind != "heartbeat":
+                self._miss_up_to(kind, sequence, received_ns)
 
     def _begin_rows(self, samples: Samples) -> None:
         """Drop the stored rows if a session's first batch has a lower row number than they have.
@@ -396,7 +389,7 @@ class RigView:
             self._holes.append((self._next_row, samples.first_row))
         end = samples.first_row + len(samples.time_s)
         self._next_row = end
-        channels = self._channels.get((self._session, samples.channels_id))
+        channels = self._channels.get((self.session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
         self._batches.append(_Received(samples, channels, received_ns))
@@ -405,7 +398,7 @@ class RigView:
 
     def _insert(self, samples: Samples, received_ns: int) -> None:
         """Insert a past batch among the stored ones, in the order of their row numbers."""
-        channels = self._channels.get((self._session, samples.channels_id))
+        channels = self._channels.get((self.session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
         self._begin_rows(samples)
@@ -432,13 +425,8 @@ class RigView:
             del self._missing["rows"]
 
     def _rate_hz(self, now_ns: int) -> float:
-        return float(
-            sum(
-                len(batch.samples.time_s)
-                for batch in self._batches
-                if batch.received_ns > now_ns - 10**9 and not batch.is_past
-            )
-        )
+        recent = (batch for batch in self._batches if batch.received_ns > now_ns - 10**9)
+        return float(sum(len(batch.samples.time_s) for batch in recent if not batch.is_past))
 
 
 def _numbered(event: Mapping[str, Any]) -> tuple[str, int]:
@@ -447,16 +435,6 @@ def _numbered(event: Mapping[str, Any]) -> tuple[str, int]:
 
 def _sent(event: Mapping[str, Any]) -> tuple[int, int]:
     return event["sent_ns"], event["sequence"]
-
-
-def _column(batches: list[_Received], name: str) -> Singles:
-    parts = [np.empty(0, np.float32)]
-    for batch in batches:
-        if name in batch.channels.names:
-            parts.append(batch.samples.values[:, batch.channels.names.index(name)])
-        else:
-            parts.append(np.full(len(batch.samples.time_s), np.nan, np.float32))
-    return np.concatenate(parts)
 
 
 def _period_s(samples: Samples) -> float:

@@ -18,8 +18,8 @@ from rig.stream.commands import (
     Refused,
     Sender,
     gate_of,
-    local_key,
     make_key,
+    own_key,
     read_key,
     seal,
 )
@@ -202,7 +202,7 @@ def test_a_key_that_is_there_is_not_made_anew(tmp_path: Path) -> None:
 
 def test_this_users_own_key_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert local_key() == local_key()
+    assert own_key("stream.key") == own_key("stream.key")
     (path,) = tmp_path.rglob("*.key")
     assert os.stat(path).st_mode & 0o777 == 0o600
 
