@@ -177,9 +177,7 @@ class Feed:
 
         A rig whose stream is alive is preferred.
         """
-        rigs = self._client.rigs()
-        alive = [rig for rig in rigs if self._client.snapshot(rig).alive]
-        return next(iter(alive or rigs), "")
+        return next(iter(self._client.living() or self._client.rigs()), "")
 
     def news(self, cursor: Cursor) -> str | None:
         """Return a message with all that a viewer was not sent yet; None if there is nothing new.

@@ -144,6 +144,10 @@ class StreamClient:
         with self._lock:
             return tuple(sorted(self._views))
 
+    def living(self) -> list[str]:
+        """Return the sorted ids of all rigs that are alive."""
+        return [rig for rig in self.rigs() if self.snapshot(rig).alive]
+
     def wait_for_rig(self, timeout_s: float = 5.0) -> str:
         """Wait until a rig is alive, and return its id; the first id if there are several.
 
@@ -152,9 +156,8 @@ class StreamClient:
         """
         until = time.monotonic() + timeout_s
         while time.monotonic() < until:
-            for rig in self.rigs():
-                if self.snapshot(rig).alive:
-                    return rig
+            for rig in self.living():
+                return rig
             time.sleep(POLL_S)
         raise UnknownRigError("no rig is heard of; is one running, and with a stream?")
 

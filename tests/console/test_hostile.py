@@ -15,13 +15,12 @@ import numpy as np
 import pytest
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from rig.console import connections
-from rig.console.control_holder import ControlHolder
+from rig.console import running
 from rig.console.curves import CURVES, Curves
-from rig.console.launcher import Launcher, Offer
+from rig.console.guard import MOST_PER_S, Refusals
+from rig.console.launcher import Launcher, Offer, Served
 from rig.console.orders import MalformedError, Order, Orders, parse
-from rig.console.refusals import MOST_PER_S, Refusals
-from rig.console.visitors import Visitor
+from rig.console.visitors import ControlHolder, Visitor
 from rig.stream.client import Answer
 from rig.stream.view import Snapshot
 
@@ -56,8 +55,8 @@ def launcher(tmp_path: Path, started: list[Started]) -> Launcher:
     def popen(*_: Any, **__: Any) -> Any:
         return Started(started)
 
-    offers = [Offer("a", "a", "", "other", 1)]
-    return Launcher(offers, tmp_path, "loopback", None, lambda text: None, popen)
+    served = Served((Offer("a", "a", "", "other", 1),), tmp_path, "loopback")
+    return Launcher(served, lambda text: None, popen)
 
 
 def desk(client: FakeClient, launcher: Launcher, tell: Any = lambda text: None) -> Orders:
@@ -111,8 +110,8 @@ def test_a_rig_given_for_all_campaigns_is_looked_at_before_one_is_started(
     def popen(*_: Any, **__: Any) -> Any:
         return Started(started)
 
-    offers = [Offer("a", "a", "", "other", 1)]
-    launcher = Launcher(offers, tmp_path, "loopback", "rigs/bench.yaml", print, popen)
+    offers = (Offer("a", "a", "", "other", 1),)
+    launcher = Launcher(Served(offers, tmp_path, "loopback", "rigs/bench.yaml"), print, popen)
     answer = desk(FakeClient(RUNNING), launcher).carry_out(Order("start", name="a"), ANNA)
     assert (answer.reason, started) == ("bench has a campaign running", [])
 
@@ -292,7 +291,7 @@ def is_closed(connection: socket.socket) -> bool:
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(running, "MOST_CONNECTIONS", 8)
     return 8
 
 
@@ -359,7 +358,7 @@ def is_gone(connection: socket.socket) -> bool:
 def test_a_request_that_takes_too_long_is_ended(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connections, "REQUEST_S", 0.1)
+    monkeypatch.setattr(running, "REQUEST_S", 0.1)
     assert is_closed(idle(site))
     assert is_closed(idle(site, b"GET / HTTP/1.1\r\nHost: "))
     monkeypatch.undo()

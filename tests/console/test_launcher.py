@@ -11,7 +11,15 @@ from typing import Any
 import pytest
 
 from rig.configuration.reading.problems import ConfigError
-from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, LaunchRefused, offers_of
+from rig.console.launcher import (
+    ASKED,
+    ENDING,
+    INTERRUPTED,
+    Launcher,
+    LaunchRefused,
+    Served,
+    offers_of,
+)
 from rig.control_socket import SOCKET
 from rig.runner.campaign.control_port import ControlPort
 from rig.runner.campaign.operator_requests import Desk
@@ -56,8 +64,8 @@ def launcher(tmp_path: Path, started: list[Process], said: list[str]) -> Launche
         started.append(Process(*given, **options))
         return started[-1]
 
-    offers = offers_of([str(tmp_path)])
-    return Launcher(offers, tmp_path / "runs", "loopback", "bench.yaml", said.append, popen)
+    served = Served(offers_of([str(tmp_path)]), tmp_path / "runs", "loopback", "bench.yaml")
+    return Launcher(served, said.append, popen)
 
 
 def run_of(folder: Path, name: str, *kinds: dict[str, Any]) -> None:
@@ -278,7 +286,7 @@ def test_whatever_comes_of_asking_the_run_is_interrupted(
 
 
 def test_away_from_the_rigs_machine_nothing_is_started(tmp_path: Path) -> None:
-    launcher = Launcher(offers_of([]), tmp_path, "", None, print)
+    launcher = Launcher(Served(offers_of([]), tmp_path), print)
     assert launcher.content()["offers"] == []
     with pytest.raises(LaunchRefused, match="on the rig's own machine"):
         launcher.start("quickstart")

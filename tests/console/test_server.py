@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from rig.console.guard import LARGEST_BODY
-from rig.console.launcher import Launcher
+from rig.console.launcher import Launcher, Served
 from rig.console.orders import LONGEST_TEXT, Orders
 from rig.console.server import LARGEST_MESSAGE
 from rig.console.visitors import FAILURES
@@ -135,7 +135,7 @@ def test_nothing_is_started_by_a_path_and_that_is_logged(
     site: Site, tmp_path: Path, order: str, name: str
 ) -> None:
     started: list[Any] = []
-    launcher = Launcher((), tmp_path / "runs", "loopback", None, print, started.append)  # type: ignore[arg-type]
+    launcher = Launcher(Served((), tmp_path / "runs", "loopback"), print, started.append)  # type: ignore[arg-type]
     site.client.become("bench", alive=False)
     site.console.orders = Orders(site.client, site.console.control, launcher)
     (tmp_path / "bench").mkdir()
