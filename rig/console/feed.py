@@ -42,8 +42,7 @@ class Sections:
     """
 
     def __init__(self) -> None:
-        self._texts: dict[str, str] = {}
-        self._changed: dict[str, int] = {}
+        self._held: dict[str, tuple[int, str]] = {}
         self.number = 0
         self._lock = threading.Lock()
 
@@ -55,14 +54,13 @@ class Sections:
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
         # The lock is needed as orders are carried out, and reported, in threads.
         with self._lock:
-            if self._texts.get(name) != text:
+            if self._held.get(name, (0, ""))[1] != text:
                 self.number += 1
-                self._texts[name] = text
-                self._changed[name] = self.number
+                self._held[name] = (self.number, text)
 
     def since(self, number: int) -> dict[str, str]:
         """Return the JSON of the sections whose last change has a higher number than this."""
-        return {name: self._texts[name] for name, at in self._changed.items() if at > number}
+        return {name: text for name, (at, text) in self._held.items() if at > number}
 
 
 class RigFeed:

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 from rig.configuration import ConfigError, Problem, Sources, shipped_config_dir
@@ -187,7 +186,8 @@ class Launcher:
         self._rig = served.rig
         self._say = say
         self._popen = popen
-        self._launched: list[Launched] = []
+        self._last: Launched | None = None
+        """The run that was started last; all earlier ones have ended."""
 
     def start(self, name: str) -> None:
         """Start an offered campaign, by its name, in a new folder; do not wait for its end.
@@ -235,9 +235,8 @@ class Launcher:
         return Path(str(given.get("rig") or (offer.rig if offer else ""))).stem
 
     def present(self) -> Launched | None:
-        """Return the newest run that was started here and is still going on; None if none is."""
-        running = [launched for launched in self._launched if launched.exit_code is None]
-        return running[-1] if running else None
+        """Return the run that was started here and is still going on; None if none is."""
+        return self._last if self._last is not None and self._last.exit_code is None else None
 
     def under_way(self) -> str:
         """Return the folder's name of the run that `present` returns; "" if there is none."""
@@ -245,39 +244,33 @@ class Launcher:
         return "" if running is None else running.folder.name
 
     def stop(self, said: str) -> str:
-        """Stop the runs that were started here; return by which way, or "" if none is going on.
+        """Stop the run that was started here; return by which way, or "" if none is going on.
 
-        A run's control port is asked first, so that its journal records who stopped it and why
+        Its control port is asked first, so that its journal records who stopped it and why
         (`ASKED`). If the port does not accept the stop within `ASK_S`, the process is interrupted,
         as by Ctrl-C (`INTERRUPTED`). A run that accepted a stop before and still runs is
-        interrupted too (`ENDING`). Of several runs, the way of the one started first is returned.
+        interrupted too (`ENDING`).
 
         Args:
             said: text for the journal: who stops the run, and why.
         """
-        done = ""
-        for launched in [each for each in self._launched if each.exit_code is None]:
-            if not launched.asked and _takes_a_stop(launched.folder, said):
-                launched.asked = True
-                done = done or ASKED
-                continue
-            with suppress(ProcessLookupError):
-                launched.process.send_signal(signal.SIGINT)
-            done = done or (ENDING if launched.asked else INTERRUPTED)
-        return done
-
-    def was_stopped(self, folder: str) -> None:
-        """Record that the run in the folder of this name has accepted a stop in some other way."""
-        for launched in self._launched:
-            if launched.folder.name == folder:
-                launched.asked = True
+        running = self.present()
+        if running is None:
+            return ""
+        if not running.asked and _takes_a_stop(running.folder, said):
+            running.asked = True
+            return ASKED
+        with suppress(ProcessLookupError):
+            running.process.send_signal(signal.SIGINT)
+        return ENDING if running.asked else INTERRUPTED
 
     def look(self) -> None:
-        """Check which runs have ended, and report each of them once by `say`."""
-        for launched in [each for each in self._launched if each.exit_code is None]:
-            launched.exit_code = launched.process.poll()
-            if launched.exit_code is not None:
-                self._say(f"{launched.name} has ended: {_ending(launched)}")
+        """Check whether the run that was started here has ended; report that once by `say`."""
+        running = self.present()
+        if running is not None:
+            running.exit_code = running.process.poll()
+            if running.exit_code is not None:
+                self._say(f"{running.name} has ended: {_ending(running)}")
 
     def content(self) -> dict[str, Any]:
         """Return the offers, the unfinished runs and the run started last, as JSON values.
@@ -294,7 +287,7 @@ class Launcher:
             "allowed": allowed,
             "offers": offers,
             "unfinished": self.unfinished() if allowed else [],
-            "last": _content(self._launched[-1]) if self._launched else None,
+            "last": None if self._last is None else _content(self._last),
         }
 
     def unfinished(self) -> list[dict[str, str]]:
@@ -318,7 +311,7 @@ class Launcher:
         self.look()
         if not self._profile:
             raise LaunchRefused("runs are started on the rig's own machine only")
-        if any(launched.exit_code is None for launched in self._launched):
+        if self.present() is not None:
             raise LaunchRefused("a campaign that was started here still runs")
 
     def _run(self, name: str, folder: Path, rig: str, arguments: Sequence[str]) -> None:
@@ -337,26 +330,24 @@ class Launcher:
                 )
         except OSError as error:
             raise LaunchRefused(f"it cannot be started: {error.strerror or error}") from None
-        self._launched.append(Launched(name, folder, rig, process, log))
-        del self._launched[:-20]
+        self._last = Launched(name, folder, rig, process, log)
 
 
 def _takes_a_stop(folder: Path, said: str) -> bool:
     """Return whether the run in a folder accepts a stop within `ASK_S`; False after any error."""
-    answers: SimpleQueue[bool] = SimpleQueue()
+    taken = threading.Event()
 
     def asking() -> None:
-        taken = False
         with suppress(Exception):  # after any error the caller sends a signal instead
             ask(folder, "abort", said, wait_s=ASK_S)
-            taken = True
-        answers.put(taken)
+            taken.set()
 
     # It asks in a thread, so that a disk that hangs delays the stop by no more than `ASK_S`.
-    with suppress(Empty, RuntimeError):
-        threading.Thread(target=asking, name="stop", daemon=True).start()
-        return answers.get(timeout=ASK_S)
-    return False
+    thread = threading.Thread(target=asking, name="stop", daemon=True)
+    with suppress(RuntimeError):
+        thread.start()
+        thread.join(ASK_S)
+    return taken.is_set()
 
 
 def _content(launched: Launched) -> dict[str, Any]:

@@ -169,7 +169,7 @@ class Orders:
                     also = f"and what was started here, not heard yet, was {done}"
                     return Answer(True, f"{meant}, {also}" if meant else also)
             if running and self.rig_of_run(running.folder.name) == rig:
-                self._launcher.was_stopped(running.folder.name)
+                running.asked = True
             return Answer(True, meant)
         done = self._launcher.stop(_said(order, visitor))
         if not done:
@@ -200,13 +200,10 @@ class Orders:
 
     def _was_heard(self, run: Launched) -> bool:
         """Return whether any message of a run's stream was received since it was started here."""
-        for rig in self._client.rigs():
-            campaign = self._client.snapshot(rig).campaign
-            begun_ns = campaign.get("begun_ns")
-            is_new = isinstance(begun_ns, int) and begun_ns >= run.started_ns
-            if is_new and campaign.get("directory") == run.folder.name:
-                return True
-        return False
+        campaigns = [self._client.snapshot(rig).campaign for rig in self._client.rigs()]
+        mine = [each for each in campaigns if each.get("directory") == run.folder.name]
+        begun = [each.get("begun_ns") for each in mine]
+        return any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
 
     def _launch(self, order: Order) -> None:
         alive = self._client.living()

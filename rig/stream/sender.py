@@ -70,7 +70,15 @@ class StreamSender:
         now_ns = time.time_ns()
         header = {"version": VERSION, "session": self.name, "sequence": sequence, "sent_ns": now_ns}
         payload = pack({**header, **content})
-        self._keep(kind, now_ns, payload)
+        with self._lock:
+            if kind in LASTING:
+                self._lasting[kind] = payload
+            elif kind in self._kept:
+                kept = self._kept[kind]
+                kept.append((now_ns, payload))
+                oldest_ns = now_ns - self._history_ns
+                while (kind == "samples" and kept[0][0] < oldest_ns) or len(kept) > MESSAGES_KEPT:
+                    kept.popleft()
         self._publisher(kind).put(payload)
 
     def close(self) -> None:
@@ -91,17 +99,6 @@ class StreamSender:
                 priority=zenoh.Priority.DATA,
             )
         return self._publishers[kind]
-
-    def _keep(self, kind: str, now_ns: int, payload: bytes) -> None:
-        with self._lock:
-            if kind in LASTING:
-                self._lasting[kind] = payload
-            elif kind in self._kept:
-                kept = self._kept[kind]
-                kept.append((now_ns, payload))
-                oldest_ns = now_ns - self._history_ns
-                while (kind == "samples" and kept[0][0] < oldest_ns) or len(kept) > MESSAGES_KEPT:
-                    kept.popleft()
 
     def _asked(self, query: zenoh.Query) -> None:
         with suppress(queue.Full):

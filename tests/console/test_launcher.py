@@ -209,22 +209,12 @@ def test_a_run_that_has_said_that_it_stops_and_runs_on_is_interrupted(
     assert started[0].signals == [signal.SIGINT]
 
 
-def test_of_several_runs_the_way_in_which_the_first_was_stopped_is_told(
-    launcher: Launcher, started: list[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "rig.console.launcher._takes_a_stop", lambda folder, said: folder.name == "first"
-    )
-    for name in ("first", "second"):
-        launcher._run(name, tmp_path / "runs" / name, "", [])
-    assert launcher.stop("Anna") == ASKED
-    assert [process.signals for process in started] == [[], [signal.SIGINT]]
-
-
 def test_a_run_that_took_a_stop_by_the_stream_is_ending(
     launcher: Launcher, started: list[Process], running: Path
 ) -> None:
-    launcher.was_stopped(running.name)
+    present = launcher.present()
+    assert present is not None
+    present.asked = True
     assert launcher.stop("Anna") == ENDING
     assert started[0].signals == [signal.SIGINT]
 

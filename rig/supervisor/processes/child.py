@@ -99,11 +99,6 @@ class Child:
         self._reader.start()
 
     @property
-    def pid(self) -> int:
-        """The process id."""
-        return self._process.pid
-
-    @property
     def exit_code(self) -> int | None:
         """The exit code; -n if signal n killed the process; None while it runs."""
         return self._process.poll()

@@ -83,7 +83,6 @@ class LoopProcess:
         self._thread: threading.Thread | None = None
         self._running = threading.Event()
         self._grants: tuple[Grant, ...] = ()
-        self._left = Left.ASKED
         self._terminated = False
         self._tally = Tally("loop", self._send)
         self._nulled_at = -_REPEAT_S
@@ -166,13 +165,11 @@ class LoopProcess:
             with RealTime(cpu, priority) as real_time:
                 self._grants = real_time.grants
                 self._running.set()
-                self._left = Left.SWITCHED
-                while self._left == Left.SWITCHED:
+                left = Left.SWITCHED
+                while left == Left.SWITCHED:
                     number = int(self._words[Word.SWITCH])
-                    segment = self._segments.pop(number)
-                    self._left = self._run_segment(number, segment)
+                    left = self._run_segment(number, self._segments.pop(number))
         except Exception:
-            self._left = Left.UNCONFIRMED
             self._report(traceback.format_exc())
         finally:
             self._running.set()

@@ -114,15 +114,6 @@ class Asked(News):
     command: Command
 
 
-@dataclass
-class _Waiting:
-    """A command for which the supervisor's answer is awaited, until a monotonic time in s."""
-
-    query: zenoh.Query
-    command: Command
-    until: float
-
-
 class Publisher:
     """The publisher of one stream.
 
@@ -146,7 +137,8 @@ class Publisher:
         self._segment: int | None = None
         self._batches = Batches(order.settings.batch, order.settings.channels)
         self._commands: queue.Queue[zenoh.Query] = queue.Queue(COMMANDS_WAITING)
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting: dict[int, tuple[zenoh.Query, Command, float]] = {}
+        """By number, commands for whose answers the supervisor has until a monotonic time in s."""
         self._overrun = 0
         self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._survives = Surviving("the publisher", self._failures.put)
@@ -189,10 +181,10 @@ class Publisher:
             elif isinstance(order, Send):
                 self._sender.send(order.kind, finite(order.content))
             elif isinstance(order, Obeyed) and order.number in self._waiting:
-                waiting = self._waiting.pop(order.number)
-                self._reply(waiting.query, order.refusal)
+                query, command, _ = self._waiting.pop(order.number)
+                self._reply(query, order.refusal)
                 state = f"not obeyed: {order.refusal}" if order.refusal else "obeyed"
-                self._event("command", self._described(waiting.command, state))
+                self._event("command", self._described(command, state))
 
     def _take_rows(self) -> None:
         if self._ring.waiting > MOST_WAITING:
@@ -202,7 +194,9 @@ class Publisher:
         self._board.words[Word.PUBLISHED] = self._ring.next_row
         if not len(rows):
             return
-        newest_ns = self._newest_ns()
+        # The loop's beat shows when the newest row was written.
+        beat_ns = int(self._board.words[Word.LOOP_BEAT])
+        newest_ns = time.time_ns() - (time.monotonic_ns() - beat_ns if beat_ns else 0)
         self._health.take(rows)
         numbers = np.arange(self._ring.next_row - len(rows), self._ring.next_row, dtype=float)
         if "row" in self._default.channels:
@@ -213,12 +207,6 @@ class Publisher:
             if segments[begin] != self._segment:
                 self._begin_segment(float(segments[begin]))
             self._send(self._batches.add(int(numbers[begin]), rows[begin:end], newest_ns))
-
-    def _newest_ns(self) -> int:
-        """Return the wall clock of the newest row, ns since 1970, which the loop's beat shows."""
-        beat = int(self._board.words[Word.LOOP_BEAT])
-        now_ns = time.time_ns()
-        return now_ns if not beat else now_ns - (time.monotonic_ns() - beat)
 
     def _begin_segment(self, segment: float) -> None:
         self._send(self._batches.flush())
@@ -248,20 +236,18 @@ class Publisher:
                 self._report("error", self._failures.get())
         if now - self._heartbeat_at >= self._settings.heartbeat_s:
             self._heartbeat_at = now
-            self._sender.send(
-                "heartbeat",
-                {
-                    "heartbeat_s": self._settings.heartbeat_s,
-                    "up_s": now - self._started,
-                    "rows": self._ring.next_row,
-                    "sequences": dict(self._sender.sequences),
-                    "commands": bool(self._settings.operators),
-                },
-            )
-        for number, waiting in list(self._waiting.items()):
-            if now > waiting.until:
+            content = {
+                "heartbeat_s": self._settings.heartbeat_s,
+                "up_s": now - self._started,
+                "rows": self._ring.next_row,
+                "sequences": dict(self._sender.sequences),
+                "commands": bool(self._settings.operators),
+            }
+            self._sender.send("heartbeat", content)
+        for number, (query, _, until) in list(self._waiting.items()):
+            if now > until:
                 del self._waiting[number]
-                self._reply(waiting.query, "the supervisor does not answer")
+                self._reply(query, "the supervisor does not answer")
 
     def _command_came(self, query: zenoh.Query) -> None:
         """Queue a command, or count it if too many wait; a thread of Zenoh calls this."""
@@ -295,8 +281,7 @@ class Publisher:
             self._refuse(str(refused), refused.by, payload)
             self._reply(query, str(refused))
             return
-        until = time.monotonic() + ANSWER_S
-        self._waiting[command.number] = _Waiting(query, command, until)
+        self._waiting[command.number] = (query, command, time.monotonic() + ANSWER_S)
         self._event("command", self._described(command, "accepted"))
         asked_for = self._described(command, "asked for")
         self._pipe.send(Asked(time.monotonic_ns(), "stream", asked_for, command))

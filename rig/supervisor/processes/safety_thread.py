@@ -36,9 +36,6 @@ TRIPS: Final = {
     "supervisor": (Word.SUPERVISOR_TRIP, Word.SUPERVISOR_TRIP_AT),
 }
 
-NS: Final = 1e9
-Report = Callable[[str, str], None]
-
 
 @dataclass(frozen=True)
 class Parts:
@@ -67,7 +64,7 @@ class SafetyThread:
         parts: Parts,
         settings: LoopSettings,
         drivers: tuple[DriverSpec, ...],
-        report: Report,
+        report: Callable[[str, str], None],
         found: Callable[[Driven], None] = lambda driven: None,
     ) -> None:
         self._words = board.words
@@ -170,7 +167,7 @@ class SafetyThread:
     def _is_silent(self, word: Word, silence_s: float) -> bool:
         # A part that has never beaten has not started yet.
         beat = int(self._words[word])
-        return beat != 0 and time.monotonic_ns() - beat > silence_s * NS
+        return beat != 0 and time.monotonic_ns() - beat > silence_s * 1e9
 
     def _make_safe(self) -> None:
         """Ensure that valve, bypasses and pump are safe, in this order.

@@ -54,7 +54,7 @@ class Bench:
     def pid(self) -> int | None:
         """The process id of the publisher; None while no publisher works."""
         child = self.stream._child
-        return None if child is None else child.pid
+        return None if child is None else child._process.pid
 
     @property
     def log(self) -> str:
