@@ -14,6 +14,8 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from .address import Address
+
 LARGEST_BODY: Final = 4096
 """Most bytes that the body of a request may have."""
 MOST_PER_S: Final = 20
@@ -34,29 +36,51 @@ _HEADERS: Final = (
 )
 
 
+class Refusals:
+    """A log of refusals with a limited rate.
+
+    Args:
+        log: is called with each line.
+    """
+
+    def __init__(self, log: Callable[[str], None]) -> None:
+        self._log = log
+        self._since = time.monotonic()
+        self._count = 0
+
+    def __call__(self, address: str, why: str) -> None:
+        """Log that a request from an address was refused, and why; or only count it."""
+        self.look()
+        self._count += 1
+        if self._count <= MOST_PER_S:
+            self._log(f"refused, from {address}: {why}")
+
+    def look(self) -> None:
+        """If a second is over, log how many refusals it left out, if any, and begin a new one."""
+        now = time.monotonic()
+        if now - self._since < 1.0:
+            return
+        if self._count > MOST_PER_S:
+            self._log(f"refused: {self._count - MOST_PER_S} more, not told one by one")
+        self._since, self._count = now, 0
+
+
 class Guard:
     """An ASGI application that refuses foreign requests and adds security headers to all answers.
 
     Args:
         application: the application that serves the other requests.
-        hosts: allowed values of the header Host, in lower case: names of the console, with port.
-        secure: whether the console is served over TLS.
-        refused: is called at each refusal with the sender's address and the reason.
+        address: the console's address, whose names are the allowed values of the header Host.
+        refused: takes each refusal.
     """
 
-    def __init__(
-        self,
-        application: ASGIApp,
-        hosts: frozenset[str],
-        secure: bool,
-        refused: Callable[[str, str], None],
-    ) -> None:
+    def __init__(self, application: ASGIApp, address: Address, refused: Refusals) -> None:
         self._application = application
-        self._hosts = hosts
-        scheme = "https" if secure else "http"
-        self._origins = frozenset(f"{scheme}://{host}" for host in hosts)
+        self._hosts = address.names
+        scheme = "https" if address.secure else "http"
+        self._origins = frozenset(f"{scheme}://{host}" for host in address.names)
         lasting = (b"strict-transport-security", b"max-age=31536000")
-        self._headers = (*_HEADERS, lasting) if secure else _HEADERS
+        self._headers = (*_HEADERS, lasting) if address.secure else _HEADERS
         self._refused = refused
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -126,36 +150,3 @@ def address_of(scope: Scope) -> str:
     """Return the IP address that a request comes from; "unknown" if there is none."""
     client = scope.get("client")
     return client[0] if client else "unknown"
-
-
-class Refusals:
-    """A log of refusals with a limited rate.
-
-    Args:
-        log: is called with each line.
-        clock: returns a monotonic time in s.
-    """
-
-    def __init__(
-        self, log: Callable[[str], None], clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._log = log
-        self._clock = clock
-        self._since = clock()
-        self._count = 0
-
-    def __call__(self, address: str, why: str) -> None:
-        """Log that a request from an address was refused, and why; or only count it."""
-        self.look()
-        self._count += 1
-        if self._count <= MOST_PER_S:
-            self._log(f"refused, from {address}: {why}")
-
-    def look(self) -> None:
-        """If a second is over, log how many refusals it left out, if any, and begin a new one."""
-        now = self._clock()
-        if now - self._since < 1.0:
-            return
-        if self._count > MOST_PER_S:
-            self._log(f"refused: {self._count - MOST_PER_S} more, not told one by one")
-        self._since, self._count = now, 0

@@ -170,22 +170,15 @@ class Launcher:
     Args:
         served: which campaigns may be started, and how.
         say: is called with a sentence on each run that has ended.
-        popen: starts a process, as `subprocess.Popen` does.
     """
 
-    def __init__(
-        self,
-        served: Served,
-        say: Callable[[str], None],
-        popen: Callable[..., "subprocess.Popen[bytes]"] = subprocess.Popen,
-    ) -> None:
+    def __init__(self, served: Served, say: Callable[[str], None]) -> None:
         self.offers = {offer.name: offer for offer in served.offers}
         # The path is absolute so that a folder such as "-x" is not read as a command-line option.
         self._folder = served.folder.absolute()
         self._profile = served.profile
         self._rig = served.rig
         self._say = say
-        self._popen = popen
         self._last: Launched | None = None
         """The run that was started last; all earlier ones have ended."""
 
@@ -236,7 +229,8 @@ class Launcher:
 
     def present(self) -> Launched | None:
         """Return the run that was started here and is still going on; None if none is."""
-        return self._last if self._last is not None and self._last.exit_code is None else None
+        last = self._last
+        return last if last is not None and last.exit_code is None else None
 
     def under_way(self) -> str:
         """Return the folder's name of the run that `present` returns; "" if there is none."""
@@ -320,7 +314,7 @@ class Launcher:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with log.open("ab") as output:
-                process = self._popen(
+                process = subprocess.Popen(
                     [sys.executable, "-m", "rig.cli", *whole],
                     stdin=subprocess.DEVNULL,
                     stdout=output,

@@ -97,7 +97,7 @@ class Console:
             WebSocketRoute("/live", self._live),
         ]
         inner = Starlette(routes=routes, lifespan=self._lifespan)
-        return Guard(inner, self.address.names, self.address.secure, self._refused)
+        return Guard(inner, self.address, self._refused)
 
     def _visitor(self, connection: HTTPConnection) -> Visitor | None:
         return self.visitors.visitor(connection.cookies.get(self.cookie))

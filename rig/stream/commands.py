@@ -10,12 +10,12 @@ import hmac
 import os
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from types import MappingProxyType
+from tempfile import NamedTemporaryFile
 from typing import Any, Final
 
 import msgpack
@@ -99,11 +99,8 @@ class Credentials:
 class Sender:
     """A signer of commands, which gives each command a greater sequence number than the last."""
 
-    def __init__(
-        self, credentials: Credentials, clock_ns: Callable[[], int] = time.time_ns
-    ) -> None:
+    def __init__(self, credentials: Credentials) -> None:
         self._credentials = credentials
-        self._clock_ns = clock_ns
         self._sender = secrets.token_bytes(8)
         self._sequence = 0
 
@@ -124,7 +121,7 @@ class Sender:
             "command": command,
             "sender": self._sender,
             "sequence": self._sequence,
-            "at_ns": self._clock_ns(),
+            "at_ns": time.time_ns(),
             "text": text[:LONGEST_TEXT],
         }
         if test:
@@ -146,19 +143,13 @@ class Gate:
         session: name of the publisher's session. Commands to an earlier session are refused, so
             that no sequence numbers have to be stored over a restart.
         operators: name -> credentials and allowed commands of each operator.
-        clock_ns: returns the wall clock in ns since 1970.
     """
 
     def __init__(
-        self,
-        rig: str,
-        session: str,
-        operators: Mapping[str, tuple[Credentials, frozenset[str]]],
-        clock_ns: Callable[[], int] = time.time_ns,
+        self, rig: str, session: str, operators: Mapping[str, tuple[Credentials, frozenset[str]]]
     ) -> None:
         self._rig, self._session = rig, session
         self._operators = operators
-        self._clock_ns = clock_ns
         self._seen: dict[bytes, tuple[int, int]] = {}
         self._passed = 0
 
@@ -173,7 +164,7 @@ class Gate:
             raise Refused("denied", "this stream takes no commands")
         if len(payload) > LARGEST_COMMAND:
             raise Refused("oversized", f"{len(payload)} bytes, at most {LARGEST_COMMAND}")
-        envelope = _mapping(payload, _ENVELOPE)
+        envelope = _mapping(payload, _ENVELOPE, {}, "")
         if envelope["version"] != VERSION:
             raise Refused("malformed", f"is not of version {VERSION}")
         by = str(envelope["by"])[:LONGEST_NAME]
@@ -185,7 +176,7 @@ class Gate:
             raise Refused("unauthenticated", "nobody of this name may command", by)
         if not genuine:
             raise Refused("forged", "its signature does not fit", by)
-        body = _mapping(envelope["body"], _BODY, by, _TEST)
+        body = _mapping(envelope["body"], _BODY, _TEST, by)
         self._check(name, body, by, allowed)
         self._passed += 1
         text = str(body["text"])[:LONGEST_TEXT]
@@ -201,7 +192,7 @@ class Gate:
             raise Refused("misdirected", "is for another rig", by)
         if body["session"] != self._session:
             raise Refused("replayed", "is for another session of this rig's stream", by)
-        now_ns = self._clock_ns()
+        now_ns = time.time_ns()
         late_s = 1e-9 * (now_ns - body["at_ns"])
         if abs(late_s) > WINDOW_S:
             text = f"its clock is {late_s:.0f} s behind the rig's; commands last {WINDOW_S:g} s"
@@ -219,10 +210,7 @@ class Gate:
 
 
 def _mapping(
-    payload: bytes,
-    kinds: Mapping[str, type],
-    by: str = "",
-    optional: Mapping[str, type] = MappingProxyType({}),
+    payload: bytes, kinds: Mapping[str, type], optional: Mapping[str, type], by: str
 ) -> dict[str, Any]:
     """Return a packed map that has all keys of `kinds`, perhaps `optional` ones, with these types.
 
@@ -295,18 +283,15 @@ def make_key(path: Path) -> None:
     Raises:
         KeyFileError: the file cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        try:
-            with os.fdopen(descriptor, "w", encoding="ascii") as file:
-                file.write(secrets.token_hex(KEY_BYTES) + "\n")
+        # A temporary file may be read by its owner only, and so may what is linked to it.
+        with NamedTemporaryFile("w", prefix=f".{path.name}.", dir=path.parent) as file:
+            file.write(secrets.token_hex(KEY_BYTES) + "\n")
+            file.flush()
             # If another process made the file meanwhile, its key stays.
             with suppress(FileExistsError):
-                os.link(part, path)
-        finally:
-            part.unlink(missing_ok=True)
+                os.link(file.name, path)
     except OSError as error:
         raise KeyFileError(f"{path}: key cannot be written: {error.strerror}") from None
 

@@ -38,11 +38,7 @@ class StreamSender:
     """
 
     def __init__(
-        self,
-        session: zenoh.Session,
-        rig: str,
-        history_s: float,
-        on_failure: Callable[[str], object] = lambda line: None,
+        self, session: zenoh.Session, rig: str, history_s: float, on_failure: Callable[[str], None]
     ) -> None:
         self.name = secrets.token_hex(8)
         self.sequences: dict[str, int] = {}

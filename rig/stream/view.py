@@ -5,7 +5,7 @@ It does not use Zenoh: received messages are given to it, and it returns snapsho
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .messages import Channels, Samples, read
 
 Array = NDArray[np.float64]
+Content = Mapping[str, Any]
 Life = Literal["unheard", "live", "ended", "dead"]
 Singles = NDArray[np.float32]
 
@@ -87,13 +88,13 @@ class Snapshot:
     test: int = 0
     latest: Mapping[str, float] = field(default_factory=dict)
     rate_hz: float = 0.0
-    decision: Mapping[str, Any] = field(default_factory=dict)
-    health: Mapping[str, Any] = field(default_factory=dict)
-    campaign: Mapping[str, Any] = field(default_factory=dict)
-    progress: Mapping[str, Any] = field(default_factory=dict)
-    state: Mapping[str, Any] = field(default_factory=dict)
-    verdicts: tuple[Mapping[str, Any], ...] = ()
-    events: tuple[Mapping[str, Any], ...] = ()
+    decision: Content = field(default_factory=dict)
+    health: Content = field(default_factory=dict)
+    campaign: Content = field(default_factory=dict)
+    progress: Content = field(default_factory=dict)
+    state: Content = field(default_factory=dict)
+    verdicts: tuple[Content, ...] = ()
+    events: tuple[Content, ...] = ()
     gaps: tuple[Gap, ...] = ()
     missing: Mapping[str, int] = field(default_factory=dict)
     refused: int = 0
@@ -164,7 +165,8 @@ class RigView:
         self.session = ""
         self.has_token = False
         self._window_ns = round(1e9 * window_s)
-        self._restarts = 0
+        self._known = Snapshot(rig)
+        """What is known but for samples, life and `_lasting`; replaced when it changes."""
         self._last_ns: int | None = None
         self._heartbeat_s = 0.5
         self._sequences: dict[str, int] = {}
@@ -174,21 +176,14 @@ class RigView:
         self._holes: deque[tuple[int, int]] = deque(maxlen=HOLES_KEPT)
         self._channels: dict[tuple[str, int], Channels] = {}
         self._batches: deque[_Received] = deque()
-        self._lasting: dict[str, Mapping[str, Any]] = {}
-        self._events: deque[Mapping[str, Any]] = deque(maxlen=EVENTS_SHOWN)
-        self._verdicts: deque[Mapping[str, Any]] = deque(maxlen=VERDICTS_SHOWN)
+        self._lasting: dict[str, Content] = {}
         self._is_new = True
-        self._gaps: deque[Gap] = deque(maxlen=GAPS_SHOWN)
-        self._missing: dict[str, int] = {}
-        self._refused = 0
-        self._refusal = ""
 
     def refuse(self, why: str) -> None:
         """Count a payload on the rig's keys that was not a valid message, with the reason."""
-        self._refused += 1
-        self._refusal = why
+        self._known = replace(self._known, refused=self._known.refused + 1, refusal=why)
 
-    def take(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+    def take(self, kind: str, content: Content, received_ns: int) -> None:
         """Process a message that the rig has just sent.
 
         Samples are stored only if the message `channels` that names their columns came before.
@@ -209,12 +204,12 @@ class RigView:
         self._sequences[kind] = max(sequence, self._sequences.get(kind, -1))
         if isinstance(held, Samples):
             self._append(held, received_ns)
-        elif kind != "event":
+        elif kind == "event":
+            self._add_event(content)
+        else:
             self._file(kind, held, content, received_ns)
-        elif not self._has_event(content):
-            self._events.append(content)
 
-    def take_past(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+    def take_past(self, kind: str, content: Content, received_ns: int) -> None:
         """Process a past message that was asked for; ignore it if it is known or superseded.
 
         Past samples fill gaps, and are stored only if their `channels` came before.
@@ -237,39 +232,28 @@ class RigView:
         if isinstance(held, Samples):
             self._insert(held, received_ns)
         elif kind == "event":
-            if not self._has_event(content):
-                ordered = sorted([*self._events, content], key=_sent)
-                self._events = deque(ordered, maxlen=EVENTS_SHOWN)
+            self._add_event(content, is_past=True)
         elif content["sequence"] >= self._lasting.get(kind, {"sequence": -1})["sequence"]:
             self._file(kind, held, content, received_ns)
 
     def snapshot(self, now_ns: int) -> Snapshot:
         """Return what is known of the rig at the wall clock `now_ns`, ns since 1970."""
-        newest = self._batches[-1] if self._batches else None
-        names = newest.channels.names if newest else ()
-        values = newest.samples.values[-1] if newest else ()
         age_s = None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns)
         # Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
         is_heard = age_s is not None and age_s < DEAD_AFTER * self._heartbeat_s
-        return Snapshot(
-            rig=self.rig,
+        shown: dict[str, Any] = {kind: self._lasting.get(kind, {}) for kind in _SHOWN}
+        if self._batches:
+            samples, channels = self._batches[-1].samples, self._batches[-1].channels
+            shown |= {"names": channels.names, "units": channels.units, "test": samples.test}
+            shown["time_s"] = float(samples.time_s[-1])
+            shown["latest"] = dict(zip(channels.names, map(float, samples.values[-1]), strict=True))
+        return replace(
+            self._known,
             session=self.session,
             alive=self.has_token and is_heard,
             age_s=age_s,
-            restarts=self._restarts,
-            names=names,
-            units=newest.channels.units if newest else (),
-            time_s=float(newest.samples.time_s[-1]) if newest else float("nan"),
-            test=newest.samples.test if newest else 0,
-            latest=dict(zip(names, map(float, values), strict=True)),
             rate_hz=self._rate_hz(now_ns),
-            **{kind: self._lasting.get(kind, {}) for kind in _SHOWN},
-            verdicts=tuple(self._verdicts),
-            events=tuple(self._events),
-            gaps=tuple(self._gaps),
-            missing=dict(self._missing),
-            refused=self._refused,
-            refusal=self._refusal,
+            **shown,
         )
 
     def window(self, last_s: float, names: tuple[str, ...] = ()) -> Window:
@@ -308,7 +292,7 @@ class RigView:
 
     def _begin_session(self, name: str) -> None:
         if self.session:
-            self._restarts += 1
+            self._known = replace(self._known, restarts=self._known.restarts + 1)
         self.session, self._is_begun = name, False
         # The channels of the earlier session stay: if a stranger has sent this message, the rig's
         # next samples still need them.
@@ -325,15 +309,13 @@ class RigView:
             self._sequences[kind] = sequence
 
     def _lost(self, kind: str, missing: int, received_ns: int) -> None:
-        self._gaps.append(Gap(received_ns, kind, missing))
-        self._missing[kind] = self._missing.get(kind, 0) + missing
+        known = self._known
+        gaps = (*known.gaps, Gap(received_ns, kind, missing))[-GAPS_SHOWN:]
+        counts = {**known.missing, kind: known.missing.get(kind, 0) + missing}
+        self._known = replace(known, gaps=gaps, missing=counts)
 
     def _file(
-        self,
-        kind: str,
-        held: Channels | Mapping[str, Any],
-        content: Mapping[str, Any],
-        received_ns: int,
+        self, kind: str, held: Channels | Content, content: Content, received_ns: int
     ) -> None:
         """Make a message of a kind in `LASTING` the newest of its kind."""
         if isinstance(held, Channels):
@@ -346,20 +328,25 @@ class RigView:
             # The first verdict of a run is listed even if the run before ended with the same one.
             self._is_new |= content.get("begun_ns") != self._lasting.get(kind, {}).get("begun_ns")
         elif kind == "decision":
-            before = self._verdicts[-1] if self._verdicts else {}
-            named = ("verdict", "test")
+            verdicts, named = self._known.verdicts, ("verdict", "test")
+            before = verdicts[-1] if verdicts else {}
             if self._is_new or any(before.get(name) != content.get(name) for name in named):
-                self._verdicts.append(content)
+                self._known = replace(self._known, verdicts=(*verdicts, content)[-VERDICTS_SHOWN:])
             self._is_new = False
         self._lasting[kind] = content
 
-    def _has_event(self, content: Mapping[str, Any]) -> bool:
-        return any(_numbered(event) == _numbered(content) for event in self._events)
+    def _add_event(self, content: Content, *, is_past: bool = False) -> None:
+        """Add an event that is not there yet; a past one in the order of time."""
+        events = self._known.events
+        if all(_numbered(event) != _numbered(content) for event in events):
+            events = (*events, content)
+            events = tuple(sorted(events, key=_sent)) if is_past else events
+            self._known = replace(self._known, events=events[-EVENTS_SHOWN:])
 
     def _has_rows(self, samples: Samples) -> bool:
         return any(samples.first_row == batch.samples.first_row for batch in self._batches)
 
-    def _heartbeat(self, content: Mapping[str, Any], received_ns: int) -> None:
+    def _heartbeat(self, content: Content, received_ns: int) -> None:
         """Compare a heartbeat's sequence numbers with those received; record what is missing.
 
         Messages that were sent before the heartbeat and have not come by now are lost.
@@ -413,27 +400,29 @@ class RigView:
     def _fill(self, begin: int, end: int) -> None:
         """Remove the rows from `begin` to before `end` from the gaps, and from the missing ones."""
         left: list[tuple[int, int]] = []
+        missing = dict(self._known.missing)
         for first, last in self._holes:
             found = min(end, last) - max(begin, first)
             if found <= 0:
                 left.append((first, last))
                 continue
-            self._missing["rows"] -= found
+            missing["rows"] -= found
             left += [(first, begin)] * (first < begin) + [(end, last)] * (end < last)
         self._holes = deque(left, maxlen=HOLES_KEPT)
-        if not self._missing.get("rows", 1):
-            del self._missing["rows"]
+        if not missing.get("rows", 1):
+            del missing["rows"]
+        self._known = replace(self._known, missing=missing)
 
     def _rate_hz(self, now_ns: int) -> float:
         recent = (batch for batch in self._batches if batch.received_ns > now_ns - 10**9)
         return float(sum(len(batch.samples.time_s) for batch in recent if not batch.is_past))
 
 
-def _numbered(event: Mapping[str, Any]) -> tuple[str, int]:
+def _numbered(event: Content) -> tuple[str, int]:
     return event["session"], event["sequence"]
 
 
-def _sent(event: Mapping[str, Any]) -> tuple[int, int]:
+def _sent(event: Content) -> tuple[int, int]:
     return event["sent_ns"], event["sequence"]
 
 

@@ -214,17 +214,13 @@ def calibrate(
         TripError: the rig tripped or was stopped.
     """
     zeros = measure_zeros(strokes, valves)
-    return {
-        kind: calibrated_needle(
-            valve,
-            measure_needle(
-                strokes, kind, openings, zeros[kind], return_pressure_Pa,
-                partial(on_measured, kind),
-            ),
-            date,
+    needles = {}
+    for kind, valve in valves.items():
+        measured = measure_needle(
+            strokes, kind, openings, zeros[kind], return_pressure_Pa, partial(on_measured, kind)
         )
-        for kind, valve in valves.items()
-    }  # fmt: skip
+        needles[kind] = calibrated_needle(valve, measured, date)
+    return needles
 
 
 def measure_zeros(strokes: Strokes, kinds: Iterable[str]) -> dict[str, Estimate]:
@@ -262,38 +258,30 @@ def measure_needle(
             the flow at an opening settles in none of `TRIES` strokes.
         TripError: the rig tripped or was stopped.
     """
+
+    def measurement(opening: float, upwards: bool) -> Measurement:
+        for _ in range(TRIES):
+            samples = strokes.stroke(WAYS[kind].direction)
+            flows, drops = _metered(samples, kind), _drop(samples, kind, return_pressure_Pa)
+            try:
+                found = measured_coefficient(flows, drops, zero, BATCH_TICKS)
+            except UnsettledError:
+                continue
+            flow, coefficient, drop = found
+            return Measurement(opening, upwards, strokes.feedback(kind), flow, drop, coefficient)
+        raise _refusal(
+            kind, f"opening {opening:g}", "the flow", f"did not settle in {TRIES} strokes",
+            "look for air in the lines, a needle that creeps, or an unsteady supply",
+        )  # fmt: skip
+
     measured = []
     up_and_down = [(each, True) for each in openings] + [(each, False) for each in openings[::-1]]
     for opening, upwards in up_and_down:
         strokes.open_bypass(kind, opening)
-        measured.append(_measure(strokes, kind, opening, upwards, zero, return_pressure_Pa))
+        measured.append(measurement(opening, upwards))
         on_measured(measured[-1])
     strokes.shut_bypasses()
     return tuple(measured)
-
-
-def _measure(
-    strokes: Strokes,
-    kind: str,
-    opening: float,
-    upwards: bool,
-    zero: Estimate,
-    return_pressure_Pa: float,  # noqa: N803
-) -> Measurement:
-    for _ in range(TRIES):
-        samples = strokes.stroke(WAYS[kind].direction)
-        drop = _drop(samples, kind, return_pressure_Pa)
-        try:
-            flow, coefficient, drop_Pa = measured_coefficient(  # noqa: N806
-                _metered(samples, kind), drop, zero, BATCH_TICKS
-            )
-        except UnsettledError:
-            continue
-        return Measurement(opening, upwards, strokes.feedback(kind), flow, drop_Pa, coefficient)
-    raise _refusal(
-        kind, f"opening {opening:g}", "the flow", f"did not settle in {TRIES} strokes",
-        "look for air in the lines, a needle that creeps, or an unsteady supply",
-    )  # fmt: skip
 
 
 def _metered(samples: Samples, kind: str) -> Array:

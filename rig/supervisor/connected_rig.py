@@ -39,7 +39,6 @@ from rig.supervisor.processes import (
     Onlooker,
     OpenField,
     Parts,
-    Safety,
     SafetyThread,
     WriteOutputs,
     loop_channel,
@@ -105,6 +104,7 @@ class ConnectedRig:
         state: the present state of the session; OFF at first.
         offset_m: offset in m that is added to the encoder's position; 0 before homing.
         board: the memory that all processes share; it exists once connected.
+        note: is called with who did what at the present time, to record it for a trip report.
         parts: the processes; they exist once connected.
         opened: the loop's answer to the order to open the fast device.
     """
@@ -129,6 +129,7 @@ class ConnectedRig:
         self.say = say
         self._onlooker = onlooker or Onlooker()
         self._event_log = EventLog(rig, directory, say, journal)
+        self.note = self._event_log.note
         self.offset_m = 0.0
         self._memory = lambda: start_memory(filter_name, model, rig.sensors)
         self._directory = directory
@@ -163,8 +164,7 @@ class ConnectedRig:
         self.parts = Parts(
             part("loop", "loop_process"), part("field", "field"), part("recorder", "recorder")
         )
-        settings, drivers = self.configured.loop, self.configured.drivers
-        self._safety = SafetyThread(self.board, self.parts, settings, drivers, self.note, heard)
+        self._safety = SafetyThread(self.board, self.parts, self.configured, self.note, heard)
         try:
             self._open()
         except BaseException:
@@ -252,10 +252,6 @@ class ConnectedRig:
         """
         self._safety.alive()
         return part.ask_patiently(order, timeout_s, 1.0, self._safety.alive)
-
-    def note(self, who: str, what: str) -> None:
-        """Record who did what at the present time, for a trip report."""
-        self._event_log.note(who, what)
 
     def _compiles(self, name: str) -> None:
         """Report that a function is compiled during the session, which delays the supervisor."""
@@ -446,21 +442,18 @@ class ConnectedRig:
     def _make_field_safe(self) -> Mapping[str, str]:
         """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones."""
         try:
-            safety: Safety = self.ask(self.parts.field, MakeSafe(), SAFE_S)
+            failures: Mapping[str, str] = self.ask(self.parts.field, MakeSafe(), SAFE_S)
         except ChildError as error:
             self.note("field", str(error))
             self._safety.trip(Cause.FIELD_LOST)
             return {}
-        self._let_it_be_seen()
-        return safety.failures
-
-    def _let_it_be_seen(self) -> None:
-        """Wait for some more rows, which show viewers the safe state before the loop ends."""
+        # Some more rows show viewers the safe state before the loop ends.
         enough = int(self.board.words[Word.ROWS]) + SHOWN_ROWS
         until = time.monotonic() + SHOWN_S
         while self.board.words[Word.ROWS] < enough and time.monotonic() < until:
             self._safety.alive()
             time.sleep(POLL_S)
+        return failures
 
     def _close_loop(self) -> Mapping[str, str]:
         """Make the loop close its device; return "loop" -> failure if it is not safe, else {}."""

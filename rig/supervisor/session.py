@@ -101,13 +101,12 @@ class Session:
             assumed: the model that the filter assumes.
         """
         ticks = round(test.duration_s / TICK)
-        open_loop = test.setpoint.quantity == "command"
         segment = self.rig.segment(
             Drive.TRACK,
             memory=memory,
             assumed=assumed.parameters,
             setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
-            open_loop=open_loop,
+            open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
         )
         wire = self.rig.wire(segment, test.start_position_m, test.settle_s)

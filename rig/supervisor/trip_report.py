@@ -24,6 +24,8 @@ from rig.recording import Recording, unit_of, write_csv
 from rig.supervisor.processes import STEPS, Driven, News, loop_channel, stage_times, trips_of
 
 Array = NDArray[np.float64]
+Say = Callable[[str], None]
+"""A function that takes a line or sentence for the operator or the journal."""
 
 SCHEMA: Final = "rig-trip"
 LAST_S: Final = 2.0
@@ -220,7 +222,7 @@ def write_trip_report(report: TripReport, directory: Path, path: Path | None = N
 
 
 def kept_trip_report(
-    report: TripReport, directory: Path, say: Callable[[str], None], path: Path | None = None
+    report: TripReport, directory: Path, say: Say, path: Path | None = None
 ) -> Path | None:
     """Write a trip report and return its path; if it cannot be written, show it and return None."""
     try:
@@ -267,13 +269,7 @@ class EventLog:
         report: the report of the trip; None before a trip was reported.
     """
 
-    def __init__(
-        self,
-        rig: Rig,
-        directory: Path,
-        say: Callable[[str], None],
-        journal: Callable[[str], None],
-    ) -> None:
+    def __init__(self, rig: Rig, directory: Path, say: Say, journal: Say) -> None:
         self._rig = rig
         self._directory = directory
         self._say = say

@@ -8,6 +8,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlencode
 
@@ -24,7 +25,7 @@ from rig.console.visitors import ControlHolder, Visitor
 from rig.stream.client import Answer
 from rig.stream.view import Snapshot
 
-from .fakes import RUNNING, FakeClient, until
+from .fakes import RUNNING, FakeClient, start_by, until
 from .site import TOKEN, Site
 
 ANNA, BEN = Visitor(1, "Anna", 9e9), Visitor(2, "Ben", 9e9)
@@ -51,12 +52,13 @@ def started() -> list[Started]:
 
 
 @pytest.fixture
-def launcher(tmp_path: Path, started: list[Started]) -> Launcher:
+def launcher(tmp_path: Path, started: list[Started], monkeypatch: pytest.MonkeyPatch) -> Launcher:
     def popen(*_: Any, **__: Any) -> Any:
         return Started(started)
 
     served = Served((Offer("a", "a", "", "other", 1),), tmp_path, "loopback")
-    return Launcher(served, lambda text: None, popen)
+    start_by(monkeypatch, popen)
+    return Launcher(served, lambda text: None)
 
 
 def desk(client: FakeClient, launcher: Launcher, tell: Any = lambda text: None) -> Orders:
@@ -105,13 +107,10 @@ def test_of_two_who_take_control_at_once_one_is_refused(launcher: Launcher) -> N
 
 
 def test_a_rig_given_for_all_campaigns_is_looked_at_before_one_is_started(
-    tmp_path: Path, started: list[Started]
+    launcher: Launcher, tmp_path: Path, started: list[Started]
 ) -> None:
-    def popen(*_: Any, **__: Any) -> Any:
-        return Started(started)
-
     offers = (Offer("a", "a", "", "other", 1),)
-    launcher = Launcher(Served(offers, tmp_path, "loopback", "rigs/bench.yaml"), print, popen)
+    launcher = Launcher(Served(offers, tmp_path, "loopback", "rigs/bench.yaml"), print)
     answer = desk(FakeClient(RUNNING), launcher).carry_out(Order("start", name="a"), ANNA)
     assert (answer.reason, started) == ("bench has a campaign running", [])
 
@@ -377,10 +376,11 @@ def test_who_goes_away_amid_a_request_leaves_no_traceback(
     assert [record for record in caplog.records if record.exc_info] == []
 
 
-def test_a_flood_of_refusals_does_not_fill_the_log() -> None:
+def test_a_flood_of_refusals_does_not_fill_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     log: list[str] = []
     now = [0.0]
-    refusals = Refusals(log.append, lambda: now[0])
+    monkeypatch.setattr("rig.console.guard.time", SimpleNamespace(monotonic=lambda: now[0]))
+    refusals = Refusals(log.append)
     for _ in range(1000):
         refusals("a", "login")
     assert log == ["refused, from a: login"] * MOST_PER_S

@@ -25,6 +25,8 @@ from rig.runner.campaign.control_port import ControlPort
 from rig.runner.campaign.operator_requests import Desk
 from rig.runner.campaign.stopping import StopFlag
 
+from .fakes import start_by
+
 CAMPAIGN = (
     "name: {name}\ndescription: |\n  Two\n  lines.\nrig: bench\ntests:\n  - name: a\n  - name: b\n"
 )
@@ -57,7 +59,9 @@ def said() -> list[str]:
 
 
 @pytest.fixture
-def launcher(tmp_path: Path, started: list[Process], said: list[str]) -> Launcher:
+def launcher(
+    tmp_path: Path, started: list[Process], said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> Launcher:
     (tmp_path / "leaks.yaml").write_text(CAMPAIGN.format(name="leaks"))
 
     def popen(*given: Any, **options: Any) -> Any:
@@ -65,7 +69,8 @@ def launcher(tmp_path: Path, started: list[Process], said: list[str]) -> Launche
         return started[-1]
 
     served = Served(offers_of([str(tmp_path)]), tmp_path / "runs", "loopback", "bench.yaml")
-    return Launcher(served, said.append, popen)
+    start_by(monkeypatch, popen)
+    return Launcher(served, said.append)
 
 
 def run_of(folder: Path, name: str, *kinds: dict[str, Any]) -> None:

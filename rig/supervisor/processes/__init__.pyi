@@ -9,7 +9,6 @@ from .field import (
     FollowMoves as FollowMoves,
     MakeSafe as MakeSafe,
     OpenField as OpenField,
-    Safety as Safety,
     WriteOutputs as WriteOutputs,
 )
 from .health import STEPS as STEPS, loop_channel as loop_channel, stage_times as stage_times

@@ -69,12 +69,7 @@ class Child:
     """
 
     def __init__(
-        self,
-        name: str,
-        module: str,
-        board: Board,
-        log: Path,
-        on_news: Callable[[News], None] = lambda news: None,
+        self, name: str, module: str, board: Board, log: Path, on_news: Callable[[News], None]
     ) -> None:
         self.name = name
         self._pipe, theirs = Pipe()

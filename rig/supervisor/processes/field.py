@@ -9,7 +9,7 @@ safe state is reported as driven by another master, and brought back.
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import nan
 from multiprocessing.connection import Connection
@@ -62,14 +62,10 @@ class FollowMoves:
 
 @dataclass(frozen=True)
 class MakeSafe:
-    """The order to bring every driver to its safe state and keep it there; answered by `Safety`."""
+    """The order to bring every driver to its safe state and keep it there.
 
-
-@dataclass(frozen=True)
-class Safety:
-    """The answer to `MakeSafe`: driver -> why it is not in its safe state; empty if all are."""
-
-    failures: Mapping[str, str] = field(default_factory=dict)
+    The answer is a dict: driver -> why it is not in its safe state; empty if all are.
+    """
 
 
 @dataclass
@@ -255,7 +251,7 @@ class FieldProcess:
                 return True
         return False
 
-    def _make_safe(self) -> Safety:
+    def _make_safe(self) -> dict[str, str]:
         """Bring the drivers to their safe state in the order of a trip; return each failure."""
         self._safe = True
         self._moves = []
@@ -272,9 +268,7 @@ class FieldProcess:
                     # A driver may raise this only once, and it may be the reason of the trip.
                     self._report_error(served, error)
             self._words[Word.FIELD_BEAT] = time.monotonic_ns()
-        return Safety(
-            {served.driver.name: served.failure for served in self._served if served.failure}
-        )
+        return {served.driver.name: served.failure for served in self._served if served.failure}
 
     def _wait_for_null(self) -> None:
         if not self._words[Word.LOOP_TRIP] and not self._words[Word.SUPERVISOR_TRIP]:

@@ -145,9 +145,8 @@ class Publisher:
         self._refused: list[float] = []
         self._refused_silently = 0
         self._heartbeat_at = self._health_at = self._flushed_at = 0.0
-        self._sender = StreamSender(
-            session, order.rig, order.settings.history_s, on_failure=self._failures.put
-        )
+        history_s = order.settings.history_s
+        self._sender = StreamSender(session, order.rig, history_s, self._failures.put)
         self._gate = gate_of(order.settings, order.rig, self._sender.name)
         keys = command_key(order.rig, "*")
         self._queryable = session.declare_queryable(keys, self._command_came)
@@ -319,9 +318,7 @@ class Publisher:
         self._sender.send("event", event_content("stream", kind, text))
 
 
-def event_content(
-    who: str, kind: str, text: str, time_s: float | None = None
-) -> dict[str, int | float | str | None]:
+def event_content(who: str, kind: str, text: str, time_s: float | None = None) -> dict[str, Any]:
     """Return the content of a message `event`, at the present time; see `Stream.event`."""
     return {"at_ns": time.time_ns(), "time_s": time_s, "who": who, "kind": kind, "text": text}
 

@@ -12,7 +12,8 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import Final
 
-from rig.io import DriverError, DriverSpec, FastDriver, LoopSettings
+from rig.configuration import Rig
+from rig.io import DriverError, DriverSpec, FastDriver
 from rig.loop import FULL, Board, Cause, Word
 from rig.surviving import Surviving, failure
 
@@ -37,6 +38,9 @@ TRIPS: Final = {
 }
 
 
+Report = Callable[[str, str], None]
+
+
 @dataclass(frozen=True)
 class Parts:
     """The processes that the safety thread watches: loop, field and recorder."""
@@ -52,21 +56,16 @@ class SafetyThread:
     Args:
         board: the memory that all parts share.
         parts: the processes.
-        settings: gives the silences after which a part counts as lost.
-        drivers: the rig's drivers, by which the thread makes connections of its own.
+        rig: gives the silences after which a part counts as lost, and the drivers by which the
+            thread makes connections of its own.
         report: is called, from the safety thread, with who did what, for the trip report.
         found: is called, from the safety thread, with each report on another master.
     """
 
     def __init__(
-        self,
-        board: Board,
-        parts: Parts,
-        settings: LoopSettings,
-        drivers: tuple[DriverSpec, ...],
-        report: Callable[[str, str], None],
-        found: Callable[[Driven], None] = lambda driven: None,
+        self, board: Board, parts: Parts, rig: Rig, report: Report, found: Callable[[Driven], None]
     ) -> None:
+        settings = rig.loop
         self._words = board.words
         self._loop, self._field = parts.loop, parts.field
         self._watched = (
@@ -74,7 +73,7 @@ class SafetyThread:
             (parts.field, Word.FIELD_BEAT, settings.field_silence, Cause.FIELD_LOST),
             (parts.recorder, Word.RECORDER_BEAT, settings.recorder_silence, Cause.RECORDER_LOST),
         )
-        self._drivers = drivers
+        self._drivers = rig.drivers
         self._report = report
         self._survives = Surviving("the safety thread", self._failed)
         self._tally = Tally("supervisor", found)

@@ -287,12 +287,9 @@ class RowFeed:
             rows = rows[-self.MOST :]
         self._given_at = now
         words, ring = self._board.words, self._board.ring
-        count = len(rows)
-        if rows.shape[1] != ring.shape[1] - 2:
-            return
-        at = int(words[Word.ROWS])
-        places = np.arange(at, at + count) % RING_ROWS
-        ring[places, :-2] = rows
-        ring[places, -2] = segment
-        ring[places, -1] = np.arange(first, first + count)
-        words[Word.ROWS] = at + count
+        numbers = np.arange(first, first + len(rows))
+        table = np.column_stack([rows, np.full(len(rows), segment), numbers])
+        if table.shape[1] == ring.shape[1]:
+            at = int(words[Word.ROWS])
+            ring[np.arange(at, at + len(rows)) % RING_ROWS] = table
+            words[Word.ROWS] = at + len(rows)

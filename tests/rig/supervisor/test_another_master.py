@@ -5,6 +5,7 @@ import struct
 from collections.abc import Iterator
 from math import nan
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -105,10 +106,12 @@ def test_the_loop_that_was_rescued_goes_on_to_null_the_valve(tmp_path: Path) -> 
 class Told:
     """Keeps what a tally tells, under a clock of its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_ns = 0
+        clock = SimpleNamespace(monotonic_ns=lambda: self.now_ns)
+        monkeypatch.setattr("rig.supervisor.processes.driven.time", clock)
         self.news: list[Driven] = []
-        self.tally = Tally("field", self.news.append, lambda: self.now_ns)
+        self.tally = Tally("field", self.news.append)
 
     def go_on(self, seconds: float, part: str = "pump") -> None:
         """Find a part driven every 10 ms, for so long."""
@@ -117,8 +120,12 @@ class Told:
             self.tally.found(part, "loaded")
 
 
-def test_a_master_that_goes_on_is_reported_at_once_and_then_once_a_second() -> None:
-    told = Told()
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    return Told(monkeypatch)
+
+
+def test_a_master_that_goes_on_is_reported_at_once_and_then_once_a_second(told: Told) -> None:
     told.go_on(3.5)
     assert [news.times for news in told.news] == [1, 101, 201, 301]
     assert told.news[-1].sentence == "pump driven by another master: loaded, 301 times"
@@ -129,8 +136,7 @@ def test_a_master_that_goes_on_is_reported_at_once_and_then_once_a_second() -> N
     assert len(told.news) == 5
 
 
-def test_each_part_is_reported_for_itself() -> None:
-    told = Told()
+def test_each_part_is_reported_for_itself(told: Told) -> None:
     told.go_on(0.01)
     told.go_on(0.01, "valve drive")
     assert [news.sentence for news in told.news] == [

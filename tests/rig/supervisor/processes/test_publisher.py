@@ -153,7 +153,7 @@ def test_a_genuine_command_is_obeyed_and_answered(bench: Bench, client: StreamCl
 
 
 def unsigned(bench: Bench, session: str) -> bytes:
-    return Sender(Credentials("nobody", bytes(32)), time.time_ns).sign("bench", session, "abort")
+    return Sender(Credentials("nobody", bytes(32))).sign("bench", session, "abort")
 
 
 def forged(bench: Bench, session: str) -> bytes:

@@ -57,7 +57,7 @@ class Session:
 @pytest.fixture
 def session(tmp_path: Path) -> Iterator[Session]:
     board = Board.create(len(CHANNELS))
-    child = Child("recorder", "rig.supervisor.processes.recorder", board, tmp_path / "log")
+    child = Child("recorder", "rig.supervisor.processes.recorder", board, tmp_path / "log", print)
     yield Session(board, child, tmp_path)
     child.end()
     os.close(board.fd)
