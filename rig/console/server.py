@@ -220,10 +220,8 @@ class Console:
             return
         self.viewers[visitor] += 1
         cursor = Cursor()
-        tasks = [
-            asyncio.create_task(self._show(socket, cursor, visitor)),
-            asyncio.create_task(self._listen(socket, cursor)),
-        ]
+        works = (self._show(socket, cursor, visitor), self._listen(socket, cursor))
+        tasks = [asyncio.create_task(work) for work in works]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:

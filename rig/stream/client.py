@@ -13,8 +13,8 @@ client goes on.
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -291,13 +291,7 @@ class StreamClient:
                     )
                     for reply in replies:
                         if reply.ok is not None:
-                            self._take_past(view, kind, reply.ok)
-
-    def _take_past(self, view: RigView, kind: str, sample: zenoh.Sample) -> None:
-        with self._left_aside(view):
-            content = _content(sample)
-            with self._lock:
-                view.take_past(kind, content, time.time_ns())
+                            self._take(view.rig, kind, reply.ok, is_past=True)
 
     def _follow(self) -> None:
         session = subscriber_session(self._settings, self._connect)
@@ -331,32 +325,26 @@ class StreamClient:
             if sample is None:
                 self._closing.wait(POLL_S)
                 continue
-            with self._survives:
-                self._take(sample)
+            # A key of something else is left aside.
+            with self._survives, suppress(MessageError):
+                self._take(*rig_and_kind(str(sample.key_expr)), sample, is_past=False)
 
-    def _take(self, sample: zenoh.Sample) -> None:
-        try:
-            rig, kind = rig_and_kind(str(sample.key_expr))
-        except MessageError:
-            return
+    def _take(self, rig: str, kind: str, sample: zenoh.Sample, *, is_past: bool) -> None:
+        """Give a message to the rig's view, which counts it if it is not valid."""
         with self._lock:
-            view = self._views.get(rig)
-        with self._left_aside(view):
+            known = self._views.get(rig)
+        try:
             content = _content(sample)
             with self._lock:
-                self._view_of(rig).take(kind, content, time.time_ns())
-            if self._on_message is not None:
-                self._on_message(rig, kind, content)
-
-    @contextmanager
-    def _left_aside(self, view: RigView | None) -> Iterator[None]:
-        """Count it in the rig's view if the block raises `MessageError`, and go on."""
-        try:
-            yield
+                view = self._view_of(rig)
+                (view.take_past if is_past else view.take)(kind, content, time.time_ns())
         except MessageError as error:
-            if view is not None:
+            if known is not None:
                 with self._lock:
-                    view.refuse(str(error))
+                    known.refuse(str(error))
+            return
+        if self._on_message is not None and not is_past:
+            self._on_message(rig, kind, content)
 
 
 def _content(sample: zenoh.Sample) -> dict[str, Any]:

@@ -11,12 +11,17 @@ from .field import (
     OpenField as OpenField,
     WriteOutputs as WriteOutputs,
 )
-from .health import STEPS as STEPS, loop_channel as loop_channel, stage_times as stage_times
+from .health import (
+    STEPS as STEPS,
+    loop_channel as loop_channel,
+    stage_times as stage_times,
+    trips_of as trips_of,
+)
 from .onlooker import Onlooker as Onlooker
 from .recorder import (
     BeginRecording as BeginRecording,
     FinishRecording as FinishRecording,
     NoteInRecording as NoteInRecording,
 )
-from .safety_thread import Parts as Parts, SafetyThread as SafetyThread, trips_of as trips_of
+from .safety_thread import Parts as Parts, SafetyThread as SafetyThread
 from .streaming import RowFeed as RowFeed, Stream as Stream

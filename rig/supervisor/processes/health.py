@@ -1,7 +1,7 @@
-"""The health of the loop and of the session's parts is read from the board for the live stream."""
+"""The health of the loop and of the session's parts is read from the board, with their trips."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from rig.io import FAST_INPUTS
 from rig.loop import NO_CHANNEL, Action, Board, Cause, Word, explain
-
-from .safety_thread import trips_of
 
 Array = NDArray[np.float64]
 
@@ -28,6 +26,25 @@ STEPS: Final = {
     "pump unloaded": Word.PUMP_UNLOADED_AT,
 }
 """The steps of a trip, with the word of the time at which the device confirmed it."""
+TRIPS: Final = {
+    "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),
+    "field": (Word.FIELD_TRIP, Word.FIELD_TRIP_AT),
+    "supervisor": (Word.SUPERVISOR_TRIP, Word.SUPERVISOR_TRIP_AT),
+}
+"""The parts that may trip, with the words of the cause and the time of their trip."""
+
+
+def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
+    """Return part -> (cause, time) for each part that has tripped, the first one first.
+
+    Times are CLOCK_MONOTONIC in ns.
+    """
+    found = {
+        who: (Cause(int(board.words[word])), int(board.words[at]))
+        for who, (word, at) in TRIPS.items()
+        if board.words[word]
+    }
+    return dict(sorted(found.items(), key=lambda trip: trip[1][1]))
 
 
 def loop_channel(board: Board) -> str:

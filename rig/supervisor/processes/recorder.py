@@ -22,7 +22,7 @@ from rig.loop import Board, RingReader, Word, explain
 from rig.recording import McapWriter
 
 from .child import child_ends, obeyed_next
-from .safety_thread import trips_of
+from .health import trips_of
 
 Array = NDArray[np.float64]
 

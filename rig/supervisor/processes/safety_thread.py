@@ -7,7 +7,7 @@ which it repeats for as long as it lives.
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import Final
@@ -20,6 +20,7 @@ from rig.surviving import Surviving, failure
 from .child import Child
 from .driven import REPEAT_S, Driven, Tally, departures
 from .field import rank_of
+from .health import TRIPS
 
 POLL_S: Final = 0.01
 MAIN_SILENCE_S: Final = 5.0
@@ -30,13 +31,6 @@ NULL_WAIT_S: Final = 0.5
 
 FIELD_WAIT_S: Final = 10.0
 """Time in s within which the field process must confirm bypasses shut and pump unloaded."""
-
-TRIPS: Final = {
-    "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),
-    "field": (Word.FIELD_TRIP, Word.FIELD_TRIP_AT),
-    "supervisor": (Word.SUPERVISOR_TRIP, Word.SUPERVISOR_TRIP_AT),
-}
-
 
 Report = Callable[[str, str], None]
 
@@ -249,16 +243,3 @@ def _found_driven(spec: DriverSpec) -> dict[str, str]:
             return departures(driver.read())
     except Exception:  # the caller makes a device safe even if it cannot be read
         return {}
-
-
-def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
-    """Return part -> (cause, time) for each part that has tripped, the first one first.
-
-    Times are CLOCK_MONOTONIC in ns.
-    """
-    found = {
-        who: (Cause(int(board.words[word])), int(board.words[at]))
-        for who, (word, at) in TRIPS.items()
-        if board.words[word]
-    }
-    return dict(sorted(found.items(), key=lambda trip: trip[1][1]))

@@ -12,7 +12,7 @@ from rig.loop.interlocks.ladder import Cause
 from rig.recording.reading import read_recording
 from rig.supervisor.processes.child import News
 from rig.supervisor.processes.driven import Driven
-from rig.supervisor.processes.safety_thread import trips_of
+from rig.supervisor.processes.health import trips_of
 from rig.supervisor.trip_report import TripReport, write_trip_report
 
 MS = 1_000_000

@@ -18,7 +18,8 @@ from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
 from rig.supervisor.processes import safety_thread as module
 from rig.supervisor.processes.driven import Driven
-from rig.supervisor.processes.safety_thread import Parts, SafetyThread, trips_of
+from rig.supervisor.processes.health import trips_of
+from rig.supervisor.processes.safety_thread import Parts, SafetyThread
 from tests.waiting import PATIENCE_S, until
 
 LATER_NS = int(3600e9)
