@@ -77,8 +77,12 @@ def address_of(
             "--certificate and --key, or listen on 127.0.0.1 and forward the port: "
             f"ssh -L {port}:127.0.0.1:{port} THIS-MACHINE"
         )
-    if certificate is not None and key is not None:
-        _check(certificate, key)
+    if certificate is not None:
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
+        except (OSError, ssl.SSLError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise AddressError(f"{certificate} and {key} cannot be used: {reason}") from None
     if is_any and not names:
         raise AddressError("is every address of this machine; say by --name how browsers call it")
     known = [] if is_any else [f"[{host}]" if ":" in host else host]
@@ -104,12 +108,3 @@ def _ip_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | No
     with suppress(ValueError):
         return ipaddress.ip_address(host)
     return None
-
-
-def _check(certificate: Path, key: Path) -> None:
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    try:
-        context.load_cert_chain(certificate, key)
-    except (OSError, ssl.SSLError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise AddressError(f"{certificate} and {key} cannot be used: {reason}") from None

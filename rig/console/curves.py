@@ -79,20 +79,17 @@ class Curves:
         epoch: number that grows whenever the curves begin anew, so that viewers drop old points.
         count: number of points so far, including those that are dropped already.
         next_row: number of the first row that was not added yet.
+        points: the newest points, oldest first: time in s, number of the test, and a value for each
+            of `CURVES`.
     """
 
     def __init__(self) -> None:
         self.epoch = 0
         self.count = 0
         self.next_row = 0
-        self._points: deque[tuple[float | None, ...]] = deque(maxlen=POINTS)
+        self.points: deque[tuple[float | None, ...]] = deque(maxlen=POINTS)
         self._test: int | None = None
         self._averages: dict[str, MovingAverage] = {}
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is no point."""
-        return not self._points
 
     def begin(self) -> None:
         """Drop all points and begin a new epoch, so that stored rows are added anew.
@@ -101,7 +98,7 @@ class Curves:
         """
         self.epoch += 1
         self.next_row = 0
-        self._points.clear()
+        self.points.clear()
         self._test = None
 
     def take(self, window: Window, period_s: float) -> None:
@@ -123,7 +120,7 @@ class Curves:
         shown = np.flatnonzero(rows % max(1, round(POINT_S / period_s)) == 0)
         columns = self._columns(values, test, shown, period_s)
         times = np.round(rows[shown] * period_s, 3).tolist()
-        self._points.extend(zip(times, test[shown].tolist(), *columns, strict=True))
+        self.points.extend(zip(times, test[shown].tolist(), *columns, strict=True))
         self.count += len(shown)
 
     def since(self, count: int) -> dict[str, Any] | None:
@@ -131,10 +128,10 @@ class Curves:
 
         They are lists by name: `time_s` and `test`, and one for each curve, beside the `epoch`.
         """
-        missing = min(self.count - count, len(self._points))
+        missing = min(self.count - count, len(self.points))
         if missing <= 0:
             return None
-        found = [self._points[-k] for k in range(missing, 0, -1)]
+        found = [self.points[-k] for k in range(missing, 0, -1)]
         columns = map(list, zip(*found, strict=True))
         names = ("epoch", "time_s", "test", *CURVES)
         return dict(zip(names, (self.epoch, *columns), strict=True))

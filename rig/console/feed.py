@@ -8,7 +8,7 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -77,16 +77,15 @@ class RigFeed:
         self._refused = 0
         self._refused_at = -REFUSED_S
 
-    def refusals(self, snapshot: Snapshot, now: float) -> str:
-        """Return a notice of unreadable messages since the last one; "" if there is nothing new.
+    def look(self, snapshot: Snapshot, now: float, notice: Callable[[str], None]) -> None:
+        """Give a notice of unreadable messages, at most every `REFUSED_S`, if there are new ones.
 
-        It is also empty within `REFUSED_S` of the last notice. `now` is a monotonic time in s.
+        `now` is a monotonic time in s.
         """
         new = snapshot.refused - self._refused
-        if not new or now - self._refused_at < REFUSED_S:
-            return ""
-        self._refused, self._refused_at = snapshot.refused, now
-        return f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}"
+        if new and now - self._refused_at >= REFUSED_S:
+            self._refused, self._refused_at = snapshot.refused, now
+            notice(f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}")
 
     def follow(self, client: StreamClient, now: float) -> None:
         """Update the curves with what the client received; every `NOTICED_S` the sections too.
@@ -104,9 +103,7 @@ class RigFeed:
         if self._anew and now >= self._anew[0]:
             del self._anew[0]
             self.curves.begin()
-        self._take(client, SHOWN_S + AVERAGED_S if self.curves.is_empty else CAUGHT_UP_S)
-
-    def _take(self, client: StreamClient, last_s: float) -> None:
+        last_s = CAUGHT_UP_S if self.curves.points else SHOWN_S + AVERAGED_S
         window = client.window(last_s, CHANNELS, self.rig)
         if len(window.row) > 1:
             steps = np.diff(window.time_s)
@@ -160,9 +157,7 @@ class Feed:
             living[rig] = snapshot.life
             with self._survives:
                 feed.follow(self._client, now)
-            refused = feed.refusals(snapshot, now)
-            if refused:
-                self.notice(refused)
+            feed.look(snapshot, now, self.notice)
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
 
     def notice(self, text: str) -> None:

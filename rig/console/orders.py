@@ -66,12 +66,10 @@ def parse(body: bytes) -> Order:
         raise MalformedError("is no JSON") from None
     if not isinstance(content, dict) or not content.keys() <= _KEYS:
         raise MalformedError("has not the keys of an order")
-    if not all(isinstance(value, str) for value in content.values()):
-        raise MalformedError("has a value that is no text")
     try:
-        "".join(content.values()).encode()
-    except UnicodeEncodeError:
         # A lone surrogate is half a character, which cannot be sent to any viewer or rig.
+        "".join(content.values()).encode()
+    except (TypeError, UnicodeEncodeError):
         raise MalformedError("has a value that is no text") from None
     if content.get("order") not in ORDERS:
         raise MalformedError("is none that there is")

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from .messages import Channels, Samples
 
-Array = NDArray[np.float64]
-
 
 class Batches:
     """A collector of rows that returns them in batches of at most `size` samples.
@@ -56,7 +54,7 @@ class Batches:
         self.channels = Channels(self.channels.number + 1, *chosen)
         return True
 
-    def add(self, first_row: int, rows: Array, newest_ns: int) -> list[Samples]:
+    def add(self, first_row: int, rows: NDArray[np.float64], newest_ns: int) -> list[Samples]:
         """Add consecutive rows, and return the batches that are full.
 
         If they do not continue the rows before, those are returned as a batch first.

@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 
 from .fields import FIELDS, HEADER, NEEDED, wrong_keys
 
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-
 VERSION: Final = 1
 """Version of the schema, which is in every Zenoh key and in every message. It does not change when
 keys are added to messages."""
@@ -164,8 +161,8 @@ class Samples:
     first_row: int
     test: int
     newest_ns: int
-    time_s: Array
-    values: Singles
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float32]
 
     def content(self) -> dict[str, Any]:
         """Return the batch as the content of a message."""

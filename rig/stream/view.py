@@ -6,6 +6,7 @@ It does not use Zenoh: received messages are given to it, and it returns snapsho
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 
 from .messages import Channels, Samples, read
 
-Array = NDArray[np.float64]
 Content = Mapping[str, Any]
 Life = Literal["unheard", "live", "ended", "dead"]
 Singles = NDArray[np.float32]
@@ -33,6 +33,10 @@ This is so even if its liveliness token is still there.
 
 _SHOWN: Final = ("decision", "health", "campaign", "progress", "state")
 """Kinds of messages whose newest one is in a snapshot as it came."""
+_numbered: Final = itemgetter("session", "sequence")
+"""Returns what tells a message from all others of its kind."""
+_sent: Final = itemgetter("sent_ns", "sequence")
+"""Returns what orders messages by the time of their sending."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,7 @@ class Window:
     """
 
     row: NDArray[np.int64]
-    time_s: Array
+    time_s: NDArray[np.float64]
     test: NDArray[np.int64]
     values: Mapping[str, Singles]
 
@@ -241,6 +245,7 @@ class RigView:
         age_s = None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns)
         # Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
         is_heard = age_s is not None and age_s < DEAD_AFTER * self._heartbeat_s
+        recent = (batch for batch in self._batches if batch.received_ns > now_ns - 10**9)
         shown: dict[str, Any] = {kind: self._lasting.get(kind, {}) for kind in _SHOWN}
         if self._batches:
             samples, channels = self._batches[-1].samples, self._batches[-1].channels
@@ -252,7 +257,7 @@ class RigView:
             session=self.session,
             alive=self.has_token and is_heard,
             age_s=age_s,
-            rate_hz=self._rate_hz(now_ns),
+            rate_hz=float(sum(len(batch.samples.time_s) for batch in recent if not batch.is_past)),
             **shown,
         )
 
@@ -412,18 +417,6 @@ class RigView:
         if not missing.get("rows", 1):
             del missing["rows"]
         self._known = replace(self._known, missing=missing)
-
-    def _rate_hz(self, now_ns: int) -> float:
-        recent = (batch for batch in self._batches if batch.received_ns > now_ns - 10**9)
-        return float(sum(len(batch.samples.time_s) for batch in recent if not batch.is_past))
-
-
-def _numbered(event: Content) -> tuple[str, int]:
-    return event["session"], event["sequence"]
-
-
-def _sent(event: Content) -> tuple[int, int]:
-    return event["sent_ns"], event["sequence"]
 
 
 def _period_s(samples: Samples) -> float:

@@ -30,7 +30,6 @@ from faults import (
 )
 from rig.configuration import Rig
 from rig.io import METERS
-from rig.loop import Drive
 from rig.plant import TICK
 
 from .arming import bring
@@ -56,8 +55,6 @@ _MARGIN_M: Final = 0.05
 _BATCH_TICKS: Final = 250
 
 _UNMETERED: Final = "rely on its data sheet: `needle: {maximum: ..., rangeability: ...}`"
-
-OnMeasured = Callable[[str, Measurement], None]
 
 
 class Way(NamedTuple):
@@ -135,8 +132,7 @@ class Strokes:
 
     def _follow(self, setpoint: Array) -> Samples:
         rig, rows = self._rig, []
-        segment = rig.segment(Drive.TRACK, setpoint=setpoint)
-        wire = rig.wire(segment, float(setpoint[0]), RETURN_S)
+        wire = rig.tracking(float(setpoint[0]), RETURN_S, setpoint=setpoint)
         with rig.reporting_stops():
             rig.check()
             rig.handle(Event.POSITION)
@@ -195,7 +191,7 @@ def calibrate(
     openings: Sequence[float],
     return_pressure_Pa: float,  # noqa: N803
     date: datetime.date,
-    on_measured: OnMeasured = lambda kind, measurement: None,
+    on_measured: Callable[[str, Measurement], None] = lambda kind, measurement: None,
 ) -> dict[str, NeedleCalibration]:
     """Measure the needles of bypass valves, and return fault -> calibrated needle.
 

@@ -317,15 +317,18 @@ class ConnectedRig:
         self.parts.loop.ask(self.segment(drive, number=number, **changes), ANSWER_S)
         words[Word.SWITCH] = number
 
-    def wire(self, segment: orders.Segment, start_position: float, settle_s: float) -> WireLoop:
-        """Return the loop of a segment that tracks a setpoint, from a position in m on.
+    def tracking(self, start_position: float, settle_s: float, **changes: Any) -> WireLoop:
+        """Return the loop that tracks a setpoint from a position in m on.
 
-        `settle_s` is the time in s in which the ram is brought to that position.
+        Args:
+            start_position: the position in m.
+            settle_s: time in s in which the ram is brought to that position.
+            **changes: the setpoint, and other changes to the fields of `segment`.
         """
         return WireLoop(
             self.board,
             self.parts.loop,
-            segment,
+            self.segment(Drive.TRACK, **changes),
             start_position=start_position,
             settle_ticks=round(settle_s / TICK),
             period_s=TICK,

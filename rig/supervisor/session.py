@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from estimator.filters import FilterMemory
 from faults import CampaignTest
 from rig.io import METERS, SLOW_INPUTS
-from rig.loop import TIMING, Drive, Reaction, Timing, WireLoop, confirmed_fault, in_short
+from rig.loop import TIMING, Reaction, Timing, WireLoop, confirmed_fault, in_short
 from rig.plant import TICK, Model
 from rig.supervisor.processes import (
     BeginRecording,
@@ -101,15 +101,15 @@ class Session:
             assumed: the model that the filter assumes.
         """
         ticks = round(test.duration_s / TICK)
-        segment = self.rig.segment(
-            Drive.TRACK,
+        wire = self.rig.tracking(
+            test.start_position_m,
+            test.settle_s,
             memory=memory,
             assumed=assumed.parameters,
             setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
         )
-        wire = self.rig.wire(segment, test.start_position_m, test.settle_s)
         self._test = HardwareTest(self.rig, wire, test)
         return self._test
 

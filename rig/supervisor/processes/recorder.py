@@ -15,16 +15,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rig.loop import Board, RingReader, Word, explain
 from rig.recording import McapWriter
 
 from .child import child_ends, obeyed_next
 from .health import trips_of
-
-Array = NDArray[np.float64]
 
 POLL_S: Final = 0.02
 FLUSH_S: Final = 0.5

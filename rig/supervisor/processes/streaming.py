@@ -23,8 +23,6 @@ from rig.surviving import Surviving, failure
 from .child import Child, ChildError, News
 from .publisher import Asked, Columns, Obeyed, Open, Send, event_content
 
-Array = NDArray[np.float64]
-
 OPEN_S: Final = 30.0
 """Time in s within which the publisher must open its stream."""
 SILENCE_S: Final = 5.0
@@ -273,7 +271,7 @@ class RowFeed:
         """Close this feed's handle of the ring's memory; the stream has a handle of its own."""
         os.close(self._board.fd)
 
-    def add(self, rows: Array, segment: int) -> None:
+    def add(self, rows: NDArray[np.float64], segment: int) -> None:
         """Add rows, float64 (n, channels), of a segment; if not live, some may be left out.
 
         Rows with another number of columns than the feed's channels are dropped.

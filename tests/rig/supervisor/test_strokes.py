@@ -13,7 +13,6 @@ from rig.configuration.rigs.rig import load_rig
 from rig.io.signals import METERS
 from rig.loop.interlocks.ladder import Action, Cause
 from rig.loop.interlocks.trip import LoopStoppedError, TripError
-from rig.loop.wire.orders import Segment
 from rig.plant.integrator import TICK
 from rig.supervisor.calibration import SPEED, STROKE_S, Strokes
 from rig.supervisor.states import Event
@@ -78,9 +77,6 @@ class ConnectedRig:
     def check(self) -> None:
         """Do nothing: all is well."""
 
-    def segment(self, drive: object, setpoint: NDArray[np.float64]) -> Any:
-        return SimpleNamespace(setpoint=setpoint)
-
     def write(self, outputs: Mapping[str, float]) -> None:
         self.written.append(outputs)
 
@@ -90,9 +86,11 @@ class ConnectedRig:
     def wait(self, done: Callable[[], bool], timeout_s: float, state: str, action: str) -> None:
         assert done(), state
 
-    def wire(self, segment: Segment, start_position: float, settle_s: float) -> Wire:
-        self.started.append((start_position, segment.setpoint))
-        return Wire(segment.setpoint, self.fails)
+    def tracking(
+        self, start_position: float, settle_s: float, setpoint: NDArray[np.float64]
+    ) -> Wire:
+        self.started.append((start_position, setpoint))
+        return Wire(setpoint, self.fails)
 
     @contextmanager
     def reporting_stops(self) -> Iterator[None]:
