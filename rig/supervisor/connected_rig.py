@@ -106,11 +106,13 @@ class ConnectedRig:
         board: the memory that all processes share; it exists once connected.
         note: is called with who did what at the present time, to record it for a trip report.
         parts: the processes; they exist once connected.
+        safety: the safety thread; it exists once connected.
         opened: the loop's answer to the order to open the fast device.
     """
 
     board: Board
     parts: Parts
+    safety: SafetyThread
     opened: orders.Opened
 
     def __init__(
@@ -139,11 +141,6 @@ class ConnectedRig:
         self._devices = ExitStack()
         self._indicated = (0, NO_CHANNEL)
 
-    @property
-    def has_tripped(self) -> bool:
-        """Whether any part of the session has tripped; it can be read once connected."""
-        return self._safety.tripped
-
     def connect(self) -> None:
         """Start the processes and the safety thread, open and verify every device; move nothing.
 
@@ -164,7 +161,7 @@ class ConnectedRig:
         self.parts = Parts(
             part("loop", "loop_process"), part("field", "field"), part("recorder", "recorder")
         )
-        self._safety = SafetyThread(self.board, self.parts, self.configured, self.note, heard)
+        self.safety = SafetyThread(self.board, self.parts, self.configured, self.note, heard)
         try:
             self._open()
         except BaseException:
@@ -172,7 +169,7 @@ class ConnectedRig:
             self._end_parts()
             raise
         self._devices.enter_context(telling_of_compiling(self._compiles))
-        self._safety.start()
+        self.safety.start()
         self._onlooker.connected(self.board, self._channels)
         self.handle(Event.CONNECTED)
 
@@ -216,7 +213,7 @@ class ConnectedRig:
         try:
             self.state = next_state(self.state, event, self._conditions())
         except IllegalTransition as refused:
-            if self.has_tripped:
+            if self.safety.tripped:
                 raise self.tripped() from None
             raise TripError(str(refused)) from None
         self._onlooker.came_to(self.state.value)
@@ -250,8 +247,8 @@ class ConnectedRig:
             ChildError: the part has ended, did not answer in time, or its answer cannot be read. An
                 answer that is an exception is raised too.
         """
-        self._safety.alive()
-        return part.ask_patiently(order, timeout_s, 1.0, self._safety.alive)
+        self.safety.alive()
+        return part.ask_patiently(order, timeout_s, 1.0, self.safety.alive)
 
     def _compiles(self, name: str) -> None:
         """Report that a function is compiled during the session, which delays the supervisor."""
@@ -289,7 +286,7 @@ class ConnectedRig:
             TripError: a part has tripped, even if rows still come.
         """
         self.alive()
-        if self.has_tripped:
+        if self.safety.tripped:
             raise self.tripped()
 
     def segment(self, drive: Drive, **changes: Any) -> orders.Segment:
@@ -356,7 +353,7 @@ class ConnectedRig:
 
     def tripped(self) -> TripError:
         """Wait up to 20 s until the rig is safe, report the trip once, return it as an error."""
-        safe = self._safety.wait_until_safe()
+        safe = self.safety.wait_until_safe()
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
         if not safe:
@@ -369,14 +366,14 @@ class ConnectedRig:
         try:
             yield
         except LoopStoppedError as error:
-            if error.action is Action.TRIP or self.has_tripped:
+            if error.action is Action.TRIP or self.safety.tripped:
                 raise self.tripped() from None
             self.note("loop", str(error))
             raise TripError(str(error)) from None
 
     def alive(self) -> None:
         """Show the safety thread that the supervisor works; report a newly indicated cause."""
-        self._safety.alive()
+        self.safety.alive()
         words = self.board.words
         indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
         if words[Word.ACTION] != Action.INDICATE or indicated == self._indicated:
@@ -398,14 +395,14 @@ class ConnectedRig:
         self.handle(Event.RAMP_DOWN)
         self.board.words[Word.STOP] = Action.RAMP_DOWN
         until = time.monotonic() + STOP_S
-        while time.monotonic() < until and not self._safety.tripped and not self._is_at_rest():
-            self._safety.alive()
+        while time.monotonic() < until and not self.safety.tripped and not self._is_at_rest():
+            self.safety.alive()
             time.sleep(POLL_S)
-        if not self._safety.tripped:
+        if not self.safety.tripped:
             if self._is_at_rest():
                 self.handle(Event.AT_REST)
             else:
-                self._safety.trip(Cause.NULL_NOT_CONFIRMED)
+                self.safety.trip(Cause.NULL_NOT_CONFIRMED)
 
     def _is_at_rest(self) -> bool:
         """Return whether no reading contradicts that the valve is at null and disabled."""
@@ -421,20 +418,20 @@ class ConnectedRig:
         ended: TripError | None = None
         unsafe: dict[str, str] = {}
         try:
-            if not self._safety.tripped:
+            if not self.safety.tripped:
                 self.ramp_down()
-            if not self._safety.tripped:
+            if not self.safety.tripped:
                 unsafe |= self._make_field_safe()
-            if self._safety.tripped and self._event_log.report is None:
+            if self.safety.tripped and self._event_log.report is None:
                 ended = self.tripped()
         finally:
-            self._safety.stop()
+            self.safety.stop()
             unsafe |= self._close_loop()
             self._end_parts()
             self._event_log.complete_report()
         self.handle(Event.DISCONNECT)
         line = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
-        if line and self._safety.tripped:
+        if line and self.safety.tripped:
             # The error of the trip, which came first, is not replaced by this one.
             self.say(line)
         elif line:
@@ -448,13 +445,13 @@ class ConnectedRig:
             failures: Mapping[str, str] = self.ask(self.parts.field, MakeSafe(), SAFE_S)
         except ChildError as error:
             self.note("field", str(error))
-            self._safety.trip(Cause.FIELD_LOST)
+            self.safety.trip(Cause.FIELD_LOST)
             return {}
         # Some more rows show viewers the safe state before the loop ends.
         enough = int(self.board.words[Word.ROWS]) + SHOWN_ROWS
         until = time.monotonic() + SHOWN_S
         while self.board.words[Word.ROWS] < enough and time.monotonic() < until:
-            self._safety.alive()
+            self.safety.alive()
             time.sleep(POLL_S)
         return failures
 

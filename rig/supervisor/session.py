@@ -257,7 +257,7 @@ class HardwareTest:
         a trip nothing is done.
         """
         rig = self._rig
-        if rig.has_tripped:
+        if rig.safety.tripped:
             return
         rig.write(preparing_moves(rig.configured, ()))
         if not held:

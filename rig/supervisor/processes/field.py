@@ -20,6 +20,7 @@ from rig.loop import Board, Cause, Word
 
 from .child import News, child_ends, obeyed_next
 from .driven import Tally, departures
+from .health import trip
 
 CYCLE_S: Final = 0.01
 """Period in s at which moves, orders and drivers are looked after; drivers have their own rates."""
@@ -222,20 +223,16 @@ class FieldProcess:
 
     def _complain(self, served: _Served, error: DriverError) -> None:
         """Report a driver's error to the supervisor; trip if the driver has outputs."""
-        if served.driver.outputs and not self._words[Word.FIELD_TRIP]:
+        if served.driver.outputs:
             # An error may name something else, such as a register, which is no fault of a valve.
             channels = {*served.driver.inputs, *served.driver.outputs}
             is_faulty = not channels.isdisjoint(error.channel.split(", "))
-            self._trip(_CAUSES[served.rank][is_faulty])
+            trip(self._words, "field", _CAUSES[served.rank][is_faulty])
         self._report_error(served, error)
 
     def _report_error(self, served: _Served, error: DriverError) -> None:
         what = f"{error.channel}: {error.state}" if error.channel else error.state
         self._report(News(time.monotonic_ns(), served.driver.name, f"{what}; {error.action}"))
-
-    def _trip(self, cause: Cause) -> None:
-        self._words[Word.FIELD_TRIP_AT] = time.monotonic_ns()
-        self._words[Word.FIELD_TRIP] = cause
 
     def _must_be_safe(self) -> bool:
         words, settings, now = self._words, self._settings, time.monotonic_ns()
@@ -247,7 +244,7 @@ class FieldProcess:
         ):
             # A part that has never beaten has not started yet.
             if words[word] and now - words[word] > silence_s * 1e9:
-                self._trip(cause)
+                trip(self._words, "field", cause)
                 return True
         return False
 

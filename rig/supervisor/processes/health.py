@@ -1,4 +1,4 @@
-"""The health of the loop and of the session's parts is read from the board, with their trips."""
+"""The health of the loop and of the session's parts, with their trips, as the board has it."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -32,6 +32,20 @@ TRIPS: Final = {
     "supervisor": (Word.SUPERVISOR_TRIP, Word.SUPERVISOR_TRIP_AT),
 }
 """The parts that may trip, with the words of the cause and the time of their trip."""
+
+
+def trip(words: NDArray[np.int64], who: str, cause: Cause) -> None:
+    """Write on the board's words that a part trips now, and why, unless it has tripped already.
+
+    Args:
+        words: the board's words.
+        who: the part, one of `TRIPS`.
+        cause: the cause.
+    """
+    word, at = TRIPS[who]
+    if not words[word]:
+        words[at] = time.monotonic_ns()
+        words[word] = cause
 
 
 def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:

@@ -46,6 +46,7 @@ from rig.loop import (
 
 from .child import News, child_ends
 from .driven import Tally
+from .health import trip
 
 _POLL_S: Final = 0.05
 """Period in s at which the main thread looks for signals and for the end of the loop's thread."""
@@ -219,7 +220,7 @@ class LoopProcess:
 
         Return the cause for which the process ends then.
         """
-        self._trip(Cause.CRASH)
+        trip(self._words, "loop", Cause.CRASH)
         self._tend_null()
         failure = self._safe_state()
         self._report(
@@ -284,7 +285,7 @@ class LoopProcess:
         is NONE.
         """
         if cause != Cause.NONE:
-            self._trip(cause)
+            trip(self._words, "loop", cause)
         self._memory.counts[Count.LEAVE] = 1
         if self._thread is not None:
             self._thread.join()
@@ -304,11 +305,6 @@ class LoopProcess:
         if self._words[Word.LOOP_TRIP] and not self._words[Word.VALVE_NULL_AT]:
             self._words[Word.VALVE_NULL_AT] = time.monotonic_ns()
         return ""
-
-    def _trip(self, cause: Cause) -> None:
-        if not self._words[Word.LOOP_TRIP]:
-            self._words[Word.LOOP_TRIP_AT] = time.monotonic_ns()
-            self._words[Word.LOOP_TRIP] = cause
 
     def _report(self, text: str) -> None:
         self._send(News(time.monotonic_ns(), "loop", text))

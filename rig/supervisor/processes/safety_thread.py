@@ -20,7 +20,7 @@ from rig.surviving import Surviving, failure
 from .child import Child
 from .driven import REPEAT_S, Driven, Tally, departures
 from .field import rank_of
-from .health import TRIPS
+from .health import TRIPS, trip
 
 POLL_S: Final = 0.01
 MAIN_SILENCE_S: Final = 5.0
@@ -100,9 +100,7 @@ class SafetyThread:
 
     def trip(self, cause: Cause) -> None:
         """Trip in the name of the supervisor, unless the supervisor has tripped already."""
-        if not self._words[Word.SUPERVISOR_TRIP]:
-            self._words[Word.SUPERVISOR_TRIP_AT] = time.monotonic_ns()
-            self._words[Word.SUPERVISOR_TRIP] = cause
+        trip(self._words, "supervisor", cause)
 
     def wait_until_safe(self, timeout_s: float = 2.0 * FIELD_WAIT_S) -> bool:
         """Wait, after a trip, until the thread has made safe what it can; return whether in time.

@@ -44,7 +44,7 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ConnectedRig:
     stop = SimpleNamespace(requested=False, reason="")
     rig = ConnectedRig(load_rig("emulated"), "product", Model(), tmp_path, stop, lambda line: None)
     safety = SimpleNamespace(alive=lambda: None)
-    monkeypatch.setattr(rig, "_safety", safety, raising=False)
+    monkeypatch.setattr(rig, "safety", safety, raising=False)
     return rig
 
 

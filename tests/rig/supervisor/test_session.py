@@ -21,7 +21,7 @@ class ConnectedRig:
     """
 
     configured = SimpleNamespace(injectable=())
-    has_tripped = False
+    safety = SimpleNamespace(tripped=False)
     state = State.RUNNING
 
     def __init__(self) -> None:
