@@ -165,20 +165,14 @@ class Feed:
         self._notices.append({"at_ms": time.time_ns() // 10**6, "text": text})
         self.common.put("notices", list(self._notices))
 
-    def first_rig(self) -> str:
-        """Return the rig to show to a viewer who chose none; "" if no rig is known.
-
-        A rig whose stream is alive is preferred.
-        """
-        return next(iter(self._client.living() or self._client.rigs()), "")
-
     def news(self, cursor: Cursor) -> str | None:
         """Return a message with all that a viewer was not sent yet; None if there is nothing new.
 
-        The cursor is updated. If its rig is not known, it is set to `first_rig`.
+        The cursor is updated. If its rig is not known, it is set to one that is, by preference one
+        whose stream is alive, or to "" if there is none.
         """
-        if not cursor.rig or cursor.rig not in self._rigs:
-            cursor.choose(self.first_rig())
+        if cursor.rig not in self._rigs:
+            cursor.choose(next(iter(self._client.living() or self._client.rigs()), ""))
         common = self.common.since(cursor.common)
         cursor.common = self.common.number
         parts = [f'"common":{_object(common)}'] if common else []

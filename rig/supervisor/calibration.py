@@ -8,7 +8,7 @@ difference of some 2.5 MPa, which drives flow through the bypass.
 """
 
 import datetime
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Final, NamedTuple
 
@@ -209,7 +209,9 @@ def calibrate(
         BypassError: the measured coefficients do not increase with the opening.
         TripError: the rig tripped or was stopped.
     """
-    zeros = measure_zeros(strokes, valves)
+    strokes.shut_bypasses()
+    samples = strokes.rest(ZERO_S)
+    zeros = {kind: meter_zero(_metered(samples, kind), BATCH_TICKS) for kind in valves}
     needles = {}
     for kind, valve in valves.items():
         measured = measure_needle(
@@ -217,18 +219,6 @@ def calibrate(
         )
         needles[kind] = calibrated_needle(valve, measured, date)
     return needles
-
-
-def measure_zeros(strokes: Strokes, kinds: Iterable[str]) -> dict[str, Estimate]:
-    """Shut every bypass, rest for `ZERO_S`, and return fault -> zero of its bypass's meter, m^3/s.
-
-    Raises:
-        CalibrationError: a meter gives readings in less than half of the samples.
-        TripError: the rig tripped or was stopped.
-    """
-    strokes.shut_bypasses()
-    samples = strokes.rest(ZERO_S)
-    return {kind: meter_zero(_metered(samples, kind), BATCH_TICKS) for kind in kinds}
 
 
 def measure_needle(

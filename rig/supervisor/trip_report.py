@@ -113,11 +113,6 @@ class TripReport:
         text += f": {show(self.value, unit)}"
         return text + (f", limit {show(self.limit, unit)}" if np.isfinite(self.limit) else "")
 
-    @property
-    def summary(self) -> str:
-        """The first-out cause in words, with its remedy."""
-        return f"tripped: {self.sentence}; {explain(self.first[1], self.concerned).remedy}"
-
     def lines(self) -> list[str]:
         """Return the report as lines for the terminal, the first-out cause first."""
         who, cause, at_ns = self.first
@@ -235,8 +230,10 @@ def kept_trip_report(
 
 
 def trip_error(report: TripReport, path: Path | None) -> TripError:
-    """Return the error that a trip raises: the report's summary, and the report's path, if any."""
-    return TripError(report.summary + (f" ({path})" if path is not None else ""), path)
+    """Return the error of a trip: its cause in words, the remedy, and the report's path, if any."""
+    remedy = explain(report.first[1], report.concerned).remedy
+    where = f" ({path})" if path is not None else ""
+    return TripError(f"tripped: {report.sentence}; {remedy}{where}", path)
 
 
 def _write(path: Path, write: Callable[[Path], object]) -> None:
