@@ -92,7 +92,13 @@ class Guard:
         if problem:
             status, text = problem
             self._refused(address_of(scope), text)
-            await self._refuse(scope, send, status, text)
+            if scope["type"] == "websocket":
+                # A websocket that is closed before it is accepted gets the status 403.
+                await send({"type": "websocket.close", "code": 1008, "reason": ""})
+                return
+            headers = [(b"content-type", b"text/plain; charset=utf-8"), *self._headers]
+            await send({"type": "http.response.start", "status": status, "headers": headers})
+            await send({"type": "http.response.body", "body": f"refused: {text}\n".encode()})
             return
 
         async def with_headers(message: Message) -> None:
@@ -135,15 +141,6 @@ class Guard:
             return message
 
         return receive_some
-
-    async def _refuse(self, scope: Scope, send: Send, status: int, text: str) -> None:
-        if scope["type"] == "websocket":
-            # A websocket that is closed before it is accepted gets the status 403.
-            await send({"type": "websocket.close", "code": 1008, "reason": ""})
-            return
-        headers = [(b"content-type", b"text/plain; charset=utf-8"), *self._headers]
-        await send({"type": "http.response.start", "status": status, "headers": headers})
-        await send({"type": "http.response.body", "body": f"refused: {text}\n".encode()})
 
 
 def address_of(scope: Scope) -> str:

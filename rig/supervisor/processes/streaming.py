@@ -161,7 +161,7 @@ class Stream:
         while not self._closing.is_set():
             started = time.monotonic()
             try:
-                child = self._start(note)
+                ended = self._publish(note)
             except (ChildError, OSError, UnreachableError) as error:
                 ended = str(error)
             except ValueError as error:
@@ -170,8 +170,6 @@ class Stream:
                 return
             except Exception as error:  # any other error may not occur at the next attempt
                 ended = failure(error)
-            else:
-                ended = self._until_ended(child)
             if self._closing.is_set():
                 return
             failures = 0 if time.monotonic() - started > WORKED_S else failures + 1
@@ -181,13 +179,16 @@ class Stream:
                 self._say(f"stream: {ended}; to be started again in {wait_s:g} s")
             self._closing.wait(wait_s)
 
-    def _start(self, note: str) -> Child:
-        """Start a publisher, and return it once its stream is open.
+    def _publish(self, note: str) -> str:
+        """Start a publisher, and wait until it ends or hangs, or the stream is closed; then end it.
 
         A publisher that is started again first gets the columns and the lasting messages so far.
 
         Args:
             note: text of an event that it sends at once; empty at the first start.
+
+        Returns:
+            A text on how it ended; empty if the stream was closed before.
 
         Raises:
             ChildError: the publisher ended, did not open its stream in time, or its answer cannot
@@ -205,33 +206,24 @@ class Stream:
                 before = [*self._columns, *self._lasting.values()]
             for earlier in before if note else []:
                 child.send(earlier)
-        except BaseException:
+            self._child = child
+            self._wanted.set()
+            ended = ""
+            while not ended and not self._closing.wait(POLL_S):
+                beat = int(self._board.words[Word.PUBLISHER_BEAT])
+                if child.ended:
+                    ended = f"publisher {child.ended}"
+                elif beat and time.monotonic_ns() - beat > 1e9 * SILENCE_S:
+                    ended = f"publisher hung for {SILENCE_S:g} s"
+            return ended
+        finally:
+            self._child = None
             child.end(END_S)
-            raise
-        self._child = child
-        self._wanted.set()
-        return child
 
     def _heed_close(self) -> None:
         """Raise `ChildError` if the stream is closed, so that no publisher is awaited any more."""
         if self._closing.is_set():
             raise ChildError("the stream is closed")
-
-    def _until_ended(self, child: Child) -> str:
-        """Wait until a publisher ends or hangs, or the stream is closed; end the publisher.
-
-        Return a text on how it ended; empty if the stream was closed before.
-        """
-        ended = ""
-        while not ended and not self._closing.wait(POLL_S):
-            beat = int(self._board.words[Word.PUBLISHER_BEAT])
-            if child.ended:
-                ended = f"publisher {child.ended}"
-            elif beat and time.monotonic_ns() - beat > 1e9 * SILENCE_S:
-                ended = f"publisher hung for {SILENCE_S:g} s"
-        self._child = None
-        child.end(END_S)
-        return ended
 
     def _news(self, news: News) -> None:
         """Show news of the publisher; a command is obeyed and answered before."""

@@ -449,13 +449,13 @@ def test_a_watch_of_the_publisher_that_fails_starts_another_one(
     tmp_path: Path, port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(tmp_path, port)
-    start = Stream._start
+    publish = Stream._publish
 
     def fails(stream: Stream, note: str) -> Any:
-        monkeypatch.setattr(Stream, "_start", start)
+        monkeypatch.setattr(Stream, "_publish", publish)
         raise ZeroDivisionError("of the safety thread")
 
-    monkeypatch.setattr(Stream, "_start", fails)
+    monkeypatch.setattr(Stream, "_publish", fails)
     bench.stream.attach(bench.board, CHANNELS)
     with StreamClient(bench.settings) as client:
         client.wait_for_rig(PATIENCE_S)
