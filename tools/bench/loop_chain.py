@@ -75,12 +75,13 @@ class Chain:
             port = self._ends.enter_context(_emulated())
             self.recording = folder / "bench.mcap"
             self.board = Board.create(len(CHANNELS))
+            log = folder / "log"
             self._loop = Child(
-                "loop", "rig.supervisor.processes.loop_process", self.board, folder / "log"
+                "loop", "rig.supervisor.processes.loop_process", self.board, log, lambda news: None
             )
             self._ends.callback(self._loop.end)
             self._recorder = Child(
-                "recorder", "rig.supervisor.processes.recorder", self.board, folder / "log"
+                "recorder", "rig.supervisor.processes.recorder", self.board, log, lambda news: None
             )
             self._ends.callback(self._recorder.end)
             self._drive(port)

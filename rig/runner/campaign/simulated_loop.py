@@ -19,7 +19,7 @@ from rig.loop import (
     explain,
 )
 from rig.plant import TICK
-from rig.supervisor import Confirmation, Note, TripReport, kept_trip_report, trip_error
+from rig.supervisor import News, TripReport, kept_trip_report, trip_error
 
 Array = NDArray[np.float64]
 
@@ -142,8 +142,8 @@ class SimulatedTest:
         safe_ns = time.monotonic_ns()
         report = TripReport(
             trips={"loop": (error.cause, at_ns)},
-            confirmations=[Confirmation(what, safe_ns) for what in ("valve null", "bypass shut")],
-            notes=[Note(at_ns, "detector", self._found)] if self._found else [],
+            confirmations=dict.fromkeys(("valve null", "bypass shut"), safe_ns),
+            notes=[News(at_ns, "detector", self._found)] if self._found else [],
             channels=self.channels,
             rows=self._last,
             channel=error.channel,
