@@ -108,7 +108,7 @@ def run_chunk(setting: Setting, cases: Cases) -> Judged:
     Raises:
         SweepError: a case could not be run.
     """
-    start_s = _load(setting)
+    start_s = _load(setting, cases)
     wall, process = time.perf_counter(), time.thread_time()
     figures = judge_cases(setting, cases)
     took = time.thread_time() - process, time.perf_counter() - wall
@@ -125,7 +125,7 @@ def sources() -> str:
 _loaded: set[str] = set()
 
 
-def _load(setting: Setting) -> float:
+def _load(setting: Setting, cases: Cases) -> float:
     """Load or compile the code that runs cases, and return how long that took, s.
 
     If this process has done so for the same filter before, nothing is done and 0 is returned.
@@ -134,6 +134,6 @@ def _load(setting: Setting) -> float:
         return 0.0
     start = time.perf_counter()
     short = replace(setting, ticks=_LEAST_BLOCKS * BLOCK + 1)
-    judge_cases(short, still_case(setting))
+    judge_cases(short, still_case(setting, cases))
     _loaded.add(setting.filter_name)
     return time.perf_counter() - start

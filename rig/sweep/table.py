@@ -15,7 +15,8 @@ import pyarrow.parquet as pq
 
 from rig.recording import replacing
 
-from .drawing import Cases, Column
+from .drawing import Cases
+from .motions import Column
 from .setting import Figures
 
 FIGURES: Final = {

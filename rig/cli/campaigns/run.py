@@ -18,7 +18,7 @@ from rig.runner.run_folder import begun_in, default_directory, log_error, unfini
 
 from .progress import CampaignProgress
 from .streaming import stream_of, streamed
-from .verdicts import summary, verdict_table
+from .verdicts import HEADINGS, cells_of, summary
 
 
 @click.command()
@@ -114,7 +114,8 @@ def command(
                 click.echo(f"rig: {state}; free space, or give another --out", err=True)
                 return EXIT_STOPPED
         wall_s = time.perf_counter() - started
-        screen.print(verdict_table(outcome, plain=not screen.is_terminal))
+        rows = map(cells_of, outcome.tests)
+        screen.print_table(HEADINGS, rows, right=("onset", "latency"))
         for line in summary(outcome, wall_s, live=paced):
             screen.print(line, soft_wrap=True)
         report = _report(outcome, directory)

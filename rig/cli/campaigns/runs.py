@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-from rich.text import Text
 
-from rig.cli.screen import Screen, table_of
+from rig.cli.screen import Screen
 from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
@@ -88,16 +87,19 @@ def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
         return 0
     screen = Screen()
     headings = ("run", "begun (UTC)", "campaign", "rig", "state", "tests", "found")
-    table = table_of(headings, plain=not screen.is_terminal, fold=True)
-    for run in found:
-        counts = ", ".join(f"{count} {status}" for status, count in run.counts.items())
-        table.add_row(
-            *map(Text, (
-                str(run.folder.relative_to(below)), f"{run.started:%Y-%m-%d %H:%M}", run.campaign,
-                run.rig, run.state, counts.replace("_", " "), ", ".join(sorted(run.verdicts)),
-            ))
-        )  # fmt: skip
-    screen.print(table)
+    rows = (
+        (
+            str(run.folder.relative_to(below)),
+            f"{run.started:%Y-%m-%d %H:%M}",
+            run.campaign,
+            run.rig,
+            run.state,
+            ", ".join(f"{n} {status}" for status, n in run.counts.items()).replace("_", " "),
+            ", ".join(sorted(run.verdicts)),
+        )
+        for run in found
+    )
+    screen.print_table(headings, rows, fold=headings)
     screen.print(f"{len(found)} runs below {below}")
     return 0
 
@@ -117,7 +119,7 @@ def show(run: str, below: Path, as_json: bool) -> int:
         return 0
     screen = Screen()
     for line in _lines(found):
-        screen.print(Text(line), soft_wrap=True)
+        screen.print(line, soft_wrap=True)
     return 0
 
 
@@ -163,23 +165,21 @@ def compare(
     else:
         screen = Screen()
         headings = ("test", "figure", "reference", "candidate", "tolerated", "unit")
-        table = table_of(headings, plain=not screen.is_terminal, fold=True)
-        for each in comparison.moved:
-            table.add_row(
-                *map(Text, (
-                    each.test, each.figure, _number(each.reference), _number(each.candidate),
-                    _number(each.tolerated), each.unit,
-                ))
-            )  # fmt: skip
+        rows = (
+            (each.test, each.figure, *map(_number, sizes), each.unit)
+            for each in comparison.moved
+            for sizes in [(each.reference, each.candidate, each.tolerated)]
+        )
         if comparison.moved:
-            screen.print(table)
+            screen.print_table(headings, rows, fold=headings)
         for line in comparison.changed:
-            screen.print(Text(f"not the same: {line}"), soft_wrap=True)
+            screen.print(f"not the same: {line}", soft_wrap=True)
         new = sum(each.standing is Change.NEW for each in comparison.figures)
-        counts = f"{len(comparison.moved)} of {len(comparison.figures)} figures moved, {new} new"
-        screen.print(counts)
+        screen.print(
+            f"{len(comparison.moved)} of {len(comparison.figures)} figures moved, {new} new"
+        )
         if out is not None:
-            screen.print(Text(f"page: {out}"), soft_wrap=True)
+            screen.print(f"page: {out}", soft_wrap=True)
     return 1 if comparison.moved else 0
 
 
@@ -230,16 +230,17 @@ def _written(write: Any, path: Path) -> Any:
 
 
 def _is_wanted(
-    run: Run, since: datetime | None, until: datetime | None, campaign: str | None,
-    rig: str | None, verdict: str | None, state: str | None,
-) -> bool:  # fmt: skip
+    run: Run,
+    since: datetime | None,
+    until: datetime | None,
+    verdict: str | None,
+    **properties: str | None,
+) -> bool:
     return (
         (since is None or run.started >= since)
         and (until is None or run.started < until)
-        and campaign in (None, run.campaign)
-        and rig in (None, run.rig)
         and (verdict is None or verdict in run.verdicts)
-        and state in (None, run.state)
+        and all(wanted in (None, getattr(run, name)) for name, wanted in properties.items())
     )
 
 

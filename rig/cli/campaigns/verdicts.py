@@ -1,34 +1,38 @@
 """The table that sets injected faults against found ones, and a campaign's summary in lines."""
 
 from collections.abc import Iterator
+from typing import Final
 
-from rich.table import Table
 from rich.text import Text
 
 from estimator.leaks import Decision
 from faults import to_litres_per_minute
-from rig.cli.screen import table_of
 from rig.runner import CampaignOutcome, InjectedFault, Status, TestOutcome
 from rig.runner.outcomes import chance, in_passing, reaction
 from rig.runner.run_folder import coefficient_unit
 
 from .progress import STYLES
 
+HEADINGS: Final = ("test", "injected", "found", "onset", "latency", "result")
 
-def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
-    """Return a table with a row for each test of a campaign; `plain` draws it with ASCII."""
-    headings = ("test", "injected", "found", "onset", "latency", "result")
-    table = table_of(headings, plain=plain, right=("onset", "latency"))
-    for test in outcome.tests:
-        table.add_row(
-            Text(test.name),
-            Text("\n".join(injected(fault) for fault in test.injected) or "-"),
-            Text("\n".join((found(test.decision), *_passing(test)))),
-            Text(_onset(test)),
-            Text("" if test.latency_s is None else f"{test.latency_s:.1f} s"),
-            Text(_result(test), STYLES[test.status]),
-        )
-    return table
+
+def cells_of(test: TestOutcome) -> tuple[str | Text, ...]:
+    """Return the cells of a test's row in the table of verdicts, under `HEADINGS`."""
+    decision = test.decision
+    passing = [] if decision is None else in_passing(decision, test.found)
+    onset_s = None if decision is None else decision.onset_s
+    ended = test.status.value.replace("_", " ")
+    if test.status == Status.FAILED:
+        ended += f", expected {test.expect}"
+    done = reaction(test)
+    return (
+        test.name,
+        "\n".join(injected(fault) for fault in test.injected) or "-",
+        "\n".join((found(decision), *passing)),
+        "" if onset_s is None else f"{onset_s:.2f} s",
+        "" if test.latency_s is None else f"{test.latency_s:.1f} s",
+        Text(f"{ended}, {done}" if done else ended, STYLES[test.status]),
+    )
 
 
 def injected(fault: InjectedFault) -> str:
@@ -51,10 +55,6 @@ def found(decision: Decision | None) -> str:
         return "-"
     parts = (str(decision.verdict), chance(decision), leak(decision))
     return " ".join(part for part in parts if part)
-
-
-def _passing(test: TestOutcome) -> list[str]:
-    return [] if test.decision is None else in_passing(test.decision, test.found)
 
 
 def leak(decision: Decision) -> str:
@@ -83,17 +83,3 @@ def summary(outcome: CampaignOutcome, wall_s: float, *, live: bool) -> Iterator[
     recorded_s = sum(test.recorded_s for test in outcome.tests)
     took = f"{recorded_s:.0f} s of rig time in {wall_s:.1f} s"
     yield took if live else f"{took}: {recorded_s / wall_s:.0f} rig-seconds per second"
-
-
-def _onset(test: TestOutcome) -> str:
-    if test.decision is None or test.decision.onset_s is None:
-        return ""
-    return f"{test.decision.onset_s:.2f} s"
-
-
-def _result(test: TestOutcome) -> str:
-    ended = test.status.value.replace("_", " ")
-    if test.status == Status.FAILED:
-        ended += f", expected {test.expect}"
-    done = reaction(test)
-    return f"{ended}, {done}" if done else ended

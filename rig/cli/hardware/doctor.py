@@ -8,12 +8,11 @@ from typing import Any, Final
 import click
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 from rich.text import Text
 
 from rig.cli.application import EXIT_CRASHED
 from rig.cli.option_types import Range
-from rig.cli.screen import Screen, table_of
+from rig.cli.screen import Screen
 from rig.configuration import Rig, load_rig
 from rig.io import DriverError, DriverSpec, LoopSettings, exclusive
 from rig.loop import Grant, RealTime, StageTimes, wakeup_lateness
@@ -56,8 +55,10 @@ def command(reference: str | None, seconds: float, as_json: bool) -> int:
         listed = [finding._asdict() for finding in findings]
         click.echo(json.dumps({"findings": listed, "loop": timing}))
     else:
-        screen = Screen()
-        screen.print(_table(findings, plain=not screen.is_terminal))
+        rows = (
+            (each.subject, Text(each.found, STYLES[each.grade]), each.remedy) for each in findings
+        )
+        Screen().print_table(("", "found", "remedy"), rows)
     return EXIT_CRASHED if any(finding.grade == "bad" for finding in findings) else 0
 
 
@@ -113,11 +114,3 @@ def _judged(timing: dict[str, Any], loop: LoopSettings) -> Finding:
         return Finding("idle loop", found)
     remedy = "heed the remedies above; close other programs, or use another machine"
     return Finding("idle loop", found, "weak", remedy)
-
-
-def _table(findings: Sequence[Finding], *, plain: bool) -> Table:
-    """Return the findings as a table; `plain` draws it with ASCII."""
-    table = table_of(("", "found", "remedy"), plain=plain)
-    for subject, found, grade, remedy in findings:
-        table.add_row(Text(subject), Text(found, STYLES[grade]), Text(remedy))
-    return table

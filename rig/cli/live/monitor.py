@@ -8,18 +8,17 @@ import click
 from rich.console import Group
 from rich.live import Live
 
+from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED, ending
+from rig.cli.option_types import TEXT
+from rig.cli.screen import Screen
 from rig.configuration import load_stream
 from rig.stream import COMMANDS, CommandName
 
-if TYPE_CHECKING:
-    from rig.stream import Snapshot, StreamClient
-
-from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED
-from rig.cli.option_types import TEXT
-from rig.cli.screen import Screen
-
 from .following import endpoints, follows_streams
 from .monitor_view import document, line, screen
+
+if TYPE_CHECKING:
+    from rig.stream import Snapshot, StreamClient
 
 SCREEN_S: Final = 0.1
 LOG_S: Final = 1.0
@@ -63,7 +62,10 @@ def command(
     from rig.stream import KeyFileError, StreamClient, StreamError, UnknownRigError
 
     try:
-        with StreamClient(settings, where, rig=rig_id) as client:
+        with (
+            ending(EXIT_BAD_INPUT, KeyFileError, StreamError, UnknownRigError),
+            StreamClient(settings, where, rig=rig_id) as client,
+        ):
             if once or order:
                 _await(client, wait_s)
             if order is not None:
@@ -73,9 +75,6 @@ def command(
             if once:
                 return _once(client, as_json)
             return _follow(client, as_json)
-    except (KeyFileError, StreamError, UnknownRigError) as error:
-        click.echo(str(error), err=True)
-        return EXIT_BAD_INPUT
     except BrokenPipeError:
         return EXIT_STOPPED
 
@@ -97,16 +96,18 @@ def _snapshots(client: "StreamClient") -> "list[Snapshot]":
 
 
 def _once(client: "StreamClient", as_json: bool) -> int:
-    found = _snapshots(client)
+    found = _write(client, as_json)
     if not found:
         click.echo("no rig is heard of; is one running, and with a stream?", err=True)
-    for snapshot in found:
-        click.echo(_written(snapshot, as_json))
     return 0 if any(snapshot.alive for snapshot in found) else EXIT_DEAD
 
 
-def _written(snapshot: "Snapshot", as_json: bool) -> str:
-    return json.dumps(document(snapshot), allow_nan=False) if as_json else line(snapshot)
+def _write(client: "StreamClient", as_json: bool) -> "list[Snapshot]":
+    """Write a line for each rig, and return the rigs' snapshots."""
+    found = _snapshots(client)
+    for shot in found:
+        click.echo(json.dumps(document(shot), allow_nan=False) if as_json else line(shot))
+    return found
 
 
 def _follow(client: "StreamClient", as_json: bool) -> int:
@@ -119,8 +120,7 @@ def _follow(client: "StreamClient", as_json: bool) -> int:
                     live.update(Group(*(shown or ["waiting for a rig ..."])), refresh=True)
                     time.sleep(SCREEN_S)
         while True:
-            for snapshot in _snapshots(client):
-                click.echo(_written(snapshot, as_json))
+            _write(client, as_json)
             time.sleep(LOG_S)
     except KeyboardInterrupt:
         return 0

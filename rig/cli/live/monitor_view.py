@@ -22,14 +22,9 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
 
     Gaps and past verdicts are left out, and so are the messages' version, session and sequence.
     """
+    told = ("rig", "alive", "life", "age_s", "session", "restarts", "rate_hz")
     return {
-        "rig": snapshot.rig,
-        "alive": snapshot.alive,
-        "life": snapshot.life,
-        "age_s": snapshot.age_s,
-        "session": snapshot.session,
-        "restarts": snapshot.restarts,
-        "rate_hz": snapshot.rate_hz,
+        **{name: getattr(snapshot, name) for name in told},
         "time_s": _known(snapshot.time_s),
         "latest": {name: _known(value) for name, value in snapshot.latest.items()},
         "units": dict(zip(snapshot.names, snapshot.units, strict=True)),
@@ -105,13 +100,9 @@ def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
     for stage, words in (("wakeup", "lateness"), ("exchange", "exchange")):
         timed = health.get("timing", {}).get(stage)
         if timed:
-            yield (
-                words,
-                ", ".join(
-                    f"{name} {_number(timed.get(key), '.0f', _US)} us"
-                    for name, key in (("p50", "p50_s"), ("p99", "p99_s"), ("most", "max_s"))
-                ),
-            )
+            named = (("p50", "p50_s"), ("p99", "p99_s"), ("most", "max_s"))
+            times = (f"{name} {_number(timed.get(key), '.0f', _US)} us" for name, key in named)
+            yield words, ", ".join(times)
     if health.get("missed") or health.get("exchange_errors"):
         missed, failed = (_number(health.get(key), "g") for key in ("missed", "exchange_errors"))
         yield "ticks missed", f"{missed}, exchanges failed {failed}"

@@ -12,13 +12,11 @@ from typing import Final
 
 import click
 import numpy as np
-from rich.table import Table
 from rich.text import Text
 
 from estimator.gap import Discovered, GapResult, Plant, Wanted, find_gap
-from rig.cli.application import EXIT_STOPPED
-from rig.cli.problems import Problems
-from rig.cli.screen import Screen, table_of
+from rig.cli.application import EXIT_STOPPED, Problems
+from rig.cli.screen import Screen
 from rig.configuration import PlantModel, load_columns, load_model, load_plant, load_rig
 from rig.plant import TICK
 from rig.recording import Column, Recording, RecordingError, read_measured, replacing
@@ -143,7 +141,8 @@ def found_by(asked: Asked) -> int:
     screen = Screen()
     for line in _lines(result):
         screen.print(line)
-    screen.print(_table(result, plain=not screen.is_terminal))
+    headings = ("", "name", "value, 95 % interval", "was", "evidence", "may as well be")
+    screen.print_table(headings, _rows(result), fold=headings)
     screen.print(f"report: {out / REPORT_FILE}")
     screen.print(f"model: {out / MODEL_FILE}")
     if (out / EXPERIMENT_FILE).is_file():
@@ -317,27 +316,25 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
             yield f"{effects} cannot be told apart: {experiment.motion}"
 
 
-def _table(result: GapResult, *, plain: bool) -> Table:
-    """Return a table of effects, discovered disturbances and nuisances; `plain` is in ASCII."""
-    headings = ("", "name", "value, 95 % interval", "was", "evidence", "may as well be")
-    table = table_of(headings, plain=plain, fold=True)
+Cells = tuple[str | Text, ...]
+
+
+def _rows(result: GapResult) -> Iterator[Cells]:
+    """Yield the cells of a row for each effect, discovered disturbance and nuisance."""
     for effect in result.effects:
         others = ", ".join(rival.effect for rival in effect.indistinguishable)
+        evidence = f"z = {effect.z:.1f}"
         for each in effect.parameters:
-            name = effect.name if each.key == "value" else f"{effect.name}.{each.key}"
-            table.add_row(
-                "missing", Text(name, "bold"), estimated(each), f"{each.before:.4g}",
-                f"z = {effect.z:.1f}", others,
-            )  # fmt: skip
+            name = Text(effect.name if each.key == "value" else f"{effect.name}.{each.key}", "bold")
+            yield "missing", name, estimated(each), f"{each.before:.4g}", evidence, others
         if effect.correction is not None:
-            _add_discovered(table, effect.correction, "corrected")
+            yield _of_discovered(effect.correction, "corrected")
     for disturbance in result.discovered:
-        _add_discovered(table, disturbance, _how(disturbance))
+        yield _of_discovered(disturbance, _how(disturbance))
+    how = "refitted, not kept" if result.as_given else "refitted"
     for each in result.refitted:
-        how = "refitted" if not result.as_given else "refitted, not kept"
         end = "at the end of its tolerance" if each.at_an_end else ""
-        table.add_row(how, each.key, estimated(each), f"{each.before:.4g}", end, "")
-    return table
+        yield how, each.key, estimated(each), f"{each.before:.4g}", end, ""
 
 
 def _how(each: Discovered) -> str:
@@ -349,10 +346,9 @@ def _how(each: Discovered) -> str:
     return f"discovered, {'suspected leak, ' if each.suspected_leak else ''}left out"
 
 
-def _add_discovered(table: Table, each: Discovered, how: str) -> None:
-    """Add a discovered disturbance to the table; `how` says whether the model written has it."""
-    table.add_row(
-        how, Text(f"{in_words(each.name)} in {each.where}", "bold"), extent(each), "0",
-        f"z = {each.z:.1f}, {share(each.share)}" if isfinite(each.z) else "",
-        ", ".join(map(in_words, each.could_also_be)),
-    )  # fmt: skip
+def _of_discovered(each: Discovered, how: str) -> Cells:
+    """Return the cells of a discovered disturbance; `how` says whether the model written has it."""
+    name = Text(f"{in_words(each.name)} in {each.where}", "bold")
+    evidence = f"z = {each.z:.1f}, {share(each.share)}" if isfinite(each.z) else ""
+    others = ", ".join(map(in_words, each.could_also_be))
+    return how, name, extent(each), "0", evidence, others

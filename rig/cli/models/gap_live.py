@@ -10,7 +10,7 @@ import click
 import yaml
 
 from estimator.gap import GapResult, Wanted
-from rig.cli.application import EXIT_CRASHED
+from rig.cli.application import EXIT_CRASHED, ending
 from rig.cli.rig_failures import require_possible_pace
 from rig.configuration import Rig
 from rig.plant import Model
@@ -71,15 +71,15 @@ def close_on_rig(
     require_possible_pace(rig, pace)
     make_empty(out)
     seed = int(datetime.now(UTC).timestamp()) % 1_000_000
-    with experiment(rig, pace, out, as_json=as_json) as (_, stop, progress):
-        try:
-            return close_gap(
-                rig, given, out, rounds=rounds, wanted=wanted, pace=pace, observer=progress,
-                stop=stop, worker=apart, seed=seed,
-            )  # fmt: skip
-        except ApartError as error:
-            click.echo(f"rig: nothing was found: {error}; recordings are in {out}", err=True)
-            raise click.exceptions.Exit(EXIT_CRASHED) from error
+    before, after = "rig: nothing was found: ", f"; recordings are in {out}"
+    with (
+        experiment(rig, pace, out, as_json=as_json) as (_, stop, progress),
+        ending(EXIT_CRASHED, ApartError, before=before, after=after),
+    ):
+        return close_gap(
+            rig, given, out, rounds=rounds, wanted=wanted, pace=pace, observer=progress,
+            stop=stop, worker=apart, seed=seed,
+        )  # fmt: skip
 
 
 def experiment_file(campaign: Mapping[str, Any], rig: str, model: str) -> str:

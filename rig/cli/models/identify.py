@@ -1,18 +1,15 @@
 """`rig identify` learns a rig's friction from recordings or from an experiment."""
 
 import json
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import click
-from rich.table import Table
-from rich.text import Text
 
 from estimator.friction import PARAMETERS, Spring, identify_recording
-from rig.cli.problems import Problems
-from rig.cli.screen import Screen, table_of
+from rig.cli.application import Problems
+from rig.cli.screen import Screen
 from rig.configuration import Physical, QuantityError, load_model, load_rig
 from rig.plant import Model, quantities
 from rig.recording import Recording, read_recording, replace_text
@@ -127,7 +124,10 @@ def friction(
             click.echo(json.dumps(figures, allow_nan=False))
         return 0
     screen = Screen()
-    screen.print(_table(runs, plain=not screen.is_terminal))
+    units = runs[0].curve.estimates
+    right = (*(f"{in_words(name)}, {units[name].unit}" for name in PARAMETERS), "speeds, mm/s")
+    headings = ("recording", "date", *right)
+    screen.print_table(headings, map(_cells, runs), right=right, fold=("recording",))
     for line in changes_in_words(runs):
         screen.print(line)
     for run in runs:
@@ -176,17 +176,11 @@ def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spri
     return Spring(*values) if len(values) == 2 else None
 
 
-def _table(runs: Sequence[FrictionRun], *, plain: bool) -> Table:
-    """Return a table of recordings and their friction; `plain` draws it with ASCII."""
-    units = runs[0].curve.estimates
-    right = (*(f"{in_words(name)}, {units[name].unit}" for name in PARAMETERS), "speeds, mm/s")
-    table = table_of(("recording", "date", *right), plain=plain, right=right)
-    table.columns[0].overflow = "fold"
-    for run in runs:
-        curve = run.curve
-        speeds = "none"
-        if curve.slowest is not None and curve.fastest is not None:
-            speeds = f"{1e3 * curve.slowest:.0f} to {1e3 * curve.fastest:.0f}"
-        cells = [shown(curve.estimates[name]) for name in PARAMETERS]
-        table.add_row(Text(run.recording), run.started or "", *cells, speeds)
-    return table
+def _cells(run: FrictionRun) -> tuple[str, ...]:
+    """Return the cells of a recording's row: path, date, each parameter, and range of speeds."""
+    curve = run.curve
+    speeds = "none"
+    if curve.slowest is not None and curve.fastest is not None:
+        speeds = f"{1e3 * curve.slowest:.0f} to {1e3 * curve.fastest:.0f}"
+    parameters = (shown(curve.estimates[name]) for name in PARAMETERS)
+    return run.recording, run.started or "", *parameters, speeds

@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Final
 
 import click
-from rich.table import Table
 
 from estimator.friction import Spring
 from rig.cli.rig_failures import require_possible_pace
-from rig.cli.screen import table_of
 from rig.configuration import Rig, dump_model
 from rig.plant import Model
 from rig.recording import replace_text
@@ -78,7 +76,8 @@ def run_on_rig(
     if as_json:
         click.echo(json.dumps(experiment_figures(found), allow_nan=False))
     else:
-        screen.print(_table(found, plain=not screen.is_terminal))
+        right = ("found", "from slowing down alone", "model")
+        screen.print_table(("parameter", "unit", *right), parameter_rows(found), right=right)
         for line in remarks(found):
             screen.print(line, soft_wrap=True)
         model = f"model: {directory / 'model.yaml'}" if found.fit else "model: none, see above"
@@ -93,12 +92,3 @@ def _write(found: FrictionExperiment, directory: Path, started: str) -> None:
     model = revised_model(found, directory, started)
     if model is not None:
         dump_model(model, directory / "model.yaml")
-
-
-def _table(found: FrictionExperiment, *, plain: bool) -> Table:
-    """Return a table of the parameters with their intervals; `plain` draws it with ASCII."""
-    right = ("found", "from slowing down alone", "model")
-    table = table_of(("parameter", "unit", *right), plain=plain, right=right)
-    for row in parameter_rows(found):
-        table.add_row(*row)
-    return table

@@ -7,7 +7,7 @@ import click
 
 from estimator.accounts import MOST_MODEL_ERROR
 from estimator.leaks import learn_baseline, write_baseline
-from rig.cli.problems import Problems
+from rig.cli.application import Problems
 from rig.configuration import load_model
 from rig.recording import read_recording
 

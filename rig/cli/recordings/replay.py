@@ -1,28 +1,28 @@
 """`rig replay` runs filter and detector over recordings, as they would have run in the loop."""
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
-from rich.table import Table
 from rich.text import Text
 
 from estimator.filters import DEFAULT_FILTER, filter_named
-from estimator.leaks import Baseline, Decision, Found, load_baseline, replay
+from estimator.leaks import Baseline, Decision, Found, detector_for, load_baseline, replay
 from faults import Verdict, to_litres_per_minute
+from rig.cli.application import Problems
 from rig.cli.campaigns import leak
 from rig.cli.option_types import Range
-from rig.cli.problems import Problems
-from rig.cli.screen import Screen, table_of
+from rig.cli.screen import Screen
 from rig.configuration import load_columns, load_model
 from rig.plant import LEAKS, Model
 from rig.recording import Recording, read_measured
 from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
 from rig.runner.run_folder import findings, leak_figures
+
+_STYLES: Final[dict[str, str]] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def command(
     is bad: then every problem of every file is on stderr, and nothing on stdout.
     """
     problems = Problems()
-    baseline, columns = None, None
+    columns = None
     with problems.collected():
         columns = None if columns_file is None else load_columns(columns_file)
     with problems.collected():
@@ -123,8 +123,9 @@ def command(
         for each in replayed:
             click.echo(json.dumps(json_object(each), allow_nan=False))
     else:
-        screen = Screen()
-        screen.print(replay_table(replayed, plain=not screen.is_terminal))
+        right = ("onset", "detected", "leak flow", "statistic/threshold")
+        headings = ("recording", "verdict", *right)
+        Screen().print_table(headings, map(row_of, replayed), right=right, fold=headings)
     return 0
 
 
@@ -140,14 +141,9 @@ def _replay(
         detector = detector_of(recording, model, filter_name, false_alarms_per_day)
     else:
         detector = baseline.detector(filter_name, model, false_alarms_per_day)
-    result = replay(
-        recording,
-        model,
-        filter_name=filter_name,
-        false_alarms_per_day=false_alarms_per_day,
-        detector=detector,
-        sensors=sensors_of(recording),
-    )
+    detector = detector or detector_for(filter_name, model, false_alarms_per_day)
+    sensors = sensors_of(recording)
+    result = replay(recording, model, filter_name=filter_name, detector=detector, sensors=sensors)
     resets = tuple(result.run.reset_times_s.tolist())
     detected_at_s = result.detected_at_s
     notes = () if recording.sampling is None else tuple(recording.sampling.notes())
@@ -185,32 +181,26 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
     }
 
 
-def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
-    """Return a table with one row per recording; `plain` draws it with ASCII."""
-    right = ("onset", "detected", "leak flow", "statistic/threshold")
-    table = table_of(("recording", "verdict", *right), plain=plain, right=right, fold=True)
-    for each in replayed:
-        decision = each.decision
-        verdict = Text(decision.verdict, _style(decision.verdict))
-        if probable := chance(decision):
-            verdict.append(f" {probable}", "default")
-        if each.unfit:
-            verdict.append(f": {each.unfit}", "default")
-        elif decision.verdict == Verdict.INCONCLUSIVE:
-            verdict.append(f": {advice(decision)}", "default")
-        for line in in_passing(decision, each.found):
-            verdict.append(f"; {line}", "yellow")
-        if each.filter_resets_s:
-            verdict.append(f"; {_lost(each)}", "yellow")
-        table.add_row(
-            Text(each.recording),
-            verdict,
-            _seconds(decision.onset_s),
-            _seconds(each.detected_at_s),
-            leak(decision),
-            f"{decision.statistic:.1f}/{decision.threshold:.1f}",
-        )
-    return table
+def row_of(each: Replayed) -> tuple[str | Text, ...]:
+    """Return the cells of a recording's row: its path, verdict, times, leak flow and statistic."""
+    decision = each.decision
+    verdict = Text(decision.verdict, _STYLES.get(decision.verdict, "red"))
+    if probable := chance(decision):
+        verdict.append(f" {probable}", "default")
+    if each.unfit:
+        verdict.append(f": {each.unfit}", "default")
+    elif decision.verdict == Verdict.INCONCLUSIVE:
+        verdict.append(f": {advice(decision)}", "default")
+    for line in in_passing(decision, each.found):
+        verdict.append(f"; {line}", "yellow")
+    if each.filter_resets_s:
+        verdict.append(f"; {_lost(each)}", "yellow")
+    onset, detected = (
+        "" if time_s is None else f"{time_s:.2f} s"
+        for time_s in (decision.onset_s, each.detected_at_s)
+    )
+    statistic = f"{decision.statistic:.1f}/{decision.threshold:.1f}"
+    return each.recording, verdict, onset, detected, leak(decision), statistic
 
 
 def advice(decision: Decision) -> str:
@@ -241,12 +231,3 @@ def _lost(replayed: Replayed) -> str:
     """Return in words when the filter first diverged, and how often, if more than once."""
     first, number = replayed.filter_resets_s[0], len(replayed.filter_resets_s)
     return f"filter lost at {first:.2f} s" + (f", {number} times" if number > 1 else "")
-
-
-def _style(verdict: str) -> str:
-    styles: dict[str, str] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
-    return styles.get(verdict, "red")
-
-
-def _seconds(time_s: float | None) -> str:
-    return "" if time_s is None else f"{time_s:.2f} s"
