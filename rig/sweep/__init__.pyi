@@ -4,7 +4,6 @@ from .folder import (
     SUMMARY as SUMMARY,
     TABLE as TABLE,
     SweepFolder as SweepFolder,
-    default_folder as default_folder,
     read_identity as read_identity,
     unfinished_folder as unfinished_folder,
 )

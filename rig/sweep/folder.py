@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
-from datetime import datetime
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +14,7 @@ import pyarrow as pa
 
 from rig.configuration import Sweep
 from rig.recording import replacing
-from rig.runner.run_folder import DirectoryError, file_stem
+from rig.runner.run_folder import DirectoryError
 
 from .run_cases import sources
 from .table import read_part, read_table, together, write_part, write_table
@@ -64,18 +63,16 @@ class SweepFolder:
                 _require_same(path, kept, identity(sweep))
             else:
                 self._begin()
+            return
         except BlockingIOError:
-            self.close()
-            line = f"{path}: a sweep is running in it; wait for it, or choose another --out"
-            raise DirectoryError([line]) from None
+            problem = f"{path}: a sweep is running in it; wait for it, or choose another --out"
         except OSError as error:
-            self.close()
             reason = (error.strerror or str(error)).lower()
-            line = f"{path}: cannot be written: {reason}; choose another --out"
-            raise DirectoryError([line]) from error
-        except DirectoryError:
-            self.close()
-            raise
+            problem = f"{path}: cannot be written: {reason}; choose another --out"
+        except DirectoryError as error:
+            problem = str(error)
+        self.close()
+        raise DirectoryError([problem])
 
     def _begin(self) -> None:
         for file in (*self._parts(), *(self.path / name for name in (TABLE, PAGE, SUMMARY))):
@@ -169,18 +166,6 @@ def read_identity(path: Path) -> dict[str, Any] | None:
         return dict(found) if found["schema"] == SCHEMA else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
-
-
-def default_folder(sweep: Sweep, started: datetime) -> Path:
-    """Return the path of a new folder below `runs`, named by the sweep and the time (UTC).
-
-    The folder is not made. A number is added to the name if that folder exists.
-    """
-    stem = f"{file_stem(sweep.name)}-{started:%Y%m%dT%H%M%SZ}"
-    number, path = 2, Path("runs") / stem
-    while path.exists():
-        path, number = Path("runs") / f"{stem}-{number}", number + 1
-    return path
 
 
 def unfinished_folder(sweep: Sweep, runs: Path) -> Path | None:

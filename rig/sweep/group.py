@@ -1,4 +1,4 @@
-"""Prepares the cases of a group, which are run together, one in each lane."""
+"""Prepares the cases that run together, one in each lane, and judges their verdicts."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -6,14 +6,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.leaks import SILENT
 from rig.lanes import LANES, aligned, start_streams
 from rig.loop import LaneRigs
 from rig.plant import NO_FAULT, Parameters, rest_state
 
 from .drawing import Cases
 from .motions import AMPLITUDE, PHASE, SINE_ROWS, Motions
-from .setting import Setting
-from .ticks import CaseLanes, scale_sines
+from .setting import Figures, Setting
+from .ticks import SEEN, SETTLED, CaseLanes, scale_sines
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,49 @@ class Group:
     def names(self) -> str:
         """The numbers of these cases as text, for messages."""
         return f"cases {', '.join(map(str, np.unique(self.cases.numbers[self.at])))}"
+
+    def outcome_columns(self, verdicts: NDArray[np.str_], ends_s: Array) -> Figures:
+        """Return columns with verdict, whether it is right, times, and false alarm, (LANES,) each.
+
+        The keys are `verdict`, `right`, `detected_at_s`, `latency_s` and `false_alarm`; see
+        `rig.sweep.table.FIGURES`. The times are NaN if the last verdict names no fault, and the
+        latency also if that verdict is wrong. An alarm is false if a verdict names a fault before
+        the onset, or at any time in a healthy case.
+
+        Args:
+            verdicts: the verdict after each block, (blocks, LANES).
+            ends_s: time of each of these verdicts, s, (blocks,).
+        """
+        final = verdicts[-1]
+        faults, onset_s = self.cases.faults[self.at], self.cases.onset_s[self.at]
+        silent = np.isin(verdicts, SILENT)
+        first_held = ends_s[np.argmax(verdicts == final, axis=0)]
+        # An alarm is false before a leak begins, and at any time on a healthy rig.
+        before = np.where(np.isnan(onset_s), np.inf, onset_s)
+        right = final == faults
+        # A verdict before the onset is a false alarm; the latency ends at the first right one
+        # after it.
+        since = (verdicts == final) & (ends_s[:, None] > np.nan_to_num(onset_s, nan=-1.0))
+        latency_s = ends_s[np.argmax(since, axis=0)] - onset_s
+        return {
+            "verdict": final,
+            "right": right,
+            "detected_at_s": np.where(silent[-1], np.nan, first_held),
+            "latency_s": np.where(right & ~silent[-1], latency_s, np.nan),
+            "false_alarm": (~silent & (ends_s[:, None] <= before)).any(axis=0),
+        }
+
+    def true_flow(self, total: Array) -> Array:
+        """Return the mean leak flow from 2 s after the onset to the end, m^3/s; NaN if healthy.
+
+        Args:
+            total: sum of the flow over every tenth tick of that time, m^3/s, (LANES,).
+        """
+        last = float(self.setting.ticks - 1)
+        onset = self.cases.onset_tick[self.at]
+        count = np.floor(last / SEEN) - np.ceil((onset + SETTLED) / SEEN) + 1.0
+        leaky = ~np.isnan(self.cases.onset_s[self.at])
+        return np.where(leaky, total / np.maximum(count, 1.0), np.nan)
 
 
 def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:

@@ -59,7 +59,7 @@ def run_pool(
     deaths: Counter[int] = Counter()
     again: deque[Cases] = deque()
     while True:
-        with _pool(jobs) as pool:
+        with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_worker) as pool:
             running: dict[Future[Judged], Cases] = {}
             try:
                 yield from _run(pool, chunks, again, running, setting, jobs, stopped)
@@ -117,21 +117,11 @@ def _run(
             for future in [each for each in running if each.cancel()]:
                 del running[future]
         ended, _ = wait(running, timeout=_POLL_S, return_when=FIRST_COMPLETED)
-        broken: BrokenProcessPool | None = None
-        for future in ended:
-            try:
-                judged = future.result()
-            except BrokenProcessPool as error:
-                broken = error
-                continue
+        # A result that came before the pool broke is not lost.
+        for future in sorted(ended, key=lambda each: each.exception() is not None):
+            judged = future.result()
             del running[future]
             yield judged
-        if broken is not None:
-            raise broken
-
-
-def _pool(jobs: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_worker)
 
 
 def _start_worker() -> None:

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from estimator.filters import THESIS_WINDOW
 from estimator.leaks import LEARNING_S, PATTERNS, STARTED_S, HealthyLevel, pattern_of
 
-from .case_figures import outcome_columns, true_flow
 from .group import Group
-from .setting import Figures, Setting
+from .setting import Figures
 from .ticks import BLOCK, SUMS
 
 Array = NDArray[np.float64]
@@ -29,20 +28,19 @@ DIVERGED_PA: Final = 1e6
 the thesis's largest healthy average is 0.2 MPa."""
 
 
-def judged_by_pattern(sums: Array, group: Group, setting: Setting) -> Figures:
+def judged_by_pattern(sums: Array, group: Group) -> Figures:
     """Return the columns of `rig.sweep.table.FIGURES` for a group's cases, (LANES,) each.
 
     Args:
         sums: `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES).
         group: the group of the cases.
-        setting: what all cases of the sweep share.
     """
     means = sums[:, 0:2] / BLOCK
     healthy = means[_STARTED:_LEARNT]
     looks = healthy.shape[0]
     with np.errstate(all="ignore"):  # a lost filter's numbers may overflow
         level = HealthyLevel(healthy.mean(axis=0), healthy.std(axis=0, ddof=1), looks)
-        baseline = level.baseline(setting.false_alarms_per_day)
+        baseline = level.baseline(group.setting.false_alarms_per_day)
         averages = _moving(means)
         patterns = pattern_of(averages, baseline)
         excess = (averages - baseline.normal) / (baseline.thresholds - baseline.normal)
@@ -53,17 +51,11 @@ def judged_by_pattern(sums: Array, group: Group, setting: Setting) -> Figures:
         lost = ~np.isfinite(sums).all(axis=(0, 1)) | (averages.max(axis=(0, 1)) > DIVERGED_PA)
     ends_s = np.arange(_LEARNT + 1, means.shape[0] + 1, dtype=np.float64) * (BLOCK * 1e-3)
     verdicts = np.array(PATTERNS)[patterns]
-    columns = outcome_columns(group, verdicts, ends_s)
-    nothing = np.full(score.shape, np.nan)
-    return columns | {
-        "leak_true_m3_per_s": true_flow(sums[:, SUMS.index("leak_flow")].sum(axis=0), group),
+    return group.outcome_columns(verdicts, ends_s) | {
+        "leak_true_m3_per_s": group.true_flow(sums[:, SUMS.index("leak_flow")].sum(axis=0)),
         "statistic": ratio,
         "threshold": np.ones(score.shape),
         "score": np.nan_to_num(score, nan=0.0, posinf=1e9),
-        "probability_healthy": nothing,
-        "leak_m3_per_s": nothing,
-        "leak_low_m3_per_s": nothing,
-        "leak_high_m3_per_s": nothing,
         "innovation_1_Pa": means[_STARTED:, 0].mean(axis=0),
         "innovation_2_Pa": means[_STARTED:, 1].mean(axis=0),
         "nis": squares.mean(axis=0),

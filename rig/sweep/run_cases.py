@@ -92,7 +92,7 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
     for at in groups_of(cases):
         group = Group(setting, cases, at)
         if setting.filter_name == "thesis-7":
-            figures = judged_by_pattern(run_thesis7(group), group, setting)
+            figures = judged_by_pattern(run_thesis7(group), group)
         else:
             from .product_lanes import judged_by_product
 

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from estimator.leaks import SILENT
 from rig.configuration import HEALTHY
 from rig.plant import LITRE_PER_MINUTE
 
-from .case_figures import SILENT
 from .table import columns_of
 
 Array = NDArray[np.float64]
@@ -54,6 +54,12 @@ class Share:
         half = _Z / (1 + z2 / n) * sqrt(p * (1 - p) / n + z2 / (4 * n * n))
         return max(middle - half, 0.0), min(middle + half, 1.0)
 
+    @property
+    def plain(self) -> dict[str, Any]:
+        """The share as JSON-able values; its part is None if there are no cases."""
+        part = self.part if self.of else None
+        return {"count": self.count, "of": self.of, "part": part, "interval": list(self.interval)}
+
 
 @dataclass(frozen=True)
 class PowerBin:
@@ -62,13 +68,11 @@ class PowerBin:
     Attributes:
         low, high: the limits, m^3/s.
         right: share of these leaks that were named right.
-        latency_s: median latency of those named right; None if there is none.
     """
 
     low: float
     high: float
     right: Share
-    latency_s: float | None
 
 
 @dataclass(frozen=True)
@@ -157,8 +161,8 @@ class Study:
         return {
             "cases": self.cases,
             "confusion": self.confusion,
-            "false_alarms": _plain(self.false_alarms),
-            "right": {name: _plain(share) for name, share in self.right.items()},
+            "false_alarms": self.false_alarms.plain,
+            "right": {name: share.plain for name, share in self.right.items()},
             "limit_L_per_min": {
                 name: None if curve.limit_m3_per_s is None else {
                     "value": curve.limit_m3_per_s / LITRE_PER_MINUTE,
@@ -169,13 +173,8 @@ class Study:
             "roc_area": {name: roc.area for name, roc in self.roc.items()},
             "latency_s": self.latency_s and {"median": self.latency_s[0], "p95": self.latency_s[1]},
             "sizing": self.sizing,
-            "lost": _plain(self.lost),
+            "lost": self.lost.plain,
         }  # fmt: skip
-
-
-def _plain(share: Share) -> dict[str, Any]:
-    part = None if not share.of else share.part
-    return {"count": share.count, "of": share.of, "part": part, "interval": list(share.interval)}
 
 
 def study_of(table: pa.Table) -> Study:
@@ -193,7 +192,7 @@ def study_of(table: pa.Table) -> Study:
         false_alarms=_share(np.asarray(column["false_alarm"], dtype=np.bool_)[healthy]),
         right={name: _share(right[faults == name]) for name in names},
         power={
-            name: _power(column["leak_true_m3_per_s"][at], right[at], column["latency_s"][at])
+            name: _power(column["leak_true_m3_per_s"][at], right[at])
             for name, at in parts.items()
             if at.any()
         },
@@ -237,23 +236,20 @@ def _latency(latency_s: Array) -> tuple[float, float] | None:
     return float(middle), float(late)
 
 
-def _power(flow: Array, right: NDArray[np.bool_], latency_s: Array) -> PowerCurve:
+def _power(flow: Array, right: NDArray[np.bool_]) -> PowerCurve:
     known = np.isfinite(flow) & (flow > 0.0)
-    flow, right, latency_s = flow[known], right[known], latency_s[known]
+    flow, right = flow[known], right[known]
     if not flow.size:
         return PowerCurve(())
     first = np.floor(np.log10(flow.min()) * _BINS_PER_DECADE)
     last = np.floor(np.log10(flow.max()) * _BINS_PER_DECADE)
     edges = 10.0 ** (np.arange(first, last + 2.0) / _BINS_PER_DECADE)
-    bins = []
-    for low, high in pairwise(edges):
-        at = (flow >= low) & (flow < high)
-        if at.any():
-            known_s = latency_s[at][np.isfinite(latency_s[at])]
-            middle = float(np.median(known_s)) if known_s.size else None
-            bins.append(PowerBin(float(low), float(high), _share(right[at]), middle))
+    bins = (
+        PowerBin(float(low), float(high), _share(right[(flow >= low) & (flow < high)]))
+        for low, high in pairwise(edges)
+    )
     curve = PowerCurve(
-        tuple(bins),
+        tuple(each for each in bins if each.right.of),
         missed_m3_per_s=None if right.all() else float(flow[~right].max()),
         named_m3_per_s=float(flow[right].min()) if right.any() else None,
     )
@@ -351,5 +347,5 @@ def _sizing(column: dict[str, Any], named: NDArray[np.bool_]) -> dict[str, Any] 
         "leaks": int(at.sum()),
         "relative_bias": float(relative.mean()),
         "relative_rms": float(np.sqrt(np.square(relative).mean())),
-        "in_interval": _plain(covered),
+        "in_interval": covered.plain,
     }

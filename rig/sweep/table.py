@@ -48,8 +48,15 @@ _UNIT: Final = b"unit"
 
 
 def rows_of(cases: Cases, figures: Figures) -> pa.Table:
-    """Return the table's rows of some cases, with the columns drawn and the columns of results."""
-    outcomes = {name: Column(figures[name], *FIGURES[name]) for name in FIGURES}
+    """Return the table's rows of some cases, with the columns drawn and the columns of results.
+
+    A result that the filter of the sweep does not tell is missing in every row.
+    """
+    absent = np.full(cases.count, np.nan)
+    outcomes = {
+        name: Column(figures.get(name, absent), unit, about)
+        for name, (unit, about) in FIGURES.items()
+    }
     columns = {**cases.columns, **outcomes}
     fields = [
         pa.field(name, kind, metadata={_UNIT: column.unit, _ABOUT: column.about})

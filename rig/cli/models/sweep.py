@@ -18,6 +18,7 @@ from rig.cli.screen import Screen
 from rig.configuration import Sweep, load_sweep
 from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
+from rig.runner.run_folder import default_directory
 from rig.sweep import (
     PAGE,
     SUMMARY,
@@ -27,7 +28,6 @@ from rig.sweep import (
     SweepFolder,
     Timing,
     chunks_of,
-    default_folder,
     read_identity,
     run_sweep,
     unfinished_folder,
@@ -81,7 +81,7 @@ def command(
     loaded = load_sweep(sweep)
     if resume and out is None:
         out = unfinished_folder(loaded, Path("runs"))
-    path = out or default_folder(loaded, datetime.now(UTC))
+    path = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     say: Callable[[str], Any] = partial(screen.print, soft_wrap=True)

@@ -76,7 +76,7 @@ def alone(found: Array, lane: int) -> tuple[str, float | None, float]:
 def test_lanes_are_judged_as_by_the_detector_of_one_rig(setting: Setting, cases: Cases) -> None:
     found = innovations(setting)
     group = Group(setting, cases, np.arange(LANES))
-    figures = judged_by_pattern(sums_of(found, setting), group, setting)
+    figures = judged_by_pattern(sums_of(found, setting), group)
     verdicts = set()
     for lane in range(LANES):
         verdict, detected_s, statistic = alone(found, lane)
@@ -98,5 +98,5 @@ def test_a_filter_that_ran_away_is_reported(setting: Setting, cases: Cases) -> N
     found[30_000:, 0, 0] = np.nan
     found[30_000:, 1, 1] = 1e7
     group = Group(setting, cases, np.arange(LANES))
-    lost = judged_by_pattern(sums_of(found, setting), group, setting)["lost"]
+    lost = judged_by_pattern(sums_of(found, setting), group)["lost"]
     assert lost.tolist() == [True, True, *[False] * (LANES - 2)]
