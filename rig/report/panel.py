@@ -11,7 +11,7 @@ from rig.recording import Recording
 from rig.runner.outcomes import TestOutcome
 
 from .accounts import AccountHistory
-from .traces import POINTS, Array, Trace
+from .traces import POINTS, Array, Trace, line
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,10 @@ class TestData:
         if name not in self.recording or not np.isfinite(self.recording[name]).any():
             return None
         return self.recording[name]
+
+    def line(self, name: str, role: str, values: Array, **style: Any) -> Trace:
+        """Return a signal of the test, (n,), as a curve over its time; `style` as in `line`."""
+        return line(name, role, self.recording.time_s, values, **{"points": self.points} | style)
 
 
 @dataclass(frozen=True)

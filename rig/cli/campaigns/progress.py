@@ -72,7 +72,7 @@ class CampaignProgress(Observer):
             f"on the rig {campaign.rig_name}, judged by {campaign.filter_name}"
         )
         if finished:
-            done = "1 of them is" if len(finished) == 1 else f"{len(finished)} of them are"
+            done = f"{len(finished)} of them {'is' if len(finished) == 1 else 'are'}"
             self._screen.print(f"{done} finished, and not run again")
 
     def rig_tells(self, text: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, one_line
+from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import load_campaign
@@ -73,15 +73,14 @@ def command(
         out = out or Path(campaign)
         given |= begun_in(Path(campaign))["given"] or {}
         pace = pace or ("fast" if given["pace"] == "fast" else None)
-    reference = str(given["reference"])
-    loaded, rig = load_campaign(
-        reference, rig_reference or given["rig"], Path(str(given["folder"]))
-    )
+    reference, on_rig = str(given["reference"]), rig_reference or given["rig"]
+    loaded, rig = load_campaign(reference, on_rig, Path(str(given["folder"])))
     require_possible_pace(rig, pace)
     if resume and out is None:
         out = unfinished_run(loaded.name, Path("runs"))
     paced = (pace or rig.pace) == "real"
     settings = stream_of(profile or given.get("stream"), paced=paced)
+    again = ["rig", "run", reference, *([] if on_rig is None else ["--rig", on_rig])]
     desk = Desk()
     directory = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
@@ -89,6 +88,7 @@ def command(
     with stop_on_signals(stop):
         started = time.perf_counter()
         with (
+            ending(EXIT_BAD_INPUT, DriverError),
             CampaignProgress(screen, paced=paced) as progress,
             streamed(progress, settings, rig, directory, desk, paced=paced) as observer,
         ):
@@ -100,15 +100,12 @@ def command(
                     pace=pace,
                     observer=observer,
                     stop=stop,
-                    command=_again(reference, rig_reference or given["rig"]),
+                    command=again,
                     resume=resume,
                     overdue=_give_up,
                     given=given,
                     desk=desk,
                 )
-            except DriverError as error:
-                click.echo(str(error), err=True)
-                return EXIT_BAD_INPUT
             except OSError as error:
                 state = f"results cannot be written to {directory}: {error.strerror or error}"
                 click.echo(f"rig: {state}; free space, or give another --out", err=True)
@@ -131,12 +128,6 @@ def _give_up() -> None:
     """
     os.write(2, b"rig: cleaning up takes too long; ended. Go on with rig run --resume\n")
     os._exit(EXIT_STOPPED)
-
-
-def _again(campaign: str, rig_reference: str | None) -> list[str]:
-    """Return the command line that runs a campaign again on the same rig, into a new folder."""
-    on_rig = [] if rig_reference is None else ["--rig", rig_reference]
-    return ["rig", "run", campaign, *on_rig]
 
 
 def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Final
 import click
 
 from rig.cli.screen import Screen
+from rig.recording import replace_text
 from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
@@ -156,9 +158,10 @@ def compare(
     }
     comparison = compared(_run(reference, below), _run(candidate, below), chosen)
     if out is not None:
-        from rig.report.campaign import write_comparison
+        from rig.report.campaign import comparison_page
 
-        _written(lambda: write_comparison(comparison, out), out)
+        with _writing(out):
+            replace_text(out, comparison_page(comparison))
     if as_json:
         for each in comparison.figures:
             click.echo(json.dumps(asdict(each) | {"difference": each.difference}))
@@ -208,7 +211,8 @@ def prune(
                    f"{run.started:%Y-%m-%d %H:%M}, {run.size / 1e6:.1f} MB")  # fmt: skip
         left: list[str] = []
         if delete:
-            left = _written(lambda run=run: remove(run), run.folder)
+            with _writing(run.folder):
+                left = remove(run)
         if left:
             click.echo(f"{run.folder}: left what no run wrote: {', '.join(left)}", err=True)
     word = "removed" if delete else "would be removed; with --delete they are"
@@ -222,9 +226,15 @@ def _run(given: str, below: Path) -> Run:
     return read_run(Path(given))
 
 
-def _written(write: Any, path: Path) -> Any:
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Turn an error of the block, which writes to `path`, into bad input.
+
+    Raises:
+        RunError: the block raised an OSError.
+    """
     try:
-        return write()
+        yield
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
 

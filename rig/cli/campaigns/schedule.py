@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from rig.configuration import Entry, Schedule, load_campaign, load_schedule
+from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
 from rig.runner.run_folder import Journal, RunError, is_written, read_journal, read_run, runs_below
 from rig.runner.schedule import (
@@ -218,13 +219,14 @@ class _Hands:
             time.sleep(_POLL_S)
 
     def after(self, job: Job, exit_code: int) -> str:
-        from rig.report.campaign import TREND, write_trend
+        from rig.report.campaign import TREND, trend_page
         from rig.runner.run_folder import trends_of
 
         problems = []
         page = self._schedule.folder / TREND
         try:
-            write_trend(trends_of(runs_below(self._schedule.folder)), page, self._schedule.name)
+            trends = trends_of(runs_below(self._schedule.folder))
+            replace_text(page, trend_page(trends, self._schedule.name))
         except Exception as error:  # a page that cannot be made ends no schedule
             problems.append(f"no trend page: {type(error).__name__}: {error}")
         if self._schedule.hook:

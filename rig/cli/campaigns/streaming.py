@@ -3,23 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
 
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
 from rig.runner import Observer
 from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request
 from rig.stream import StreamSettings
-
-REQUESTS: Final = {
-    "abort": Request.ABORT,
-    "hold": Request.PAUSE,
-    "resume": Request.RESUME,
-    "skip": Request.SKIP,
-    "retry": Request.RETRY,
-    "note": Request.NOTE,
-    "acknowledge": Request.ACKNOWLEDGE,
-}
-"""The request to the desk for each command of the stream."""
 
 
 def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
@@ -72,8 +60,9 @@ def streamed(
 
     def obey(command: Command) -> str:
         """Hand a command to the desk; return why it is refused, or "" if it is obeyed."""
+        request = Request.PAUSE if command.name == "hold" else Request(command.name)
         try:
-            desk.ask(REQUESTS[command.name], command.by, command.text[:LONGEST_TEXT], command.test)
+            desk.ask(request, command.by, command.text[:LONGEST_TEXT], command.test)
         except RefusedError as error:
             return str(error)
         return ""

@@ -1,19 +1,16 @@
 """`rig doctor` shows what this machine grants to a rig, and a remedy for what it does not."""
 
 import json
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 from rich.text import Text
 
 from rig.cli.application import EXIT_CRASHED
 from rig.cli.option_types import Range
 from rig.cli.screen import Screen
-from rig.configuration import Rig, load_rig
+from rig.configuration import load_rig
 from rig.io import DriverError, DriverSpec, LoopSettings, exclusive
 from rig.loop import Grant, RealTime, StageTimes, wakeup_lateness
 
@@ -49,8 +46,15 @@ def command(reference: str | None, seconds: float, as_json: bool) -> int:
     wakeup_lateness(1.0 / loop.rate, 1)
     with RealTime(loop.cpu, loop.priority) as real_time:
         lateness = wakeup_lateness(1.0 / loop.rate, max(1, round(seconds * loop.rate)))
-    timing = _timing(lateness)
-    findings = list(_findings(real_time.grants, timing, loop, rig))
+    stage = StageTimes()
+    stage.take(lateness)
+    timing = {"ticks": lateness.size, "missed": lateness.size - stage.count, **stage.summary()}
+    findings = [
+        *map(_granted, real_time.grants),
+        *machine(Path.cwd()),
+        *(map(_opened, rig.drivers) if rig is not None else ()),
+        _judged(timing, loop),
+    ]
     if as_json:
         listed = [finding._asdict() for finding in findings]
         click.echo(json.dumps({"findings": listed, "loop": timing}))
@@ -60,18 +64,6 @@ def command(reference: str | None, seconds: float, as_json: bool) -> int:
         )
         Screen().print_table(("", "found", "remedy"), rows)
     return EXIT_CRASHED if any(finding.grade == "bad" for finding in findings) else 0
-
-
-def _findings(
-    grants: Sequence[Grant], timing: dict[str, Any], loop: LoopSettings, rig: Rig | None
-) -> Iterator[Finding]:
-    for grant in grants:
-        yield _granted(grant)
-    yield from machine(Path.cwd())
-    if rig is not None:
-        for spec in rig.drivers:
-            yield _opened(spec)
-    yield _judged(timing, loop)
 
 
 def _granted(grant: Grant) -> Finding:
@@ -94,13 +86,6 @@ def _opened(spec: DriverSpec) -> Finding:
         found = f"{error.channel}: {error.state}" if error.channel else error.state
         return Finding(subject, found, "bad", error.action)
     return Finding(subject, f"{spec.type} answers, {spec.kind}, {spec.rate_hz:g} Hz")
-
-
-def _timing(lateness: NDArray[np.float64]) -> dict[str, Any]:
-    """Return the number of ticks, the number missed, and percentiles of the lateness in s."""
-    stage = StageTimes()
-    stage.take(lateness)
-    return {"ticks": lateness.size, "missed": lateness.size - stage.count, **stage.summary()}
 
 
 def _judged(timing: dict[str, Any], loop: LoopSettings) -> Finding:

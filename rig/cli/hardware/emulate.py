@@ -122,7 +122,11 @@ def command(
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, emulator.stop)
         granted = priority and raise_priority()
-        click.echo(_as_json(emulator) if as_json else _as_text(rig.name, emulator, granted, played))
+        if as_json:
+            told = {"ready": True, "ports": emulator.ports, "pid": os.getpid()}
+            click.echo(json.dumps(told))
+        else:
+            _tell(rig.name, emulator, granted, played)
         await emulator.run()
         await emulator.close()
         return emulator.summary()
@@ -139,15 +143,10 @@ def command(
         click.echo("ended: " + ", ".join(f"{value} {name}" for name, value in summary.items()))
 
 
-def _as_json(emulator: Emulator) -> str:
-    return json.dumps({"ready": True, "ports": emulator.ports, "pid": os.getpid()})
-
-
-def _as_text(name: str, emulator: Emulator, real_time: bool, script: Script) -> str:
-    lines = [f"emulated rig {name}, at {'real-time' if real_time else 'ordinary'} priority"]
-    lines += [f"  {_SHOWN[part]:32} {where}" for part, where in emulator.ports.items()]
-    presses = (
-        "somebody presses it when its lamp is lit" if script.attentive else "nobody presses it"
-    )
-    lines.append(f"  {'reset button':32} {presses}")
-    return "\n".join([*lines, "Ctrl-C ends it"])
+def _tell(name: str, emulator: Emulator, real_time: bool, script: Script) -> None:
+    click.echo(f"emulated rig {name}, at {'real-time' if real_time else 'ordinary'} priority")
+    for part, where in emulator.ports.items():
+        click.echo(f"  {_SHOWN[part]:32} {where}")
+    presses = "somebody presses it when its lamp is lit"
+    click.echo(f"  {'reset button':32} {presses if script.attentive else 'nobody presses it'}")
+    click.echo("Ctrl-C ends it")

@@ -68,20 +68,21 @@ def _text(path: Path) -> str:
         return ""
 
 
+def _weak_unless(good: object, subject: str, found: str, remedy: str) -> Finding:
+    return Finding(subject, found) if good else Finding(subject, found, "weak", remedy)
+
+
 def _kernel(root: Path) -> Finding:
-    release = os.uname().release
-    if _text(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in os.uname().version:
-        return Finding("kernel", f"{release}, PREEMPT_RT")
+    bounded = _text(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in os.uname().version
+    found = f"{os.uname().release}, {'' if bounded else 'not '}PREEMPT_RT"
     remedy = "install a kernel with PREEMPT_RT: it bounds the latest ticks"
-    return Finding("kernel", f"{release}, not PREEMPT_RT", "weak", remedy)
+    return _weak_unless(bounded, "kernel", found, remedy)
 
 
 def _clock(root: Path) -> Finding:
     source = _text(root / _CLOCK) or "unknown"
-    if source in _FAST_CLOCKS:
-        return Finding("clock source", source)
     remedy = "boot with tsc=reliable, if the processor's counter is"
-    return Finding("clock source", source, "weak", remedy)
+    return _weak_unless(source in _FAST_CLOCKS, "clock source", source, remedy)
 
 
 def _processors(root: Path) -> Finding:
@@ -89,21 +90,18 @@ def _processors(root: Path) -> Finding:
     if usable == 1:
         remedy = "give it two: the loop should share its own with nobody"
         return Finding("processors", "1", "weak", remedy)
-    if isolated:
-        return Finding("processors", f"{usable}, isolated {isolated}")
+    found = f"{usable}, isolated {isolated}" if isolated else f"{usable}, none isolated"
     remedy = "boot with isolcpus=N nohz_full=N, and write `loop: {cpu: N}` in the rig file"
-    return Finding("processors", f"{usable}, none isolated", "weak", remedy)
+    return _weak_unless(isolated, "processors", found, remedy)
 
 
 def _governor(root: Path) -> Finding:
     paths = sorted((root / _CPU).glob("cpu[0-9]*/cpufreq/scaling_governor"))
     governors = sorted({_text(path) for path in paths})
-    if not governors:
-        return Finding("frequency governor", "none: the clock rate is not ours to set")
-    if governors == ["performance"]:
-        return Finding("frequency governor", "performance")
+    found = ", ".join(governors) or "none: the clock rate is not ours to set"
     remedy = "cpupower frequency-set --governor performance"
-    return Finding("frequency governor", ", ".join(governors), "weak", remedy)
+    best = governors in ([], ["performance"])
+    return _weak_unless(best, "frequency governor", found, remedy)
 
 
 def _throttling(root: Path) -> Finding:
@@ -119,32 +117,26 @@ def _serial_ports(root: Path) -> Finding:
     # ttyS ports are left out, as every PC lists them whether it has them or not.
     ports = [str(port) for kind in ("ttyUSB", "ttyACM") for port in (root / "dev").glob(f"{kind}*")]
     shut = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
-    if shut:
-        remedy = "add yourself to the group dialout and log in again"
-        return Finding("serial ports", f"no access to {', '.join(shut)}", "weak", remedy)
-    return Finding("serial ports", ", ".join(sorted(ports)) or "no USB adapter")
+    found = ", ".join(sorted(ports)) or "no USB adapter"
+    found = f"no access to {', '.join(shut)}" if shut else found
+    remedy = "add yourself to the group dialout and log in again"
+    return _weak_unless(not shut, "serial ports", found, remedy)
 
 
 def _can_interfaces(root: Path) -> Finding:
     types = (root / "sys/class/net").glob("*/type")
     states = {path.parent.name: _text(path.parent / "operstate") for path in types
               if _text(path) == _CAN}  # fmt: skip
-    if not states:
-        return Finding("CAN interfaces", "none")
-    found = ", ".join(f"{name} {state}" for name, state in sorted(states.items()))
+    found = ", ".join(f"{name} {state}" for name, state in sorted(states.items())) or "none"
     down = sorted(name for name, state in states.items() if state == "down")
-    if not down:
-        return Finding("CAN interfaces", found)
-    remedy = f"ip link set {down[0]} up type can bitrate 500000"
-    return Finding("CAN interfaces", found, "weak", remedy)
+    remedy = f"ip link set {next(iter(down), '')} up type can bitrate 500000"
+    return _weak_unless(not down, "CAN interfaces", found, remedy)
 
 
 def _cyclictest() -> Finding:
     path = shutil.which("cyclictest")
-    if path:
-        return Finding("cyclictest", path)
     remedy = "install rt-tests: make bench-loop compares the loop with it"
-    return Finding("cyclictest", "not found", "weak", remedy)
+    return _weak_unless(path, "cyclictest", path or "not found", remedy)
 
 
 def _disk_space(folder: Path) -> Finding:
@@ -167,7 +159,5 @@ def _disk_speed(folder: Path) -> Finding:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         return Finding("disk speed", f"{folder}: {reason}", "bad", "give another folder with --out")
-    found = f"{speed / 1e6:.0f} MB/s"
-    if speed >= _NEEDED_PER_S:
-        return Finding("disk speed", found)
-    return Finding("disk speed", found, "weak", "record to a local disk with --out")
+    remedy = "record to a local disk with --out"
+    return _weak_unless(speed >= _NEEDED_PER_S, "disk speed", f"{speed / 1e6:.0f} MB/s", remedy)

@@ -5,20 +5,22 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 import numpy as np
+import yaml
 from rich.text import Text
 
 from estimator.gap import Discovered, GapResult, Plant, Wanted, find_gap
-from rig.cli.application import EXIT_STOPPED, Problems
+from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, Problems, ending
 from rig.cli.screen import Screen
-from rig.configuration import PlantModel, load_columns, load_model, load_plant, load_rig
-from rig.plant import TICK
+from rig.configuration import PlantModel, Rig, load_columns, load_model, load_plant, load_rig
+from rig.plant import TICK, Model
 from rig.recording import Column, Recording, RecordingError, read_measured, replacing
 from rig.report.gap import (
     estimated,
@@ -32,10 +34,22 @@ from rig.report.gap import (
     where_words,
 )
 from rig.runner.campaign import Pace
-from rig.runner.experiments import ROUNDS, answer, gap_figures, provenance_of, rig_plant, room_of
+from rig.runner.experiments import (
+    ROUNDS,
+    ApartError,
+    Programme,
+    answer,
+    apart,
+    close_gap,
+    gap_figures,
+    motions_campaign,
+    provenance_of,
+    rig_plant,
+    room_of,
+)
 from rig.runner.outcomes import sensors_of
 
-from .gap_live import close_on_rig, experiment_file, show_motions
+from .experiments import experiment, print_motions, rig_time
 
 MODEL_FILE: Final = "model.yaml"
 REPORT_FILE: Final = "report.html"
@@ -46,6 +60,7 @@ SELDOM: Final = 5
 """Greatest usual distance of a rig's readings, ms. With 10 ms a rig that lacks nothing came out as
 `unknown_effect`, with 4 ms as `adequate`."""
 
+LONGEST: Final = "each experiment {:g} s more, with a check after it"
 _STYLES: Final = {"adequate": "green", "missing_effect": "red", "unknown_effect": "red"}
 
 
@@ -93,18 +108,17 @@ def found_by(asked: Asked) -> int:
             with problems.collected():
                 rig = load_rig(asked.rig)
         if asked.dry_run and not problems.found:
-            return show_motions(rig, tested)
+            return _show_motions(rig, tested)
     else:
         if not asked.recordings or not asked.holdout:
             problems.add("give recordings to fit to, and some to judge with after --holdout")
         if asked.rig or asked.pace or asked.dry_run or asked.rounds:
             problems.add("--rig, --pace, --rounds, --dry-run: are of motions on a rig; give --live")
     out = asked.out
-    if out is None or (out.exists() and not out.is_dir()):
-        what = (
-            "name a folder for what is found" if out is None else f"{out} is a file; name a folder"
-        )
-        problems.add(f"--out: {what}")
+    if out is None:
+        problems.add("--out: name a folder for what is found")
+    elif out.exists() and not out.is_dir():
+        problems.add(f"--out: {out} is a file; name a folder")
     columns = None
     if asked.columns is not None and (asked.outside is not None or asked.live):
         limit = "is for recordings of a rig; a plant's model file names them under channels"
@@ -120,7 +134,7 @@ def found_by(asked: Asked) -> int:
     wanted = Wanted(discovered=not asked.no_discovered, leaks=asked.accept_leaks)
     if asked.live:
         rounds = asked.rounds or ROUNDS
-        result = close_on_rig(rig, tested, asked.pace, rounds, out, wanted, as_json=asked.as_json)
+        result = _close_on_rig(rig, tested, asked.pace, rounds, out, wanted, as_json=asked.as_json)
         plant, name = rig_plant(tested, rig.sensors, room_of(rig)), tested.name
     else:
         if own is not None:
@@ -128,7 +142,7 @@ def found_by(asked: Asked) -> int:
         else:
             plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
         find = partial(find_gap, wanted=wanted, said=_say)
-        unread = _unread(fitted, judged) if own is None else []
+        unread = _unread([*fitted, *judged]) if own is None else []
         result = _unjudged(fitted, judged, plant) if unread else find(fitted, judged, plant)
         result.reasons += unread
         result.reasons += _noted([*fitted, *judged])
@@ -184,10 +198,10 @@ def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:
     return recording
 
 
-def _unread(fitted: Sequence[Recording], judged: Sequence[Recording]) -> list[str]:
+def _unread(recordings: Sequence[Recording]) -> list[str]:
     """Return the reasons, in words, if a rig's position or pressures were read too seldom."""
     reasons = []
-    for recording in (*fitted, *judged):
+    for recording in recordings:
         interpolated = {} if recording.sampling is None else recording.sampling.interpolated
         if set(interpolated) - {"spool_m"}:
             reasons.append(
@@ -209,10 +223,8 @@ def _unjudged(fitted: Sequence[Recording], judged: Sequence[Recording], plant: P
     result = GapResult("inconclusive", [], values=dict(plant.nominal), as_given=True)
     result.identification = [(r.source, r.content_hash()) for r in fitted]
     result.holdout = [(r.source, r.content_hash()) for r in judged]
-    result.seconds = (
-        sum(map(len, fitted)) * plant.period,
-        sum(map(len, judged)) * plant.period,
-    )
+    lengths = sum(map(len, fitted)), sum(map(len, judged))
+    result.seconds = (lengths[0] * plant.period, lengths[1] * plant.period)
     return result
 
 
@@ -307,13 +319,12 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
         yield f"where: {line}"
     yield gap_words(result)
     yield from left_words(result)
-    for experiment in result.experiments[:1]:
-        effects = " and ".join(map(in_words, experiment.effects))
-        if experiment.campaign:
-            sure = f"predicted z {experiment.z:.0f}"
-            yield f"to tell {effects} apart: {experiment.motion} ({sure})"
+    for each in result.experiments[:1]:
+        effects = " and ".join(map(in_words, each.effects))
+        if each.campaign:
+            yield f"to tell {effects} apart: {each.motion} (predicted z {each.z:.0f})"
         else:
-            yield f"{effects} cannot be told apart: {experiment.motion}"
+            yield f"{effects} cannot be told apart: {each.motion}"
 
 
 Cells = tuple[str | Text, ...]
@@ -352,3 +363,81 @@ def _of_discovered(each: Discovered, how: str) -> Cells:
     evidence = f"z = {each.z:.1f}, {share(each.share)}" if isfinite(each.z) else ""
     others = ", ".join(map(in_words, each.could_also_be))
     return how, name, extent(each), "0", evidence, others
+
+
+def _show_motions(rig: Rig, assumed: Model) -> int:
+    """Print the motions of the first round as they would run, and move nothing; return 0."""
+    plan = Programme()
+    campaigns = (
+        motions_campaign("held out", plan.held, rig, assumed, 1),
+        motions_campaign("round 1", plan.fitted, rig, assumed, 1),
+        motions_campaign("check", plan.check, rig, assumed, 501),
+    )
+    click.echo(
+        f"gap of {rig.name} to the model {assumed.name}: {rig_time(campaigns)} of rig time in "
+        f"one round; {LONGEST.format(plan.experiment_s)}"
+    )
+    for campaign in campaigns:
+        click.echo(f"{campaign.name}:")
+        print_motions(campaign, rig, indent="  ")
+    return 0
+
+
+def _close_on_rig(
+    rig: Rig,
+    given: Model,
+    pace: Pace | None,
+    rounds: int,
+    out: Path,
+    wanted: Wanted,
+    *,
+    as_json: bool,
+) -> GapResult:
+    """Close the gap of a model by motions on a rig, and return the result.
+
+    Args:
+        rig: the rig that is moved.
+        given: the model to start from.
+        pace: the pace that the user asks for; None for the rig's own.
+        rounds: the most rounds of motions and revisions.
+        out: new or empty folder for the recordings.
+        wanted: what the revised model may hold of what is discovered.
+        as_json: whether the screen stays silent.
+
+    Raises:
+        DirectoryError: the folder cannot be used.
+        click.exceptions.Exit: as `experiment` does, or because the search for effects died.
+    """
+    seed = int(datetime.now(UTC).timestamp()) % 1_000_000
+    before, after = "rig: nothing was found: ", f"; recordings are in {out}"
+    with (
+        experiment(rig, pace, out, as_json=as_json) as (_, stop, progress),
+        ending(EXIT_CRASHED, ApartError, before=before, after=after),
+    ):
+        return close_gap(
+            rig, given, out, rounds=rounds, wanted=wanted, pace=pace, observer=progress,
+            stop=stop, worker=apart, seed=seed,
+        )  # fmt: skip
+
+
+def experiment_file(campaign: Mapping[str, Any], rig: str, model: str) -> str:
+    """Return the text of a campaign file that runs the experiment `campaign` on a rig.
+
+    `rig` and `model` are names or paths; a path to a file is made absolute.
+    """
+    content = {
+        "name": campaign["name"],
+        "description": campaign["description"],
+        "rig": _reference(rig),
+        "model": _reference(model),
+        "tests": json.loads(json.dumps(campaign["tests"])),
+    }
+    head = "# Written by rig gap: tells apart what its recordings could not. Look at it first:\n"
+    body = yaml.safe_dump(content, sort_keys=False)
+    return f"{head}# rig check this file, then rig run it.\n{body}"
+
+
+def _reference(reference: str) -> str:
+    """Return the absolute path of a file; return the reference unchanged if it is no file."""
+    path = Path(reference).expanduser()
+    return str(path.resolve()) if path.is_file() else reference

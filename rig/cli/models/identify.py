@@ -1,4 +1,4 @@
-"""`rig identify` learns a rig's friction from recordings or from an experiment."""
+"""`rig identify` learns a rig's friction from recordings, or from an experiment that it runs."""
 
 import json
 from datetime import UTC, datetime
@@ -10,18 +10,29 @@ import click
 from estimator.friction import PARAMETERS, Spring, identify_recording
 from rig.cli.application import Problems
 from rig.cli.screen import Screen
-from rig.configuration import Physical, QuantityError, load_model, load_rig
+from rig.configuration import Physical, QuantityError, Rig, dump_model, load_model, load_rig
 from rig.plant import Model, quantities
 from rig.recording import Recording, read_recording, replace_text
 from rig.report.friction import (
     FrictionRun,
     changes_in_words,
+    experiment_page,
     friction_page,
     in_words,
     needs_in_words,
+    parameter_rows,
+    remarks,
     shown,
 )
 from rig.runner.campaign import Pace
+from rig.runner.experiments import (
+    break_away_campaign,
+    experiment_figures,
+    places_of,
+    revised_model,
+    run_friction_experiment,
+    sliding_campaign,
+)
 from rig.runner.outcomes import (
     change_figures,
     friction_figures,
@@ -29,10 +40,12 @@ from rig.runner.outcomes import (
     sensors_of,
     spring_of,
 )
+from rig.runner.run_folder import default_directory
 
-from .identify_rig import run_on_rig, show_motions
+from .experiments import experiment, print_motions, rig_time
 
 _PAGE: Final = Path("friction.html")
+EXIT_NOT_IDENTIFIED: Final = 1
 
 
 @click.group()
@@ -99,8 +112,8 @@ def friction(
         if problems.found:
             return problems.report()
         if dry_run:
-            return show_motions(rig, assumed)
-        return run_on_rig(rig, assumed, given or model_spring(assumed), pace, out, as_json=as_json)
+            return _show_motions(rig, assumed)
+        return _run_on_rig(rig, assumed, given or model_spring(assumed), pace, out, as_json=as_json)
     out = out or _PAGE
     if out.is_dir():
         problems.add(f"--out: {out} is a folder; name the page's file")
@@ -184,3 +197,60 @@ def _cells(run: FrictionRun) -> tuple[str, ...]:
         speeds = f"{1e3 * curve.slowest:.0f} to {1e3 * curve.fastest:.0f}"
     parameters = (shown(curve.estimates[name]) for name in PARAMETERS)
     return run.recording, run.started or "", *parameters, speeds
+
+
+def _show_motions(rig: Rig, assumed: Model) -> int:
+    """Print every motion of the experiment as it would run, and move nothing; return 0."""
+    par = rig.plant.parameters
+    null_V = -par.spool_null_bias / par.valve_gain  # noqa: N806
+    campaigns = (
+        sliding_campaign(rig, assumed),
+        break_away_campaign(rig, assumed, null_V, places_of(rig, null_V)),
+    )
+    click.echo(
+        f"friction of {rig.name}: {rig_time(campaigns)} of rig time, "
+        f"judged by the model {assumed.name}"
+    )
+    for campaign in campaigns:
+        print_motions(campaign, rig)
+    click.echo(
+        "break-away ramps go around the command at which the ram is found to rest; here, by the "
+        f"rig's own model, {1e3 * null_V:.1f} mV. Where one does not move the ram it is repeated, "
+        "in closed loop"
+    )
+    return 0
+
+
+def _run_on_rig(
+    rig: Rig, assumed: Model, spring: Spring, pace: Pace | None, out: Path | None, *, as_json: bool
+) -> int:
+    """Run the friction experiment, write and show its results; return the exit code.
+
+    The code is 0 if the friction was identified, else `EXIT_NOT_IDENTIFIED`.
+
+    Raises:
+        DirectoryError, click.exceptions.Exit: as `experiment` does.
+    """
+    begun = datetime.now(UTC)
+    directory = out or default_directory(f"friction-{rig.name}", begun)
+    with experiment(rig, pace, directory, as_json=as_json) as (screen, stop, progress):
+        found = run_friction_experiment(
+            rig, assumed, spring, directory, pace=pace, observer=progress, stop=stop
+        )
+    figures, started = experiment_figures(found), f"{begun:%Y-%m-%d %H:%M}"
+    text = json.dumps(figures, indent=1, allow_nan=False)
+    replace_text(directory / "friction.json", text + "\n")
+    replace_text(directory / "friction.html", experiment_page(found, started))
+    revised = revised_model(found, directory, started)
+    if revised is not None:
+        dump_model(revised, directory / "model.yaml")
+    if as_json:
+        click.echo(json.dumps(figures, allow_nan=False))
+    else:
+        right = ("found", "from slowing down alone", "model")
+        screen.print_table(("parameter", "unit", *right), parameter_rows(found), right=right)
+        for line in remarks(found):
+            screen.print(line, soft_wrap=True)
+        model = f"model: {directory / 'model.yaml'}" if found.fit else "model: none, see above"
+        screen.print(f"{model}\nplots: {directory / 'friction.html'}", soft_wrap=True)
+    return 0 if found.fit is not None else EXIT_NOT_IDENTIFIED

@@ -13,7 +13,7 @@ from typing import Any
 import click
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, one_line
+from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, ending, one_line
 from rig.cli.screen import Screen
 from rig.configuration import Sweep, load_sweep
 from rig.recording import replace_text
@@ -93,19 +93,18 @@ def command(
         say(f"{loaded.name}: {loaded.cases} cases of {loaded.duration_s:g} s, judged by "
             f"{loaded.filter_name}, in {path}")  # fmt: skip
         try:
-            timing = _run(loaded, folder, runner, stop, screen, as_json=as_json)
+            with ending(EXIT_CRASHED, SweepError, before="rig: "):
+                timing = _run(loaded, folder, runner, stop, screen, as_json=as_json)
             done = sum(folder.done(chunks_of(loaded)).values())
             if done < loaded.cases:
                 again = shlex.join(["rig", "sweep", str(path), "--resume"])
                 say(f"stopped by {stop.reason}: {done} of {loaded.cases} cases are done; {again}")
                 return EXIT_STOPPED
             return _finish(loaded, folder, timing, say, as_json=as_json)
-        except SweepError as error:
-            click.echo(f"rig: {error}", err=True)
         except OSError as error:
             state = f"results cannot be written to {path}: {error.strerror or error}"
             click.echo(f"rig: {state}; free space, and go on with --resume", err=True)
-        return EXIT_CRASHED
+            return EXIT_CRASHED
 
 
 def _runner(jobs: int, cluster: str | None, stack: ExitStack, say: Callable[[str], Any]) -> Runner:
@@ -176,9 +175,9 @@ def _finish(
     page = folder.path / PAGE
     code = 0
     try:
-        from rig.report.sweep import write_sweep_page
+        from rig.report.sweep import sweep_page
 
-        write_sweep_page(sweep, table, study, page)
+        replace_text(page, sweep_page(sweep, table, study))
         say(f"report: {page}")
     except Exception as error:  # the results are written already, so a missing page loses none
         click.echo(f"rig: no report: {one_line(error)}", err=True)

@@ -1,3 +1,3 @@
-from .comparison import write_comparison as write_comparison
+from .comparison import comparison_page as comparison_page
 from .page import render as render, write_report as write_report
-from .trend_page import TREND as TREND, write_trend as write_trend
+from .trend_page import TREND as TREND, trend_page as trend_page

@@ -1,8 +1,5 @@
 """Makes the page that compares two runs: first figures that moved beyond tolerance, then all."""
 
-from pathlib import Path
-
-from rig.recording import replace_text
 from rig.report.templating import rendered
 from rig.runner.run_folder import Change, Compared, Comparison
 
@@ -12,15 +9,6 @@ def number(value: float | str | None) -> str:
     if value is None:
         return "–"
     return value if isinstance(value, str) else f"{value:.5g}"
-
-
-def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the page of a comparison to a file, replacing it in one step.
-
-    Raises:
-        OSError: the page cannot be written.
-    """
-    replace_text(path, comparison_page(comparison))
 
 
 def comparison_page(comparison: Comparison) -> str:

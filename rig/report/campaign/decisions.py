@@ -30,10 +30,7 @@ def probability(data: TestData) -> Panel | None:
         values = data.channel(channel)
         if values is None or (name != "healthy" and not np.nanmax(values) > _WORTH_SHOWING):
             continue
-        traces.append(
-            line(label(name), role, data.recording.time_s, values * _PERCENT, width=2.2,
-                 points=data.points)
-        )  # fmt: skip
+        traces.append(data.line(label(name), role, values * _PERCENT, width=2.2))
     if not traces:
         return None
     caption = "What the detector held while the test ran, decided anew every half second."
@@ -48,10 +45,9 @@ def compensation(data: TestData) -> Panel | None:
     added, sent = data.channel("compensation_V"), data.channel("command_V")
     if added is None or sent is None or not np.nanmax(np.abs(added)) > 0.0:
         return None
-    time_s = data.recording.time_s
     traces = (
-        line("valve command", "ink", time_s, sent, width=1.2, points=data.points),
-        line("of it for the leak", "accent", time_s, added, width=2.2, points=data.points),
+        data.line("valve command", "ink", sent, width=1.2),
+        data.line("of it for the leak", "accent", added, width=2.2),
     )
     caption = (
         "What the loop sent to the valve, and what it added to the proportional command to make up "

@@ -37,18 +37,13 @@ def missing_flow(data: TestData) -> Panel | None:
     missing = accounts.missing / LITRE_PER_MINUTE
     explained = accounts.explained / LITRE_PER_MINUTE
     decision = data.outcome.decision
-    middle_s = 0.5 * (accounts.start_s + accounts.end_s)
+    start_s, end_s = accounts.start_s, accounts.end_s
+    middle_s = 0.5 * (start_s + end_s)
     chambers = [(i, f"chamber {i + 1}", f"chamber_{i + 1}") for i in range(2)]
     traces = [Trace(name, role, "dots", middle_s, missing[:, i]) for i, name, role in chambers]
     if decision is not None and decision.onset_s is not None and explained.any():
         traces += [
-            steps(
-                f"{name}, explained by what was found",
-                role,
-                accounts.start_s,
-                accounts.end_s,
-                explained[:, i],
-            )
+            steps(f"{name}, explained by what was found", role, start_s, end_s, explained[:, i])
             for i, name, role in chambers
         ]
     caption = (
@@ -69,11 +64,9 @@ def leak_flows(data: TestData) -> Panel | None:
     recorded: list[Trace] = []
     zeros: list[str] = []
     sources: set[str] = set()
-    estimated: list[Trace] = []
-    shown = []
+    estimated, shown = [], []
     states = _in_filter_states(data)
     concerned = _concerned(data.outcome) or LEAKS
-    time_s = data.recording.time_s
     for leak, (called, role, truth, meter) in zip(LEAKS, _CALLED, strict=True):
         if leak not in concerned:
             continue
@@ -87,13 +80,12 @@ def leak_flows(data: TestData) -> Panel | None:
         if was is not None:
             sources.add(source)
             shown.append(was / LITRE_PER_MINUTE)
-            recorded.append(line(f"{called}, {source}", role, time_s, shown[-1], width=3.4,
-                                 opacity=0.4, points=data.points))  # fmt: skip
+            style = {"width": 3.4, "opacity": 0.4}
+            recorded.append(data.line(f"{called}, {source}", role, shown[-1], **style))
         if leak in states:
             values = states[leak] / LITRE_PER_MINUTE
             shown.append(values[values.size // 10 :])
-            estimated.append(line(f"{called}, filter's leak state", role, time_s, values, width=1.1,
-                                  points=data.points))  # fmt: skip
+            estimated.append(data.line(f"{called}, filter's leak state", role, values, width=1.1))
     found = list(_found(data))
     if not recorded and not estimated and not found:
         return None
@@ -173,11 +165,9 @@ def _found(data: TestData) -> Iterator[Trace]:
     onset on.
     """
     held = list(flow_as_decided(data))
-    if held:
-        yield from held
-        return
+    yield from held
     decision = data.outcome.decision
-    if decision is None or decision.leak_m3_per_s is None or decision.onset_s is None:
+    if held or decision is None or decision.leak_m3_per_s is None or decision.onset_s is None:
         return
     start, end = decision.onset_s, float(data.recording.time_s[-1])
     if decision.interval_m3_per_s is not None:

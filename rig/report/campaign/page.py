@@ -4,13 +4,13 @@ import shlex
 from pathlib import Path
 
 from rig.recording import replace_text
+from rig.report import wording
 from rig.report.templating import rendered
-from rig.report.wording import STATUS_LABELS, detection_summary, headline, when
-from rig.runner.outcomes import CampaignOutcome, Status
+from rig.runner.outcomes import CampaignOutcome, Status, reaction
 from rig.runner.run_folder import REPORT
 
 from .sections import sections_of
-from .summary import false_alarm_words, full_scale, rows_of, smallest_rows
+from .summary import false_alarm_words, full_scale, row_of, smallest_rows
 
 
 def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
@@ -32,24 +32,26 @@ def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
 
 def render(outcome: CampaignOutcome, directory: Path) -> str:
     """Return the report of a campaign as HTML; see `write_report`."""
-    sections = sections_of(outcome, directory)
-    rows = rows_of(outcome, sections)
+    sections, scale = sections_of(outcome, directory), full_scale(outcome)
+    rows = [row_of(section, scale) for section in sections]
     return rendered(
         "report.html.j2",
         "report.js",
         outcome=outcome,
-        started=when(outcome.started),
-        headline=headline(outcome),
-        summary=detection_summary(outcome),
-        counts=[(status, *STATUS_LABELS[status], n) for status, n in outcome.counts.items()],
+        started=wording.when(outcome.started),
+        headline=wording.headline(outcome),
+        summary=wording.detection_summary(outcome),
+        labels=wording.STATUS_LABELS,
+        words=wording,
+        reaction=reaction,
         good=all(test.status is Status.PASSED for test in outcome.tests),
         rows=rows,
-        full_scale=full_scale(outcome),
+        full_scale=scale,
         sections=sections,
         attempted=[test for test in outcome.tests if test.attempts],
         false_alarms=false_alarm_words(outcome),
         smallest=smallest_rows(sections),
-        intervals=any(row.chart.lower is not None for row in rows),
+        intervals=any(row.chart["lower"] is not None for row in rows),
         command=_rerun(outcome),
     )
 

@@ -13,7 +13,7 @@ from rig.report.accounts import AccountHistory, account_history
 from rig.report.friction import friction
 from rig.report.panel import Panel, TestData
 from rig.report.traces import POINTS
-from rig.report.wording import STATUS_LABELS, story
+from rig.report.wording import story
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
 
 from .conditions import assumed_parameters, conditions_of, loop_conditions
@@ -31,6 +31,9 @@ _PATTERN_PANELS: Final = (
 _FULL_DETAIL_TESTS: Final = 12
 _LEAST_POINTS: Final = 400
 _MANY_EVENTS: Final = 40
+
+
+Flows = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -61,26 +64,11 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Smallest:
-    """The smallest leak flows that a test would have found, m^3/s at the leak's reference drop.
-
-    Attributes:
-        begun: by the kind of leak, for a leak that begins during the test.
-        there: by the kind of leak, for a leak that is there from the start; None if not known.
-    """
-
-    begun: dict[str, float]
-    there: dict[str, float] | None
-
-
-@dataclass(frozen=True)
 class Section:
     """The section of the report about one test.
 
     Attributes:
-        anchor: name of the section for links within the page.
         test: the test's outcome.
-        symbol, status: how the test ended, as a sign and as a word.
         story: what happened, in sentences.
         notes: sentences on what is missing in the section, and why.
         conditions: setpoint, load and timing of the loop, as (name, text).
@@ -92,14 +80,13 @@ class Section:
         start_s, end_s: begin and end of the time axis; it reaches to the planned end if the test
             ended early.
         recorded_until_s: time at which the recording ends, s.
-        smallest: the smallest leaks that would have been found; None if they are not known.
+        smallest: the smallest leak flows that would have been found, by the kind of leak, m^3/s at
+            the leak's reference drop: for leaks that begin during the test, and for those that are
+            there from the start, which are empty if not known; None if neither is known.
         opened: whether the page shows the section unfolded at first.
     """
 
-    anchor: str
     test: TestOutcome
-    symbol: str
-    status: str
     story: str
     notes: tuple[str, ...]
     conditions: tuple[tuple[str, str], ...] = ()
@@ -110,7 +97,7 @@ class Section:
     start_s: float = 0.0
     end_s: float = 0.0
     recorded_until_s: float = 0.0
-    smallest: Smallest | None = None
+    smallest: tuple[Flows, Flows] | None = None
     opened: bool = False
 
     @property
@@ -135,7 +122,8 @@ def sections_of(outcome: CampaignOutcome, directory: Path) -> list[Section]:
     """
     opened = _worth_opening(outcome)
     return [
-        _section(outcome, index, directory, index == opened) for index in range(len(outcome.tests))
+        _section(outcome, test, directory, opened=index == opened)
+        for index, test in enumerate(outcome.tests)
     ]
 
 
@@ -150,17 +138,13 @@ def _worth_opening(outcome: CampaignOutcome) -> int:
     return (failed + leaking + [0])[0]
 
 
-def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool) -> Section:
-    test = outcome.tests[index]
-    symbol, status = STATUS_LABELS[test.status]
+def _section(
+    outcome: CampaignOutcome, test: TestOutcome, directory: Path, *, opened: bool
+) -> Section:
     recording, notes = _recording(test, directory)
     happened = "" if test.status is Status.NOT_RUN else story(test)
-    anchor = f"test-{index + 1}"
     if recording is None:
-        smallest = _smallest(test, None)
-        return Section(
-            anchor, test, symbol, status, happened, notes, smallest=smallest, opened=opened
-        )
+        return Section(test, happened, notes, smallest=_smallest(test, None), opened=opened)
     parameters = assumed_parameters(recording.metadata)
     accounts = None
     if outcome.filter == DEFAULT_FILTER and parameters is not None:
@@ -168,19 +152,14 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
         detector = account_detector_of(recording, assumed, outcome.false_alarms_per_day)
         accounts = None if detector is None else account_history(recording, detector)
     if outcome.filter == DEFAULT_FILTER and accounts is None:
-        notes = (
-            *notes,
-            "Without the filter's estimates, model and baseline no oil account can be drawn.",
-        )
+        lacking = "Without the filter's estimates, model and baseline no oil account can be drawn."
+        notes = (*notes, lacking)
     points = _points(len(outcome.tests))
     data = TestData(test, recording, outcome.filter, parameters, accounts, points)
     draw = _ACCOUNT_PANELS if outcome.filter == DEFAULT_FILTER else _PATTERN_PANELS
     last = float(recording.time_s[-1])
     return Section(
-        anchor,
         test,
-        symbol,
-        status,
         happened,
         notes,
         (*conditions_of(recording.metadata), *loop_conditions(recording)),
@@ -263,8 +242,8 @@ def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
     return tuple(spans)
 
 
-def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | None:
-    """Return the smallest leaks that would have been found; None if they are not known.
+def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> tuple[Flows, Flows] | None:
+    """Return the smallest leaks that would have been found, as in `Section`.
 
     The final decision has them unless it names a fault; then they come from the last decision
     before that fault.
@@ -276,5 +255,5 @@ def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | 
             for kind in ("smallest", "smallest_from_start")
         )
         if len(begun) == len(LEAKS):
-            return Smallest(begun, there if len(there) == len(LEAKS) else None)
+            return begun, there if len(there) == len(LEAKS) else {}
     return None

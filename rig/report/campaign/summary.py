@@ -8,41 +8,12 @@ from estimator.filters import DEFAULT_FILTER
 from estimator.leaks import LEARNING_S
 from faults import to_litres_per_minute
 from rig.plant import LEAKS
-from rig.report.wording import (
-    acted,
-    flow,
-    found_flow,
-    found_names,
-    injected_size,
-    label,
-    latency,
-    leaks_found,
-    seconds,
-)
-from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance, reaction
+from rig.report.wording import flow, found_flow, found_names, leaks_found, seconds
+from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance
 
 from .sections import Section
 
 DAY_S: Final = 86400.0
-
-
-@dataclass(frozen=True)
-class Scale:
-    """The flows on the small chart of a row, each as a position in percent of the chart's width.
-
-    A flow beyond the end of the chart is shown at its end.
-
-    Attributes:
-        injected: recorded mean flow of the injected leaks that the verdict names, or of all if it
-            names no leak; None if there is none.
-        found: mean flow found; None if there is none.
-        lower, upper: ends of its 95 % interval; None if there is none.
-    """
-
-    injected: float | None
-    found: float | None
-    lower: float | None
-    upper: float | None
 
 
 @dataclass(frozen=True)
@@ -53,29 +24,23 @@ class Row:
 
     Attributes:
         section: the test's section.
-        injected: for each injected fault, its name, its size, and when it acted.
         found: the verdict in words, `no verdict` if there is none; empty if the test was not run.
         chance: the verdict's probability.
-        reaction: what the loop did about a fault.
         flow: leak flow found, with its interval.
         onset: estimated onset.
-        latency: time from the injection to the verdict.
-        expected: the expected verdict.
-        began: whether the test was run at all.
-        chart: the small chart of flows.
+        chart: the flows on the small chart, each as a position in percent of the chart's width;
+            one beyond the end of the chart is shown at its end, and one that is not there is None.
+            `injected` is the recorded mean flow of the injected leaks that the verdict names, or of
+            all if it names no leak; `found` the mean flow found; `lower` and `upper` are the ends
+            of its 95 % interval.
     """
 
     section: Section
-    injected: tuple[tuple[str, str, str], ...]
     found: str
     chance: str
-    reaction: str
     flow: str
     onset: str
-    latency: str
-    expected: str
-    began: bool
-    chart: Scale
+    chart: dict[str, float | None]
 
 
 def full_scale(outcome: CampaignOutcome) -> float:
@@ -94,53 +59,36 @@ def full_scale(outcome: CampaignOutcome) -> float:
     return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= largest)
 
 
-def rows_of(outcome: CampaignOutcome, sections: list[Section]) -> list[Row]:
-    """Return the rows of the table of verdicts, in the order of the campaign's tests."""
-    scale = full_scale(outcome)
-    return [_row(section, scale) for section in sections]
+def row_of(section: Section, scale: float) -> Row:
+    """Return a test's row in the table of verdicts; its chart ends at the flow `scale`, L/min."""
+    test, decision = section.test, section.test.decision
+    chart, began = _chart(test, scale), test.status is not Status.NOT_RUN
+    if decision is None:
+        return Row(section, "no verdict" if began else "", "", "", "", chart)
+    found = found_names(decision) if began else ""
+    onset = "" if decision.onset_s is None else seconds(decision.onset_s)
+    return Row(section, found, chance(decision), found_flow(decision), onset, chart)
 
 
-def _row(section: Section, scale: float) -> Row:
-    test = section.test
-    decision = test.decision
-    found = "no verdict" if decision is None else found_names(decision)
-    if test.status is Status.NOT_RUN:
-        found = ""
-    onset = "" if decision is None or decision.onset_s is None else seconds(decision.onset_s)
-    return Row(
-        section,
-        tuple((label(fault.kind), injected_size(fault), acted(fault)) for fault in test.injected),
-        found,
-        "" if decision is None else chance(decision),
-        reaction(test),
-        "" if decision is None else found_flow(decision),
-        onset,
-        latency(test),
-        label(test.expect),
-        test.status is not Status.NOT_RUN,
-        _chart(test, scale),
-    )
-
-
-def _chart(test: TestOutcome, scale: float) -> Scale:
-    def place(m3_per_s: float | None) -> float | None:
-        if m3_per_s is None or not isfinite(m3_per_s):
-            return None
-        return min(max(100.0 * to_litres_per_minute(m3_per_s) / scale, 0.0), 100.0)
-
-    decision = test.decision
-    interval = None if decision is None else decision.interval_m3_per_s
-    lower, upper = interval or (None, None)
-    concerned = test.injected
+def _chart(test: TestOutcome, scale: float) -> dict[str, float | None]:
+    decision, concerned = test.decision, test.injected
     if decision is not None and (kinds := leaks_found(decision)):
         concerned = tuple(fault for fault in test.injected if fault.kind in kinds)
     flows = [flow for fault in concerned if (flow := fault.mean_flow_m3_per_s) is not None]
-    return Scale(
-        place(sum(flows) if flows else None),
-        place(None if decision is None else decision.leak_m3_per_s),
-        place(lower),
-        place(upper),
-    )
+    interval = None if decision is None else decision.interval_m3_per_s
+    lower, upper = interval or (None, None)
+    drawn = {
+        "injected": sum(flows) if flows else None,
+        "found": None if decision is None else decision.leak_m3_per_s,
+        "lower": lower,
+        "upper": upper,
+    }
+    return {
+        name: None
+        if m3_per_s is None or not isfinite(m3_per_s)
+        else min(max(100.0 * to_litres_per_minute(m3_per_s) / scale, 0.0), 100.0)
+        for name, m3_per_s in drawn.items()
+    }
 
 
 def false_alarm_words(outcome: CampaignOutcome) -> str:
@@ -151,8 +99,10 @@ def false_alarm_words(outcome: CampaignOutcome) -> str:
     )
     chance = rate * judged / DAY_S
     often = "once" if rate == 1.0 else f"{rate:g} times"
-    text = f"The thresholds are set so that a healthy rig is called faulty at most {often} in a day"
-    text += " of continuous running."
+    text = (
+        f"The thresholds are set so that a healthy rig is called faulty at most {often} in a day "
+        "of continuous running."
+    )
     if 0.0 < chance < 0.5:
         text += (
             f" The detector judged {judged:.0f} s here, so the chance that any verdict here is a "
@@ -185,17 +135,13 @@ def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str], list[st
         decision = section.test.decision
         blind = decision is not None and decision.verdict == "inconclusive"
         begun, there = (
-            [_claim(flows[leak], blind) for leak in LEAKS] if flows is not None else []
-            for flows in (section.smallest.begun, section.smallest.there)
+            [_claim(flows[leak], blind) for leak in LEAKS] if flows else []
+            for flows in section.smallest
         )
         rows.append((section.test.name, begun, there))
     return rows
 
 
 def _claim(m3_per_s: float, blind: bool) -> str:
-    return flow(_rounded_up(m3_per_s)) if isfinite(m3_per_s) and not blind else "none"
-
-
-def _rounded_up(m3_per_s: float) -> float:
-    """Return a flow rounded up to 0.001 L/min, so that the claim is never better than the test."""
-    return ceil(m3_per_s * 6e7) / 6e7
+    # Rounded up to 0.001 L/min, so that the claim is never better than the test.
+    return flow(ceil(m3_per_s * 6e7) / 6e7) if isfinite(m3_per_s) and not blind else "none"

@@ -1,25 +1,14 @@
 """Makes the page of trends over runs: first the figures that change, then all figures."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final
 
-from rig.recording import replace_text
 from rig.report.templating import rendered
 from rig.runner.run_folder import Trend
 
 _INTERVAL: Final = 1.96
 TREND: Final = "trend.html"
 """File name of the page in a schedule's folder."""
-
-
-def write_trend(trends: Sequence[Trend], path: Path, title: str) -> None:
-    """Write the page of trends to a file, replacing it in one step.
-
-    Raises:
-        OSError: the page cannot be written.
-    """
-    replace_text(path, trend_page(trends, title))
 
 
 def trend_page(trends: Sequence[Trend], title: str) -> str:

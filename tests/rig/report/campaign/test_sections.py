@@ -242,6 +242,6 @@ def test_what_a_motion_would_have_shown_is_known_of_found_leaks_too(
 ) -> None:
     for section in sections_of(campaign(healthy, leaking), run_directory):
         assert section.smallest is not None
-        assert section.smallest.there is not None
-        for leak, begun in section.smallest.begun.items():
-            assert 0.0 < begun < section.smallest.there[leak]
+        at_first, from_start = section.smallest
+        for leak, begun in at_first.items():
+            assert 0.0 < begun < from_start[leak]
