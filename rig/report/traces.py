@@ -103,19 +103,10 @@ def packed(values: Array) -> dict[str, str]:
 
 
 def line(
-    name: str,
-    role: str,
-    time_s: Array,
-    values: Array,
-    *,
-    width: float = 1.3,
-    dash: Literal["solid", "dash"] = "solid",
-    opacity: float = 1.0,
-    points: int = POINTS,
+    name: str, role: str, time_s: Array, values: Array, *, points: int = POINTS, **style: Any
 ) -> Trace:
-    """Return a signal as a curve, reduced to `points` samples by `envelope`."""
-    thin_time, thin_values = envelope(time_s, values, points)
-    return Trace(name, role, "line", thin_time, thin_values, width, dash, opacity)
+    """Return a signal as a curve in a `Trace`'s style, reduced by `envelope` to `points`."""
+    return Trace(name, role, "line", *envelope(time_s, values, points), **style)
 
 
 def steps(name: str, role: str, start_s: Array, end_s: Array, values: Array) -> Trace:

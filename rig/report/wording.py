@@ -60,8 +60,7 @@ def seconds(time_s: float) -> str:
 
 def found_names(decision: Decision) -> str:
     """Return a decision's verdict in words; for `multiple`, the names of its faults."""
-    several = [label(name) for name in _several(decision)]
-    return " and ".join(several) or label(decision.verdict)
+    return " and ".join(map(label, _several(decision) or [decision.verdict]))
 
 
 def leaks_found(decision: Decision) -> list[str]:
@@ -111,10 +110,9 @@ def when(started: str) -> str:
         moment = datetime.fromisoformat(started)
     except ValueError:
         return started
-    if moment.tzinfo is None:
-        return f"{moment.day} {moment:%B %Y, %H:%M}"
-    moment = moment.astimezone(UTC)
-    return f"{moment.day} {moment:%B %Y, %H:%M} UTC"
+    if moment.tzinfo is not None:
+        moment = moment.astimezone(UTC)
+    return f"{moment.day} {moment:%B %Y, %H:%M %Z}".rstrip()
 
 
 def latency(test: TestOutcome) -> str:
@@ -151,10 +149,9 @@ def _injection(injected: Sequence[InjectedFault]) -> str:
     sentences = []
     for fault in injected:
         what = _OPENED.get(fault.kind, f"{label(fault.kind)} was injected")
-        size = injected_size(fault)
-        size = f"{size} on average" if fault.mean_flow_m3_per_s is not None else size
+        mean = "" if fault.mean_flow_m3_per_s is None else " on average"
         until = "" if fault.until_s is None else f", until {fault.until_s:.1f} s"
-        sentences.append(f"At {fault.at_s:.1f} s {what} ({size}{until}).")
+        sentences.append(f"At {fault.at_s:.1f} s {what} ({injected_size(fault)}{mean}{until}).")
     return " ".join(sentences)
 
 
@@ -166,8 +163,7 @@ def _finding(test: TestOutcome) -> str:
         return "The detector found nothing wrong."
     if decision.verdict == "inconclusive":
         return f"The detector could not tell{_why_not(decision)}."
-    size = found_flow(decision)
-    found = f"{found_names(decision)}, {size}." if size else f"{found_names(decision)}."
+    found = ", ".join(filter(None, (found_names(decision), found_flow(decision)))) + "."
     late = test.latency_s
     if late is not None and late >= 0.0:
         return f"The detector called it {seconds(late)} later: {found}"
@@ -237,12 +233,11 @@ def detection_summary(outcome: CampaignOutcome) -> str:
 
 def _named(named: Sequence[TestOutcome], faulty: int) -> str:
     late = sorted(test.latency_s for test in named if test.latency_s is not None)
-    first, last = (f"{late[0]:.1f}", f"{late[-1]:.1f}") if late else ("", "")
-    after = (
-        f", {first if first == last else f'{first} to {last}'} s after they began" if late else ""
-    )
-    if len(named) == faulty:
-        return f"All {faulty} faults were named right{after}." if faulty > 1 else (
-            f"The fault was named right{after.replace('they', 'it')}."
-        )  # fmt: skip
-    return f"{len(named)} of {faulty} faults were named right{after}."
+    after = ""
+    if late:
+        ends = dict.fromkeys(f"{latency_s:.1f}" for latency_s in (late[0], late[-1]))
+        after = f", {' to '.join(ends)} s after {'they' if faulty > 1 else 'it'} began"
+    if len(named) < faulty:
+        return f"{len(named)} of {faulty} faults were named right{after}."
+    which = f"All {faulty} faults were" if faulty > 1 else "The fault was"
+    return f"{which} named right{after}."

@@ -134,8 +134,7 @@ def _start_worker() -> None:
 
 def _end_with_parent() -> None:
     parent = parent_process()
-    if parent is None:
-        return
+    assert parent is not None
     try:
         connection.wait([parent.sentinel])
     finally:

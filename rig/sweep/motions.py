@@ -215,7 +215,8 @@ def _motion(
         return _Course(own["levels"], [one["hold"] * (i + 1) for i in range(len(own["levels"]))])
     if kind == "pseudorandom":
         keys = ("lower", "upper", "hold_min", "hold_max")
-        ends, held = Pseudorandom(*(one[key] for key in keys), seed).sequence(until)
+        lower, upper, shortest, longest = (one[key] for key in keys)
+        ends, held = Pseudorandom(lower, upper, shortest, longest, seed).sequence(until)
         return _Course(held.tolist(), ends.tolist())
     amplitude, peak = one["amplitude"], np.nan
     if kind == "multisine":

@@ -104,11 +104,10 @@ def chunk_size(sweep: Sweep) -> int:
 def chunks_of(sweep: Sweep) -> dict[int, int]:
     """Return the number of cases of each chunk of a sweep, by the chunk's number."""
     size = chunk_size(sweep)
-    found: dict[int, int] = {}
-    for _, count in _shelves(sweep):
-        for begin in range(0, count, size):
-            found[len(found)] = min(size, count - begin)
-    return found
+    counts = (
+        min(size, count - begin) for _, count in _shelves(sweep) for begin in range(0, count, size)
+    )
+    return dict(enumerate(counts))
 
 
 def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
@@ -169,18 +168,14 @@ def run_sweep(
 
     for judged in runner(chunks(), setting_of(sweep), stopped):
         received_s = time.perf_counter() - started
-        _require_same_sources(judged)
+        if judged.source != sources():
+            raise SweepError(
+                f"the worker {judged.worker} runs another version of this program; install the "
+                "same on all machines"
+            )
         cases = drawn.pop(judged.chunk)
         folder.keep(judged.chunk, rows_of(cases, dict(judged.figures)))
         timing.add(judged, cases.count, cases.count * sweep.duration_s, received_s)
         timing.elapsed_s = time.perf_counter() - started
         advanced(cases.count)
     return timing
-
-
-def _require_same_sources(judged: Judged) -> None:
-    if judged.source != sources():
-        raise SweepError(
-            f"the worker {judged.worker} runs another version of this program; install the same "
-            "on all machines"
-        )

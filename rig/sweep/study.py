@@ -1,5 +1,7 @@
 """Computes the statistics of a sweep: confusion, ROC, smallest leak found, and errors of sizes."""
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import exp, log, sqrt
@@ -147,7 +149,7 @@ class Study:
     """
 
     cases: int
-    confusion: dict[str, dict[str, int]]
+    confusion: Mapping[str, Mapping[str, int]]
     false_alarms: Share
     right: dict[str, Share]
     power: dict[str, PowerCurve]
@@ -183,31 +185,26 @@ def study_of(table: pa.Table) -> Study:
     faults, verdicts = column["fault"], column["verdict"]
     right = np.asarray(column["right"], dtype=np.bool_)
     healthy = faults == HEALTHY
-    places = [str(name) for name in np.unique(faults[~healthy])]
-    parts = {"all": ~healthy, **{place: faults == place for place in places}}
+    places = np.unique(faults[~healthy]).tolist()
+    parts = {place: faults == place for place in places}
+    if places:
+        parts = {"all": ~healthy, **parts}
+    flow, score = column["leak_true_m3_per_s"], column["score"]
     names = [HEALTHY, *places] if healthy.any() else places
     return Study(
         cases=int(faults.size),
-        confusion={name: _counts(verdicts[faults == name]) for name in names},
+        confusion={name: Counter(sorted(verdicts[faults == name].tolist())) for name in names},
         false_alarms=_share(np.asarray(column["false_alarm"], dtype=np.bool_)[healthy]),
         right={name: _share(right[faults == name]) for name in names},
-        power={
-            name: _power(column["leak_true_m3_per_s"][at], right[at])
-            for name, at in parts.items()
-            if at.any()
-        },
-        roc={
-            name: _roc(column["score"][healthy], column["score"][at])
-            for name, at in parts.items()
-            if at.any() and healthy.any()
-        },
+        power={name: _power(flow[at], right[at]) for name, at in parts.items()},
+        roc={name: _roc(score[healthy], score[at]) for name, at in parts.items() if healthy.any()},
         latency_s=_latency(column["latency_s"]),
         sizing=_sizing(column, right & ~healthy),
         lost=_share(np.asarray(column["lost"], dtype=np.bool_)),
     )
 
 
-def verdict_order(confusion: dict[str, dict[str, int]]) -> list[str]:
+def verdict_order(confusion: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return the verdicts that occur in a confusion matrix, in the order to show them.
 
     First come those that are a key of `confusion`, in its order; then other faults, by name; last
@@ -219,11 +216,6 @@ def verdict_order(confusion: dict[str, dict[str, int]]) -> list[str]:
     return first + rest
 
 
-def _counts(verdicts: NDArray[np.str_]) -> dict[str, int]:
-    names, counts = np.unique(verdicts, return_counts=True)
-    return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
-
-
 def _share(true: NDArray[np.bool_]) -> Share:
     return Share(int(true.sum()), int(true.size))
 
@@ -232,8 +224,8 @@ def _latency(latency_s: Array) -> tuple[float, float] | None:
     known = latency_s[np.isfinite(latency_s)]
     if not known.size:
         return None
-    middle, late = np.percentile(known, [50.0, 95.0])
-    return float(middle), float(late)
+    middle, late = np.percentile(known, [50.0, 95.0]).tolist()
+    return middle, late
 
 
 def _power(flow: Array, right: NDArray[np.bool_]) -> PowerCurve:

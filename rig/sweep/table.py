@@ -53,10 +53,7 @@ def rows_of(cases: Cases, figures: Figures) -> pa.Table:
     A result that the filter of the sweep does not tell is missing in every row.
     """
     absent = np.full(cases.count, np.nan)
-    outcomes = {
-        name: Column(figures.get(name, absent), unit, about)
-        for name, (unit, about) in FIGURES.items()
-    }
+    outcomes = {name: Column(figures.get(name, absent), *told) for name, told in FIGURES.items()}
     columns = {**cases.columns, **outcomes}
     fields = [
         pa.field(name, kind, metadata={_UNIT: column.unit, _ABOUT: column.about})

@@ -2,6 +2,8 @@
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,15 +12,14 @@ import click
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
-from rig.configuration import load_campaign
+from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_campaign, load_stream
 from rig.io import DriverError
-from rig.runner import CampaignOutcome, StopFlag, run_campaign, stop_on_signals
-from rig.runner.campaign import Desk, Pace
+from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
+from rig.runner.campaign import LONGEST_TEXT, Desk, Pace, RefusedError, Request
 from rig.runner.run_folder import begun_in, default_directory, log_error, unfinished_run
+from rig.stream import StreamSettings
 
-from .progress import CampaignProgress
-from .streaming import stream_of, streamed
-from .verdicts import HEADINGS, cells_of, summary
+from .progress import HEADINGS, CampaignProgress, cells_of, summary
 
 
 @click.command()
@@ -140,3 +141,68 @@ def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
         log = log_error(directory, "report")
         click.echo(f"rig: no report: {one_line(error)}; traceback in {log}", err=True)
         return None
+
+
+def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
+    """Return the settings of a run's stream; None if the run has no stream.
+
+    Args:
+        profile: path or name of a profile, or "off". Without one, a run has the default profile if
+            it is paced, and no stream otherwise.
+        paced: whether the run goes at the wall clock.
+
+    Raises:
+        ConfigError: the profile, or a certificate, password or key file of it, cannot be used.
+    """
+    profile = profile or (DEFAULT if paced else OFF)
+    if profile == OFF:
+        return None
+    settings = load_stream(profile)
+    from rig.stream import KeyFileError, StreamError, check_files, credentials_of
+
+    try:
+        check_files(settings)
+        for operator in settings.operators:
+            credentials_of(operator)
+    except (KeyFileError, StreamError) as error:
+        raise ConfigError([Problem(profile, 0, 0, "stream", "", str(error), "")]) from None
+    return settings
+
+
+@contextmanager
+def streamed(
+    observer: Observer,
+    settings: StreamSettings | None,
+    rig: Rig,
+    directory: Path,
+    desk: Desk,
+    *,
+    paced: bool,
+) -> Iterator[Observer]:
+    """Give the block an observer that passes a run on to `observer` and to its live stream.
+
+    Without settings of a stream, the block gets `observer` itself. The stream's commands go to the
+    desk; the stream ends with the block.
+    """
+    if settings is None:
+        yield observer
+        return
+    from rig.runner.campaign import StreamedRun
+    from rig.stream import Command, rig_id
+    from rig.supervisor import LOG, Stream
+
+    def obey(command: Command) -> str:
+        """Hand a command to the desk; return why it is refused, or "" if it is obeyed."""
+        request = Request.PAUSE if command.name == "hold" else Request(command.name)
+        try:
+            desk.ask(request, command.by, command.text[:LONGEST_TEXT], command.test)
+        except RefusedError as error:
+            return str(error)
+        return ""
+
+    stream = Stream(settings, rig_id(rig.name), directory / LOG, observer.rig_tells, obey)
+    run = StreamedRun(stream, observer, simulated=rig.backend == "simulated", live=paced)
+    try:
+        yield run
+    finally:
+        run.ends()

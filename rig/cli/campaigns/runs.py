@@ -89,18 +89,12 @@ def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
         return 0
     screen = Screen()
     headings = ("run", "begun (UTC)", "campaign", "rig", "state", "tests", "found")
-    rows = (
-        (
-            str(run.folder.relative_to(below)),
-            f"{run.started:%Y-%m-%d %H:%M}",
-            run.campaign,
-            run.rig,
-            run.state,
-            ", ".join(f"{n} {status}" for status, n in run.counts.items()).replace("_", " "),
-            ", ".join(sorted(run.verdicts)),
-        )
-        for run in found
-    )
+    rows = []
+    for run in found:
+        name, begun = str(run.folder.relative_to(below)), f"{run.started:%Y-%m-%d %H:%M}"
+        counts = ", ".join(f"{n} {status}" for status, n in run.counts.items()).replace("_", " ")
+        verdicts = ", ".join(sorted(run.verdicts))
+        rows.append((name, begun, run.campaign, run.rig, run.state, counts, verdicts))
     screen.print_table(headings, rows, fold=headings)
     screen.print(f"{len(found)} runs below {below}")
     return 0

@@ -1,28 +1,36 @@
-"""`rig monitor` shows the live streams of rigs in the terminal."""
+"""`rig monitor` shows the live streams of rigs, as text for a terminal, for a log, or as JSON."""
 
 import json
 import time
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from typing import TYPE_CHECKING, Any, Final
 
 import click
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
 
+from rig.channels import LITRES_PER_MINUTE, SHOWN
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED, ending
 from rig.cli.option_types import TEXT
 from rig.cli.screen import Screen
 from rig.configuration import load_stream
-from rig.stream import COMMANDS, CommandName
+from rig.stream import COMMANDS, CommandName, Snapshot
 
 from .following import endpoints, follows_streams
-from .monitor_view import document, line, screen
 
 if TYPE_CHECKING:
-    from rig.stream import Snapshot, StreamClient
+    from rig.stream import StreamClient
 
 SCREEN_S: Final = 0.1
 LOG_S: Final = 1.0
 EXIT_DEAD: Final = 1
+EVENTS: Final = 6
+STYLES: Final = {"live": "green", "ended": "dim", "dead": "bold red", "unheard": "dim"}
+_US: Final = 1e6
 
 
 @click.command()
@@ -91,7 +99,7 @@ def _await(client: "StreamClient", wait_s: float) -> None:
         time.sleep(SCREEN_S)
 
 
-def _snapshots(client: "StreamClient") -> "list[Snapshot]":
+def _snapshots(client: "StreamClient") -> list[Snapshot]:
     return [client.snapshot(rig) for rig in client.rigs()]
 
 
@@ -102,7 +110,7 @@ def _once(client: "StreamClient", as_json: bool) -> int:
     return 0 if any(snapshot.alive for snapshot in found) else EXIT_DEAD
 
 
-def _write(client: "StreamClient", as_json: bool) -> "list[Snapshot]":
+def _write(client: "StreamClient", as_json: bool) -> list[Snapshot]:
     """Write a line for each rig, and return the rigs' snapshots."""
     found = _snapshots(client)
     for shot in found:
@@ -124,3 +132,134 @@ def _follow(client: "StreamClient", as_json: bool) -> int:
             time.sleep(LOG_S)
     except KeyboardInterrupt:
         return 0
+
+
+def document(snapshot: Snapshot) -> dict[str, Any]:
+    """Return a snapshot as plain values for JSON, in SI; NaN and infinity become None.
+
+    Gaps and past verdicts are left out, and so are the messages' version, session and sequence.
+    """
+    told = ("rig", "alive", "life", "age_s", "session", "restarts", "rate_hz")
+    return {
+        **{name: getattr(snapshot, name) for name in told},
+        "time_s": _known(snapshot.time_s),
+        "latest": {name: _known(value) for name, value in snapshot.latest.items()},
+        "units": dict(zip(snapshot.names, snapshot.units, strict=True)),
+        "missing": dict(snapshot.missing),
+        "refused": snapshot.refused,
+        **{
+            kind: _content(getattr(snapshot, kind))
+            for kind in ("state", "campaign", "progress", "decision", "health")
+        },
+        "events": [_content(event) for event in snapshot.events],
+    }
+
+
+def line(snapshot: Snapshot) -> str:
+    """Return a snapshot on one line, for a log: life, test, and the values that are known."""
+    progress = snapshot.progress
+    parts = [f"{snapshot.rig}: {_life(snapshot)}"]
+    if progress:
+        number, count = (_number(progress.get(key), "g") for key in ("number", "count"))
+        parts.append(f"[{number}/{count}] {progress.get('name', '')}")
+    if isfinite(snapshot.time_s):
+        parts.append(f"{snapshot.time_s:.1f} s")
+    parts += [f"{name} {value}" for name, value in _figures(snapshot)]
+    return ", ".join(parts)
+
+
+def screen(snapshot: Snapshot) -> RenderableType:
+    """Return a snapshot as a panel of several lines, for a terminal."""
+    figures = Table.grid(padding=(0, 2))
+    for name, value in _figures(snapshot):
+        figures.add_row(Text(name, style="dim"), Text(value))
+    events = [Text(_event(event), style=_style(event)) for event in snapshot.events[-EVENTS:]]
+    style = STYLES[snapshot.life]
+    title = Text(f"{snapshot.rig}: {_life(snapshot)}", style=style)
+    return Panel(Group(_progress(snapshot), figures, Text(), *events), title=title)
+
+
+def _life(snapshot: Snapshot) -> str:
+    if snapshot.age_s is None:
+        return "nothing heard yet"
+    if snapshot.life == "ended":
+        return f"ended {snapshot.age_s:.1f} s ago; what is shown is what was"
+    if not snapshot.alive:
+        return f"DEAD for {snapshot.age_s:.1f} s; what is shown is what was"
+    return f"live, {snapshot.rate_hz:.0f} samples a second"
+
+
+def _progress(snapshot: Snapshot) -> Text:
+    progress, campaign = snapshot.progress, snapshot.campaign
+    if not progress:
+        return Text("no campaign")
+    return Text(
+        f"{campaign.get('name', '')} {campaign.get('status', '')}: "
+        f"test {_number(progress.get('number'), 'g')} of {_number(progress.get('count'), 'g')}, "
+        f"{progress.get('name', '')}, {_number(progress.get('time_s'), '.1f')} of "
+        f"{_number(progress.get('duration_s'), 'g')} s"
+    )
+
+
+def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
+    """Yield name and text of every value that is to be shown, leaving out unknown ones."""
+    latest, health, decision = snapshot.latest, snapshot.health, snapshot.decision
+    if snapshot.state:
+        yield "state", str(snapshot.state.get("state", ""))
+    for channel, (title, unit, _, on_monitor) in SHOWN:
+        value = latest.get(channel, float("nan"))
+        if on_monitor and isfinite(value):
+            yield title, f"{unit.shown(value):.2f} {unit.text}"
+    if decision:
+        yield "verdict", _verdict(decision)
+        statistic, threshold = decision.get("statistic"), decision.get("threshold")
+        yield "residual", f"{_number(statistic, '.2f')} of {_number(threshold, '.2f')}"
+    for stage, words in (("wakeup", "lateness"), ("exchange", "exchange")):
+        timed = health.get("timing", {}).get(stage)
+        if timed:
+            named = (("p50", "p50_s"), ("p99", "p99_s"), ("most", "max_s"))
+            times = (f"{name} {_number(timed.get(key), '.0f', _US)} us" for name, key in named)
+            yield words, ", ".join(times)
+    if health.get("missed") or health.get("exchange_errors"):
+        missed, failed = (_number(health.get(key), "g") for key in ("missed", "exchange_errors"))
+        yield "ticks missed", f"{missed}, exchanges failed {failed}"
+    if health.get("sentence"):
+        yield str(health.get("action", "")), str(health["sentence"])
+    for trip in health.get("trips", {}).get("first_out", [])[:1]:
+        by, sentence, remedy = (trip.get(key, "") for key in ("by", "sentence", "remedy"))
+        yield "TRIPPED", f"by {by}: {sentence}; {remedy}"
+    if snapshot.missing:
+        yield "missing", ", ".join(f"{n} {kind}" for kind, n in sorted(snapshot.missing.items()))
+    if snapshot.refused:
+        yield "refused", f"{snapshot.refused} that are no messages, the last: {snapshot.refusal}"
+
+
+def _verdict(decision: Mapping[str, Any]) -> str:
+    text = str(decision.get("verdict", ""))
+    chance = decision.get("probabilities", {}).get(text)
+    flow = decision.get("leak_m3_per_s")
+    text += "" if chance is None else f" {100.0 * chance:.0f} %"
+    return text if flow is None else f"{text}, {LITRES_PER_MINUTE.shown(flow):.3f} L/min"
+
+
+def _event(event: Mapping[str, Any]) -> str:
+    at = event.get("time_s")
+    return f"{'' if at is None else f'{at:.1f} s '}{event.get('kind', '')}: {event.get('text', '')}"
+
+
+def _style(event: Mapping[str, Any]) -> str:
+    return "bold red" if event.get("kind") in ("trip", "error", "refused") else "dim"
+
+
+def _number(value: Any, form: str, factor: float = 1.0) -> str:
+    return format(factor * value, form) if isinstance(value, int | float) else "-"
+
+
+def _known(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def _content(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a message without the fields of its header."""
+    header = ("version", "session", "sequence")
+    return {name: value for name, value in content.items() if name not in header}

@@ -17,8 +17,7 @@ from rig.report.wording import story
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
 
 from .conditions import assumed_parameters, conditions_of, loop_conditions
-from .decisions import compensation, probability
-from .leaks import evidence, leak_flows, missing_flow
+from .leaks import compensation, evidence, leak_flows, missing_flow, probability
 from .signals import command, innovation, motion, pressures
 
 _ACCOUNT_PANELS: Final = (
@@ -180,9 +179,8 @@ def _points(tests: int) -> int:
 
     It is smaller in a large campaign, so that a browser can still open the page.
     """
-    return max(
-        _LEAST_POINTS, 2 * (POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2)
-    )
+    pairs = POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2
+    return max(_LEAST_POINTS, 2 * pairs)
 
 
 def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tuple[str, ...]]:
@@ -210,18 +208,18 @@ def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tu
 
 
 def _marks(test: TestOutcome) -> tuple[Mark, ...]:
-    marks = []
+    times = []
     for fault in test.injected:
-        marks.append(Mark("injected", fault.at_s, f"injected {fault.at_s:.1f} s"))
-        if fault.until_s is not None:
-            marks.append(Mark("removed", fault.until_s, f"removed {fault.until_s:.1f} s"))
+        times += [("injected", "injected", fault.at_s), ("removed", "removed", fault.until_s)]
     if test.decision is not None and test.decision.onset_s is not None:
-        onset = test.decision.onset_s
-        marks.append(Mark("onset", onset, f"onset found {onset:.1f} s"))
-        if (ended := test.decision.ended_s) is not None:
-            marks.append(Mark("gone", ended, f"gone again {ended:.1f} s"))
-    if test.detected_at_s is not None:
-        marks.append(Mark("detected", test.detected_at_s, f"detected {test.detected_at_s:.1f} s"))
+        times += [("onset", "onset found", test.decision.onset_s)]
+        times += [("gone", "gone again", test.decision.ended_s)]
+    times += [("detected", "detected", test.detected_at_s)]
+    marks = (
+        Mark(kind, time_s, f"{words} {time_s:.1f} s")
+        for kind, words, time_s in times
+        if time_s is not None
+    )
     return tuple(sorted(marks, key=lambda mark: mark.time_s))
 
 

@@ -3,8 +3,7 @@ from .experiment import (
     parameter_rows as parameter_rows,
     remarks as remarks,
 )
-from .page import friction_page as friction_page
-from .panel import friction as friction
+from .page import friction as friction, friction_page as friction_page
 from .words import (
     FrictionRun as FrictionRun,
     changes_in_words as changes_in_words,

@@ -1,18 +1,26 @@
-"""Makes the page of `rig identify friction`: friction curves of recordings and their changes."""
+"""Makes the page of `rig identify friction`, and the panel of friction in a campaign's report.
+
+The page has the friction curves of recordings and their changes; the panel has friction over
+velocity, from the load that the thesis's figure 7.26 shows.
+"""
 
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from estimator.friction import PARAMETERS, model_curve
+from estimator.friction import PARAMETERS, FrictionCurve, model_curve
 from rig.plant import Model
+from rig.report.panel import Panel, TestData
 from rig.report.templating import numbers, rendered
+from rig.report.traces import Array, Trace
 
-from .panel import MM, both_ways
-from .words import FrictionRun, changes_in_words, in_words, needs_in_words, shown
+from .words import INTERVAL, FrictionRun, changes_in_words, in_words, needs_in_words, shown
 
-_INTERVAL: Final = 1.96
+MM: Final = 1e3
+_POINTS: Final = 120
+SLOWEST: Final = 1e-4
+"""Speed from which a model's curve is drawn, m/s."""
 
 
 def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
@@ -42,13 +50,11 @@ def _curves(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
     Each trace has the index of its recording under `run`; that of the model is None.
     """
     fastest = max((run.curve.fastest or 0.0 for run in runs), default=0.0) or 0.5
-    over = both_ways(1e-4, fastest)
+    over = both_ways(SLOWEST, fastest)
     drawn = [_trace("model", None, "lines", over * MM, model_curve(over, model.parameters))]
     for index, run in enumerate(runs):
         curve = run.curve
-        velocity = np.array([each.velocity * MM for each in curve.bins])
-        force = np.array([each.force for each in curve.bins])
-        dots = _trace(run.name, index, "markers", velocity, force)
+        dots = _trace(run.name, index, "markers", *_medians(curve))
         spread = numbers(each.spread for each in curve.bins)
         drawn.append(dots | {"error_y": {"type": "data", "array": spread, "thickness": 1}})
         if curve.drawable and curve.slowest is not None and curve.fastest is not None:
@@ -57,31 +63,73 @@ def _curves(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
     return drawn
 
 
-def _trace(
-    name: str, run: int | None, mode: str, across: np.ndarray, up: np.ndarray
-) -> dict[str, Any]:
-    return {
-        "name": name,
-        "mode": mode,
-        "x": numbers(across),
-        "y": numbers(up),
-        "meta": {"run": run},
-    }
+def _trace(name: str, run: int | None, mode: str, across: Array, up: Array) -> dict[str, Any]:
+    drawn = {"x": numbers(across), "y": numbers(up)}
+    return {"name": name, "mode": mode, **drawn, "meta": {"run": run}}
 
 
 def _trends(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
     """Return the values of each parameter over the recordings, with intervals, and the model's."""
-    trends = []
-    for name in PARAMETERS:
-        estimates = [run.curve.estimates[name] for run in runs]
-        halves = [each.standard_error for each in estimates]
-        trends.append(
-            {
-                "title": in_words(name),
-                "unit": estimates[0].unit,
-                "values": [each.value for each in estimates],
-                "halves": [None if half is None else _INTERVAL * half for half in halves],
-                "model": getattr(model.parameters, name),
-            }
-        )
-    return trends
+    found = {name: [run.curve.estimates[name] for run in runs] for name in PARAMETERS}
+    errors = {name: [each.standard_error for each in found[name]] for name in PARAMETERS}
+    return [
+        {
+            "title": in_words(name),
+            "unit": found[name][0].unit,
+            "values": [each.value for each in found[name]],
+            "halves": [None if error is None else INTERVAL * error for error in errors[name]],
+            "model": getattr(model.parameters, name),
+        }
+        for name in PARAMETERS
+    ]
+
+
+def friction(data: TestData) -> Panel | None:
+    """Return the panel of a test's friction; None if the ram never slid steadily.
+
+    It is None, too, if the test has no friction, because its filter does not estimate the load.
+    """
+    curve = data.outcome.friction
+    if curve is None or curve.slowest is None or curve.fastest is None:
+        return None
+    traces = []
+    if data.parameters is not None:
+        over = both_ways(SLOWEST, curve.fastest)
+        force = model_curve(over, data.parameters)
+        traces.append(Trace("model", "reference", "line", over * MM, force, 3.0))
+    if curve.drawable:
+        over = both_ways(curve.slowest, curve.fastest)
+        traces.append(Trace("fitted", "found", "line", over * MM, curve.force(over), 2.2))
+    traces.append(Trace("medians, by velocity", "ink", "dots", *_medians(curve)))
+    title, across = "Friction against velocity", ("velocity", "mm/s")
+    return Panel("friction", title, _caption(curve), "N", tuple(traces), across=across)
+
+
+def _medians(curve: FrictionCurve) -> tuple[Array, Array]:
+    """Return velocities, mm/s, and median forces, N, of a curve's bins, (n,) each."""
+    velocity = np.array([each.velocity * MM for each in curve.bins])
+    return velocity, np.array([each.force for each in curve.bins])
+
+
+def both_ways(slowest: float, fastest: float) -> Array:
+    """Return velocities of both directions for a curve, m/s, sorted, with a NaN between the two.
+
+    The speeds go from `slowest` to `fastest`, evenly spaced in the logarithm.
+    """
+    speeds = np.geomspace(slowest, fastest, _POINTS)
+    return np.concatenate([-speeds[::-1], [np.nan], speeds])
+
+
+def _caption(curve: FrictionCurve) -> str:
+    """Return the caption of the panel, with the identified parameters in words."""
+    words = "Estimated load less the known spring, where the ram slid steadily; positive extending."
+    fitted = [
+        f"{in_words(name)} {shown(each)} {each.unit}"
+        for name, each in curve.estimates.items()
+        if each.identified
+    ]
+    if fitted:
+        words += f" Fitted, with 95 % intervals: {', '.join(fitted)}."
+    for need in needs_in_words(curve):
+        words += f" {need[0].upper()}{need[1:]}."
+    return words

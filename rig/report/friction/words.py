@@ -3,8 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, log10
+from typing import Final
 
 from estimator.friction import CHANGE_PROBABILITY, FrictionCurve, FrictionEstimate, friction_changes
+
+INTERVAL: Final = 1.96
+"""Half the width of a 95 % interval, in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ def shown(estimate: FrictionEstimate) -> str:
     """
     if estimate.value is None or estimate.standard_error is None:
         return "not shown"
-    half = 1.96 * estimate.standard_error
+    half = INTERVAL * estimate.standard_error
     decimals = max(0, 1 - floor(log10(half))) if half > 0.0 else 0
     return f"{estimate.value:.{decimals}f} \u00b1 {half:.{decimals}f}"
 

@@ -122,9 +122,9 @@ def shrunk(result: GapResult) -> float:
 
 def _named(effect: NamedEffect) -> str:
     """Return an effect's name with its size and the effects it cannot be distinguished from."""
-    name = f"{in_words(effect.name)}, {sizes(effect)}"
     others = " or ".join(in_words(rival.effect) for rival in effect.indistinguishable)
-    return f"{name} (or {others}: these recordings cannot tell)" if others else name
+    rivals = f" (or {others}: these recordings cannot tell)" if others else ""
+    return f"{in_words(effect.name)}, {sizes(effect)}{rivals}"
 
 
 def extent(each: Discovered) -> str:
@@ -176,8 +176,7 @@ def headline(result: GapResult) -> str:
         besides = f"; besides, {_discovered(result)}" if result.discovered else ""
         return f"The model lacks {named}{besides}{_explains(result)}."
     if result.verdict == "unknown_effect" and result.discovered:
-        what = "Something is missing that the catalogue does not have"
-        return f"{what}: {_discovered(result)}{_explains(result)}."
+        return f"{VERDICT_WORDS[result.verdict]}: {_discovered(result)}{_explains(result)}."
     if result.verdict == "unknown_effect":
         curve = result.rest[0] if result.rest else None
         if curve is None or curve.share < NOWHERE:

@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 from estimator.leaks.detection import Decision
-from rig.cli.campaigns.verdicts import cells_of, found
+from rig.cli.campaigns.progress import cells_of, found
 from rig.runner import Status, TestOutcome
 from rig.runner.outcomes.in_words import percent
 from rig.runner.outcomes.reactions import FaultAction

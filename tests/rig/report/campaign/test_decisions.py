@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.loop.decided import DECIDED
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
-from rig.report.campaign.decisions import compensation, flow_as_decided, probability
+from rig.report.campaign.leaks import compensation, flow_as_decided, probability
 from rig.report.campaign.page import render
 from rig.report.campaign.sections import Span, sections_of
 from rig.report.panel import TestData
