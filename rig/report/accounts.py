@@ -93,17 +93,12 @@ def account_history(recording: Recording, detector: OilAccountDetector) -> Accou
         return None
     drawn_up = [block for _, block in blocks]
     known = [block.nuisances @ errors[begun][1] for begun, block in blocks]
-    statistics, thresholds = np.array(evidence).T
-    return AccountHistory(
-        np.array([block.start_s for block in drawn_up]),
-        np.array([block.end_s for block in drawn_up]),
-        np.array([block.missing for block in drawn_up]) - np.array(known),
-        _explained(drawn_up, found_in(history)),
-        np.array([time_s for time_s, _ in history]),
-        statistics,
-        thresholds,
-        _before_any_fault(history),
-    )
+    missing = np.array([block.missing for block in drawn_up]) - np.array(known)
+    start_s, end_s = np.array([(block.start_s, block.end_s) for block in drawn_up]).T
+    explained = _explained(drawn_up, found_in(history))
+    decided_s = np.array([time_s for time_s, _ in history])
+    evident = (decided_s, *np.array(evidence).T, _before_any_fault(history))
+    return AccountHistory(start_s, end_s, missing, explained, *evident)
 
 
 def _explained(blocks: Sequence[AccountBlock], found: Sequence[Found]) -> Array:

@@ -129,18 +129,15 @@ def latency(test: TestOutcome) -> str:
 
 def story(test: TestOutcome) -> str:
     """Return what was injected and found in a test, and how the loop reacted, in sentences."""
-    sentences = [_injection(test.injected), _finding(test), _gone(test), _reacting(test)]
+    sentences = [_injection(test.injected), _finding(test)]
+    if test.decision is not None and (passing := in_passing(test.decision, test.found)):
+        sentences.append(f"Found in passing: {'; '.join(passing)}.")
+    sentences.append(_reacting(test))
     if test.status is Status.FAILED:
         sentences.append(f"Expected was: {label(test.expect)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
         sentences.append(f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s.")
     return " ".join(sentence for sentence in sentences if sentence)
-
-
-def _gone(test: TestOutcome) -> str:
-    """Return a sentence on faults that ended or that the final verdict does not name, or empty."""
-    passing = [] if test.decision is None else in_passing(test.decision, test.found)
-    return f"Found in passing: {'; '.join(passing)}." if passing else ""
 
 
 def _injection(injected: Sequence[InjectedFault]) -> str:

@@ -17,7 +17,7 @@ from rig.recording import replacing
 from rig.runner.run_folder import DirectoryError
 
 from .run_cases import sources
-from .table import read_part, read_table, together, write_part, write_table
+from .table import read_part, read_table, write_part, write_table
 
 SWEEP: Final = "sweep.json"
 TABLE: Final = "sweep.parquet"
@@ -140,7 +140,7 @@ class SweepFolder:
         """
         path = self.path / TABLE
         if not path.exists():
-            write_table(together(read_part(part) for part in self._parts()), path)
+            write_table(map(read_part, self._parts()), path)
         # This also removes an incomplete part that a kill has left.
         shutil.rmtree(self.path / _PARTS)
         return read_table(path)

@@ -65,11 +65,6 @@ class Timing:
         self.process_s += judged.process_s
         self.busy_s += judged.wall_s
 
-    @property
-    def workers(self) -> set[str]:
-        """Names of the processes that ran the cases."""
-        return set(self.ready_s)
-
     def plain(self) -> dict[str, Any]:
         """Return the times as JSON-able values, with rates in simulated seconds per second.
 

@@ -86,7 +86,12 @@ def valves(
 
     def on_measured(kind: str, measurement: Measurement) -> None:
         _keep(raw, kind, measurement)
-        screen.print(_line(kind, measurement), soft_wrap=True)
+        flow, error = (to_litres_per_minute(value) for value in measurement.flow)
+        screen.print(
+            f"{kind} {measurement.opening:g} {_direction(measurement)}: {flow:.3f} ± {error:.3f} "
+            f"L/min at {1e-6 * measurement.drop_Pa:.2f} MPa",
+            soft_wrap=True,
+        )
 
     openings = [round(float(opening), 4) for opening in np.linspace(0.0, 1.0, points)]
     connected = ConnectedRig(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
@@ -125,14 +130,6 @@ def _keep(path: Path, kind: str, measurement: Measurement) -> None:
 
 def _direction(measurement: Measurement) -> str:
     return "up" if measurement.upwards else "down"
-
-
-def _line(kind: str, measurement: Measurement) -> str:
-    flow, error = (to_litres_per_minute(value) for value in measurement.flow)
-    return (
-        f"{kind} {measurement.opening:g} {_direction(measurement)}: {flow:.3f} ± {error:.3f} L/min "
-        f"at {1e-6 * measurement.drop_Pa:.2f} MPa"
-    )
 
 
 def _rows(needles: Mapping[str, NeedleCalibration]) -> Iterator[tuple[str, ...]]:

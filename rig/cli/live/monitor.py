@@ -80,9 +80,12 @@ def command(
                 answer = client.send(order, None if rig_id == "*" else rig_id, text, test=test)
                 click.echo(f"{order}: {'obeyed' if answer.accepted else answer.reason}")
                 return 0 if answer.accepted else EXIT_DEAD
-            if once:
-                return _once(client, as_json)
-            return _follow(client, as_json)
+            if not once:
+                return _follow(client, as_json)
+            found = _write(client, as_json)
+            if not found:
+                click.echo("no rig is heard of; is one running, and with a stream?", err=True)
+            return 0 if any(snapshot.alive for snapshot in found) else EXIT_DEAD
     except BrokenPipeError:
         return EXIT_STOPPED
 
@@ -101,13 +104,6 @@ def _await(client: "StreamClient", wait_s: float) -> None:
 
 def _snapshots(client: "StreamClient") -> list[Snapshot]:
     return [client.snapshot(rig) for rig in client.rigs()]
-
-
-def _once(client: "StreamClient", as_json: bool) -> int:
-    found = _write(client, as_json)
-    if not found:
-        click.echo("no rig is heard of; is one running, and with a stream?", err=True)
-    return 0 if any(snapshot.alive for snapshot in found) else EXIT_DEAD
 
 
 def _write(client: "StreamClient", as_json: bool) -> list[Snapshot]:
@@ -173,7 +169,7 @@ def screen(snapshot: Snapshot) -> RenderableType:
     figures = Table.grid(padding=(0, 2))
     for name, value in _figures(snapshot):
         figures.add_row(Text(name, style="dim"), Text(value))
-    events = [Text(_event(event), style=_style(event)) for event in snapshot.events[-EVENTS:]]
+    events = map(_event, snapshot.events[-EVENTS:])
     style = STYLES[snapshot.life]
     title = Text(f"{snapshot.rig}: {_life(snapshot)}", style=style)
     return Panel(Group(_progress(snapshot), figures, Text(), *events), title=title)
@@ -242,13 +238,10 @@ def _verdict(decision: Mapping[str, Any]) -> str:
     return text if flow is None else f"{text}, {LITRES_PER_MINUTE.shown(flow):.3f} L/min"
 
 
-def _event(event: Mapping[str, Any]) -> str:
-    at = event.get("time_s")
-    return f"{'' if at is None else f'{at:.1f} s '}{event.get('kind', '')}: {event.get('text', '')}"
-
-
-def _style(event: Mapping[str, Any]) -> str:
-    return "bold red" if event.get("kind") in ("trip", "error", "refused") else "dim"
+def _event(event: Mapping[str, Any]) -> Text:
+    at, kind = event.get("time_s"), event.get("kind", "")
+    words = f"{'' if at is None else f'{at:.1f} s '}{kind}: {event.get('text', '')}"
+    return Text(words, style="bold red" if kind in ("trip", "error", "refused") else "dim")
 
 
 def _number(value: Any, form: str, factor: float = 1.0) -> str:

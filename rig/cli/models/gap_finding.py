@@ -133,8 +133,7 @@ def found_by(asked: Asked) -> int:
         return problems.report()
     wanted = Wanted(discovered=not asked.no_discovered, leaks=asked.accept_leaks)
     if asked.live:
-        rounds = asked.rounds or ROUNDS
-        result = _close_on_rig(rig, tested, asked.pace, rounds, out, wanted, as_json=asked.as_json)
+        result = _close_on_rig(rig, tested, asked, out, wanted)
         plant, name = rig_plant(tested, rig.sensors, room_of(rig)), tested.name
     else:
         if own is not None:
@@ -147,8 +146,7 @@ def found_by(asked: Asked) -> int:
         result.reasons += unread
         result.reasons += _noted([*fitted, *judged])
         result.reasons += [plant.why_no_layout] if plant.why_no_layout else []
-    command = ("rig", *sys.argv[1:])
-    _write(result, plant, name, command, out, (asked.rig or "simulated", asked.model))
+    _write(result, plant, name, out, (asked.rig or "simulated", asked.model))
     if asked.as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
         return _code(result)
@@ -254,29 +252,19 @@ def _refuse_repeated(
     fitted: Sequence[Recording], judged: Sequence[Recording], problems: Problems
 ) -> None:
     """Add a problem for each recording whose samples were given before: evidence counts once."""
-    seen: dict[str, tuple[str, bool]] = {}
+    seen: dict[str, tuple[Recording, bool]] = {}
     for recording, held in [*((r, False) for r in fitted), *((r, True) for r in judged)]:
-        content = recording.content_hash()
-        if content not in seen:
-            seen[content] = (recording.source, held)
-            continue
-        first, first_held = seen[content]
+        first, first_held = seen.setdefault(recording.content_hash(), (recording, held))
+        same = f"{recording.source} holds the same samples as {first.source}"
         if held != first_held:
-            problems.add(
-                f"--holdout: {recording.source} holds the same samples as {first}, which is fitted "
-                "to; hold out a recording of its own"
-            )
-        else:
-            problems.add(f"{recording.source}: holds the same samples as {first}; give it once")
+            problems.add(f"--holdout: {same}, which is fitted to; hold out a recording of its own")
+        elif first is not recording:
+            same = f"{recording.source}: holds the same samples as {first.source}"
+            problems.add(f"{same}; give it once")
 
 
 def _write(
-    result: GapResult,
-    plant: Plant,
-    model: str,
-    command: tuple[str, ...],
-    out: Path,
-    references: tuple[str, str],
+    result: GapResult, plant: Plant, model: str, out: Path, references: tuple[str, str]
 ) -> None:
     """Write model, report, figures and experiment: all of them, or, if one fails, none.
 
@@ -287,10 +275,10 @@ def _write(
         result: result of the gap workflow.
         plant: the plant whose model was tested.
         model: name of the model that was tested.
-        command: the command line, which the page shows.
         out: the folder; it is made if missing.
         references: rig and model, by path or name, of the experiment's campaign.
     """
+    command = ("rig", *sys.argv[1:])
     page = gap_page(result, plant, model, command)
     figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
     campaign = next((each.campaign for each in result.experiments if each.campaign), None)
@@ -383,26 +371,15 @@ def _show_motions(rig: Rig, assumed: Model) -> int:
     return 0
 
 
-def _close_on_rig(
-    rig: Rig,
-    given: Model,
-    pace: Pace | None,
-    rounds: int,
-    out: Path,
-    wanted: Wanted,
-    *,
-    as_json: bool,
-) -> GapResult:
+def _close_on_rig(rig: Rig, given: Model, asked: Asked, out: Path, wanted: Wanted) -> GapResult:
     """Close the gap of a model by motions on a rig, and return the result.
 
     Args:
         rig: the rig that is moved.
         given: the model to start from.
-        pace: the pace that the user asks for; None for the rig's own.
-        rounds: the most rounds of motions and revisions.
+        asked: the options, with pace and number of rounds.
         out: new or empty folder for the recordings.
         wanted: what the revised model may hold of what is discovered.
-        as_json: whether the screen stays silent.
 
     Raises:
         DirectoryError: the folder cannot be used.
@@ -411,12 +388,12 @@ def _close_on_rig(
     seed = int(datetime.now(UTC).timestamp()) % 1_000_000
     before, after = "rig: nothing was found: ", f"; recordings are in {out}"
     with (
-        experiment(rig, pace, out, as_json=as_json) as (_, stop, progress),
+        experiment(rig, asked.pace, out, as_json=asked.as_json) as (_, stop, progress),
         ending(EXIT_CRASHED, ApartError, before=before, after=after),
     ):
         return close_gap(
-            rig, given, out, rounds=rounds, wanted=wanted, pace=pace, observer=progress,
-            stop=stop, worker=apart, seed=seed,
+            rig, given, out, rounds=asked.rounds or ROUNDS, wanted=wanted, pace=asked.pace,
+            observer=progress, stop=stop, worker=apart, seed=seed,
         )  # fmt: skip
 
 

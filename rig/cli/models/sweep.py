@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from functools import partial
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,7 @@ def command(
     path = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
+    screen.quiet = as_json
     say: Callable[[str], Any] = partial(screen.print, soft_wrap=True)
     if as_json:
         say = partial(click.echo, err=True)
@@ -94,7 +96,7 @@ def command(
             f"{loaded.filter_name}, in {path}")  # fmt: skip
         try:
             with ending(EXIT_CRASHED, SweepError, before="rig: "):
-                timing = _run(loaded, folder, runner, stop, screen, as_json=as_json)
+                timing = _run(loaded, folder, runner, stop, screen)
             done = sum(folder.done(chunks_of(loaded)).values())
             if done < loaded.cases:
                 again = shlex.join(["rig", "sweep", str(path), "--resume"])
@@ -121,13 +123,7 @@ def _runner(jobs: int, cluster: str | None, stack: ExitStack, say: Callable[[str
 
 
 def _run(
-    sweep: Sweep,
-    folder: SweepFolder,
-    runner: Runner,
-    stop: StopFlag,
-    screen: Screen,
-    *,
-    as_json: bool,
+    sweep: Sweep, folder: SweepFolder, runner: Runner, stop: StopFlag, screen: Screen
 ) -> Timing:
     with Progress(
         TextColumn("{task.description}"),
@@ -135,16 +131,15 @@ def _run(
         TextColumn("{task.completed:.0f} of {task.total:.0f} cases"),
         TimeRemainingColumn(),
         console=screen,
-        disable=as_json or not screen.is_terminal,
+        disable=not screen.is_terminal,
         transient=True,
     ) as progress:
         bar = progress.add_task("starting", total=sweep.cases)
-        begun = False
+        # The first cases are those that were finished before.
+        words = chain(["starting"], repeat("running"))
 
         def advanced(cases: int) -> None:
-            nonlocal begun
-            progress.update(bar, advance=cases, description="running" if begun else "starting")
-            begun = True
+            progress.update(bar, advance=cases, description=next(words))
 
         return run_sweep(sweep, folder, runner, lambda: stop.requested, advanced)
 

@@ -193,8 +193,9 @@ def row_of(each: Replayed) -> tuple[str | Text, ...]:
         verdict.append(f": {advice(decision)}", "default")
     for line in in_passing(decision, each.found):
         verdict.append(f"; {line}", "yellow")
-    if each.filter_resets_s:
-        verdict.append(f"; {_lost(each)}", "yellow")
+    if resets := each.filter_resets_s:
+        times = f", {len(resets)} times" if len(resets) > 1 else ""
+        verdict.append(f"; filter lost at {resets[0]:.2f} s{times}", "yellow")
     onset, detected = (
         "" if time_s is None else f"{time_s:.2f} s"
         for time_s in (decision.onset_s, each.detected_at_s)
@@ -215,19 +216,12 @@ def advice(decision: Decision) -> str:
     travel, needed = details.get("travel_m"), details.get("travel_needed_m")
     if travel is not None and needed is not None and travel < needed:
         return f"move the ram by more than {needed * 1e3:.0f} mm; it moved {travel * 1e3:.1f} mm"
-    unseen = {name: details.get(f"smallest_{name}_m3_per_s") for name in LEAKS}
-    flows = {name: flow for name, flow in unseen.items() if flow is not None}
+    unseen = [(details.get(f"smallest_{name}_m3_per_s"), name) for name in LEAKS]
+    flows = [(flow, name) for flow, name in unseen if flow is not None]
     if not flows:
         return "record for longer"
-    worst = max(flows, key=lambda name: flows[name])
-    flow = to_litres_per_minute(flows[worst])
+    flow, worst = max(flows, key=lambda each: each[0])
     return (
-        f"{worst} up to {flow:.2g} L/min would not have shown; record for longer, "
-        "with larger motion both ways"
+        f"{worst} up to {to_litres_per_minute(flow):.2g} L/min would not have shown; record for "
+        "longer, with larger motion both ways"
     )
-
-
-def _lost(replayed: Replayed) -> str:
-    """Return in words when the filter first diverged, and how often, if more than once."""
-    first, number = replayed.filter_resets_s[0], len(replayed.filter_resets_s)
-    return f"filter lost at {first:.2f} s" + (f", {number} times" if number > 1 else "")

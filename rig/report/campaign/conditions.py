@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from rig.loop import TIMING, in_short
@@ -33,42 +33,34 @@ def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
     return Parameters(**known) if "piston_area" in known else None
 
 
-def conditions_of(metadata: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return setpoint and load of a test as (name, text), without those that are not recorded.
+def conditions_of(metadata: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield setpoint and load of a test as (name, text), without those that are not recorded.
 
     Args:
         metadata: metadata of the test's recording.
     """
     test = metadata.get("test")
     if not isinstance(test, Mapping):
-        return []
-    found = []
-    setpoint, load = test.get("setpoint"), test.get("load")
-    if isinstance(setpoint, Mapping):
-        found.append(("Setpoint", _setpoint(setpoint)))
-    if isinstance(load, Mapping):
-        found.append(("Load", _load(load)))
-    return found
+        return
+    for name, key, in_words in (("Setpoint", "setpoint", _setpoint), ("Load", "load", _load)):
+        recorded = test.get(key)
+        if isinstance(recorded, Mapping):
+            yield name, in_words(recorded)
 
 
-def loop_conditions(recording: Recording) -> list[tuple[str, str]]:
-    """Return the grants and the timing of a hardware rig's loop as (name, text).
-
-    The list is empty if they are not recorded.
-    """
-    found = []
+def loop_conditions(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield the grants and the timing of a hardware rig's loop as (name, text), if recorded."""
     loop = recording.metadata.get("loop")
     if isinstance(loop, Mapping):
-        grants = [grant for grant in loop.get("grants", ()) if isinstance(grant, Mapping)]
         shown = [
-            grant.get("name", "") if grant.get("granted") else f"without {grant.get('name', '')}"
-            for grant in grants
+            f"{'' if grant.get('granted') else 'without '}{grant.get('name', '')}"
+            for grant in loop.get("grants", ())
+            if isinstance(grant, Mapping)
         ]
-        found.append(("Loop ran with", ", ".join(shown) or "nothing granted"))
+        yield "Loop ran with", ", ".join(shown) or "nothing granted"
     for event in recording.events:
         if event.kind == TIMING:
-            found.append(("Loop timing", in_short(json.loads(event.text))))
-    return found
+            yield "Loop timing", in_short(json.loads(event.text))
 
 
 def _setpoint(setpoint: Mapping[str, Any]) -> str:

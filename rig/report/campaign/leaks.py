@@ -14,7 +14,6 @@ from rig.report.panel import Panel, TestData, limits_of
 from rig.report.traces import Array, Trace, band, line, ribbon, steps
 from rig.report.wording import label, leaks_found
 from rig.runner.campaign import SHUT_S
-from rig.runner.outcomes import TestOutcome
 
 # For each of LEAKS: its name, the role of its colour, the channels of its true and metered flow.
 _CALLED: Final = (
@@ -71,9 +70,11 @@ def leak_flows(data: TestData) -> Panel | None:
     sources: set[str] = set()
     estimated, shown = [], []
     states = _in_filter_states(data)
-    concerned = _concerned(data.outcome) or LEAKS
+    decision = data.outcome.decision
+    concerned = {fault.kind for fault in data.outcome.injected} & set(LEAKS)
+    concerned |= set() if decision is None else {*leaks_found(decision)}
     for leak, (called, role, truth, meter) in zip(LEAKS, _CALLED, strict=True):
-        if leak not in concerned:
+        if concerned and leak not in concerned:
             continue
         was = data.channel(truth)
         source = "injected"
@@ -125,14 +126,6 @@ def evidence(data: TestData) -> Panel | None:
     )
     top = float(np.max([accounts.statistic.max(), *accounts.threshold[-1:] * 1.5]))
     return Panel("evidence", "Evidence", caption, "standard errors", traces, (0.0, 1.08 * top))
-
-
-def _concerned(outcome: TestOutcome) -> set[str]:
-    """Return the kinds of the leaks that were injected in a test or found in it."""
-    kinds = {fault.kind for fault in outcome.injected}
-    if outcome.decision is not None:
-        kinds |= {*leaks_found(outcome.decision)}
-    return kinds & set(LEAKS)
 
 
 def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float | None]:

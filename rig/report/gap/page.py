@@ -73,7 +73,7 @@ def drawn_curves(result: GapResult) -> list[Curve]:
 def figures_of(result: GapResult) -> dict[str, Any]:
     """Return the data of all plots of the page, by the plot's key, JSON-able."""
     drawn: dict[str, Any] = {
-        f"curve_{number}": _curve(curve, None if result.as_given else _same(result.rest, curve))
+        f"curve_{number}": _curve(curve, [] if result.as_given else result.rest)
         for number, curve in enumerate(drawn_curves(result))
     }
     corrections = [effect.correction for effect in result.effects]
@@ -90,15 +90,12 @@ def figures_of(result: GapResult) -> dict[str, Any]:
     return drawn
 
 
-def _same(curves: Sequence[Curve], curve: Curve) -> Curve | None:
-    same = (c for c in curves if (c.equation, c.region) == (curve.equation, curve.region))
-    return next(same, None)
-
-
-def _curve(curve: Curve, rest: Curve | None) -> dict[str, Any]:
+def _curve(curve: Curve, rest: Sequence[Curve]) -> dict[str, Any]:
+    """Return the plot of a disturbance, with the same one, if any, of the model as written."""
     traces = [_band(curve, "bad"), _line(curve, "model as given", "bad")]
-    if rest is not None:
-        traces += [_band(rest, "found"), _line(rest, "model as written", "found")]
+    same = [c for c in rest if (c.equation, c.region) == (curve.equation, curve.region)]
+    for left in same[:1]:
+        traces += [_band(left, "found"), _line(left, "model as written", "found")]
     across, up = f"{curve.region}, {curve.region_shown[0]}", f"{curve.equation}, {curve.shown[0]}"
     return {"traces": traces, "across": across, "up": up}
 

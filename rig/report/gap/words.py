@@ -313,17 +313,10 @@ def held_out(effect: NamedEffect) -> str:
 
 
 def limit(smallest: DetectionLimit) -> str:
-    """Return as text the smallest size at which an effect would have been found, rounded up."""
+    """Return the smallest size at which an effect would have been found, rounded up to 2 digits."""
     if not isfinite(smallest.size):
         return "no plausible size"
     if smallest.size <= 0.0:
         return "not by these motions"
-    return with_unit(rounded_up(smallest.size), smallest.unit)
-
-
-def rounded_up(value: float) -> float:
-    """Return a value rounded up to two significant digits; unchanged if not positive and finite."""
-    if not isfinite(value) or value <= 0.0:
-        return value
-    scale = 10.0 ** (floor(log10(value)) - 1)
-    return ceil(value / scale - 1e-9) * scale
+    scale = 10.0 ** (floor(log10(smallest.size)) - 1)
+    return with_unit(ceil(smallest.size / scale - 1e-9) * scale, smallest.unit)
