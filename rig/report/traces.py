@@ -45,20 +45,20 @@ class Trace:
     @property
     def plotly(self) -> dict[str, Any]:
         """The trace as plotly.js takes it, without the colour, which the page's script adds."""
-        common = {
+        drawn: dict[str, Any] = {"mode": "markers", "marker": {"size": 5}}
+        if self.shape == "band":
+            drawn = {"mode": "lines", "line": {"width": 0}, "fill": "toself", "hoverinfo": "skip"}
+        elif self.shape == "line":
+            style = {"width": self.width, "dash": self.dash}
+            drawn = {"mode": "lines", "line": style, "opacity": self.opacity}
+        points = {"x": packed(self.time_s), "y": packed(self.values)}
+        return {
             "type": "scatter",
             "name": self.name,
             "meta": {"role": self.role},
-            "x": packed(self.time_s),
-            "y": packed(self.values),
+            **points,
+            **drawn,
         }
-        if self.shape == "dots":
-            return common | {"mode": "markers", "marker": {"size": 5}}
-        if self.shape == "band":
-            filled = {"fill": "toself", "hoverinfo": "skip"}
-            return common | filled | {"mode": "lines", "line": {"width": 0}}
-        drawn = {"width": self.width, "dash": self.dash}
-        return common | {"mode": "lines", "line": drawn, "opacity": self.opacity}
 
 
 def envelope(time_s: Array, values: Array, points: int = POINTS) -> tuple[Array, Array]:

@@ -9,16 +9,14 @@ from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.runner.outcomes import CampaignOutcome, InjectedFault, Status, TestOutcome, in_passing
 
 _LABELS: Final = {
-    "healthy": "healthy",
     "external_leakage_1": "external leak 1",
     "external_leakage_2": "external leak 2",
     "internal_leakage": "internal leak",
     "supply_leakage": "supply-line leak",
     "return_blockage": "return-line blockage",
     "multiple": "several faults at once",
-    "unknown_fault": "unknown fault",
-    "inconclusive": "inconclusive",
 }
+"""Verdicts and kinds of faults whose names are not simply read with spaces for underscores."""
 _OPENED: Final = {
     "external_leakage_1": "a leak from chamber 1 to the return line was opened",
     "external_leakage_2": "a leak from chamber 2 to the return line was opened",

@@ -41,7 +41,9 @@ def judged_by_pattern(sums: Array, group: Group) -> Figures:
     with np.errstate(all="ignore"):  # a lost filter's numbers may overflow
         level = HealthyLevel(healthy.mean(axis=0), healthy.std(axis=0, ddof=1), looks)
         baseline = level.baseline(group.setting.false_alarms_per_day)
-        averages = _moving(means)
+        # The mean of the last `_WINDOW` blocks at the end of each block after learning.
+        windows = np.lib.stride_tricks.sliding_window_view(means, _WINDOW, axis=0)
+        averages = windows[_LEARNT - _WINDOW + 1 :].mean(axis=-1)
         patterns = pattern_of(averages, baseline)
         excess = (averages - baseline.normal) / (baseline.thresholds - baseline.normal)
         # The score is that of the block in which the moving averages show a fault most clearly.
@@ -65,13 +67,3 @@ def judged_by_pattern(sums: Array, group: Group) -> Figures:
         "resets": np.zeros(score.shape, dtype=np.int64),
         "lost": lost,
     }
-
-
-def _moving(means: Array) -> Array:
-    """Return the mean of the last `_WINDOW` blocks at the end of each block after learning.
-
-    Args:
-        means: mean of each block along the first axis.
-    """
-    windows = np.lib.stride_tricks.sliding_window_view(means, _WINDOW, axis=0)
-    return np.asarray(windows[_LEARNT - _WINDOW + 1 :].mean(axis=-1))

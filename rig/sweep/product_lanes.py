@@ -55,14 +55,16 @@ def judged_by_product(group: Group) -> Figures:
         ]
         verdicts.append([each.verdict for each in decisions])
     healthy = np.array([each.probabilities.get("healthy", np.nan) for each in decisions])
+    bounded = np.clip(healthy, _LEAST_HEALTHY, 1.0 - _LEAST_HEALTHY)
     flows = [(each.leak_m3_per_s, *(each.interval_m3_per_s or (None, None))) for each in decisions]
     leak, low, high = np.array(flows, dtype=np.float64).T
     return group.outcome_columns(np.array(verdicts), np.array(ends_s)) | {
         "leak_true_m3_per_s": group.true_flow(flow[0]),
         "statistic": np.array([each.statistic for each in decisions]),
         "threshold": np.array([each.threshold for each in decisions]),
-        # The log odds of any fault show how likely one is even if the verdict names none.
-        "score": np.nan_to_num(_log_odds(healthy), nan=-40.0),
+        # The log odds of any fault, ln((1 - p) / p) with p the probability of health, show how
+        # likely one is even if the verdict names none.
+        "score": np.nan_to_num(np.log1p(-bounded) - np.log(bounded), nan=-40.0),
         "probability_healthy": healthy,
         "leak_m3_per_s": leak,
         "leak_low_m3_per_s": low,
@@ -134,9 +136,3 @@ def _decided(
     run = FilterRun(FILTERS["product"], time_s, estimates, outputs, np.empty((0, 0)))
     detector.update(Samples(time_s, command, position, p1, p2, spool, supply), run)
     return detector.decide() if last or held.names_a_fault or detector.accuses else held
-
-
-def _log_odds(healthy: Array) -> Array:
-    """Return the log odds of a fault, ln((1 - p) / p), with p the probability of health."""
-    bounded = np.clip(healthy, _LEAST_HEALTHY, 1.0 - _LEAST_HEALTHY)
-    return np.asarray(np.log1p(-bounded) - np.log(bounded))

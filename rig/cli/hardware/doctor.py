@@ -62,13 +62,9 @@ def machine(recordings: Path, root: Path = Path("/")) -> Iterator[Finding]:
         recordings: existing folder in which runs would be recorded; 16 MB are written there.
         root: folder that holds proc, sys and dev.
     """
-    yield _kernel(root)
-    yield _clock(root)
-    yield _processors(root)
-    yield _governor(root)
-    yield _throttling(root)
-    yield _serial_ports(root)
-    yield _can_interfaces(root)
+    checks = (_kernel, _clock, _processors, _governor, _throttling, _serial_ports, _can_interfaces)
+    for check in checks:
+        yield check(root)
     yield _cyclictest()
     yield _disk_space(recordings)
     yield _disk_speed(recordings)
@@ -256,7 +252,6 @@ def _judged(timing: dict[str, Any], loop: LoopSettings) -> Finding:
         f"{timing['ticks']} ticks at {loop.rate:g} Hz: wakes {p50:.0f} us late (p50), {p99:.0f} us "
         f"(p99), {worst:.0f} us at most; {missed:.2%} missed"
     )
-    if timing["p99_s"] <= _LATE and missed <= _MISSED:
-        return Finding("idle loop", found)
     remedy = "heed the remedies above; close other programs, or use another machine"
-    return Finding("idle loop", found, "weak", remedy)
+    good = timing["p99_s"] <= _LATE and missed <= _MISSED
+    return _weak_unless(good, "idle loop", found, remedy)

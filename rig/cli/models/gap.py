@@ -18,11 +18,9 @@ class ManyHeldOut(click.Command):
         for place, word in enumerate(args):
             if word.startswith("-"):
                 held = word == HOLDOUT
-                repeated.append(word)
             elif held and args[place - 1] != HOLDOUT:
-                repeated += [HOLDOUT, word]
-            else:
-                repeated.append(word)
+                repeated.append(HOLDOUT)
+            repeated.append(word)
         return super().parse_args(ctx, repeated)
 
 

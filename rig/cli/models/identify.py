@@ -153,16 +153,12 @@ def friction(
 def _run(name: str, recording: Recording, model: Model, given: Spring | None) -> FrictionRun:
     spring = given or spring_of(recording) or model_spring(model)
     curve = identify_recording(recording, model, spring, sensors_of(recording))
-    test = recording.metadata.get("test")
-    start_ns = recording.metadata.get("start_ns")
-    return FrictionRun(
-        name,
-        str(test["name"]) if isinstance(test, dict) and "name" in test else Path(name).name,
-        f"{datetime.fromtimestamp(start_ns / 1e9, UTC):%Y-%m-%d %H:%M}"
-        if isinstance(start_ns, int) and start_ns > 0
-        else None,
-        curve,
-    )
+    test, start_ns = (recording.metadata.get(key) for key in ("test", "start_ns"))
+    called = test["name"] if isinstance(test, dict) and "name" in test else Path(name).name
+    started = None
+    if isinstance(start_ns, int) and start_ns > 0:
+        started = f"{datetime.fromtimestamp(start_ns / 1e9, UTC):%Y-%m-%d %H:%M}"
+    return FrictionRun(name, str(called), started, curve)
 
 
 def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spring | None:

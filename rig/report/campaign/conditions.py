@@ -9,12 +9,7 @@ from rig.loop import TIMING, in_short
 from rig.plant import Parameters
 from rig.recording import Recording
 
-_UNITS_BY_ENDING: Final = (
-    ("_hz_per_s", "Hz/s"),
-    ("_hz", "Hz"),
-    ("_rad", "rad"),
-    ("_s", "s"),
-)
+_UNITS_BY_ENDING: Final = {"_hz_per_s": "Hz/s", "_hz": "Hz", "_rad": "rad", "_s": "s"}
 _FEW: Final = 8
 """Greatest length of a list whose values are written one by one."""
 
@@ -78,7 +73,7 @@ def _setpoint(setpoint: Mapping[str, Any]) -> str:
 def _with_unit(key: str, value: Any, metres: bool) -> tuple[str, str]:
     if key in ("seed", "path"):
         return key, str(value)
-    for ending, unit in _UNITS_BY_ENDING:
+    for ending, unit in _UNITS_BY_ENDING.items():
         if key.endswith(ending):
             return key.removesuffix(ending), _number(value, 1.0, unit)
     return key, _number(value, 1e3 if metres else 1.0, "mm" if metres else "V")

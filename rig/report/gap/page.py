@@ -14,7 +14,6 @@ from rig.runner.outcomes import versions
 from . import words as gap_words
 from .words import band, channel, unit_for
 
-MOST_CURVES: Final = 4
 _NORMAL_95: Final = 1.96
 _POINTS: Final = 1200
 """Approximate number of points of a free simulation's line."""
@@ -66,8 +65,7 @@ def drawn_curves(result: GapResult) -> list[Curve]:
         if curve.equation not in {each.equation for each in first}:
             first.append(curve)
     others = [curve for curve in result.where if not any(curve is each for each in first)]
-    chosen = sorted([*first[:2], *others[:2]], key=lambda curve: -curve.gain)
-    return chosen[:MOST_CURVES]
+    return sorted([*first[:2], *others[:2]], key=lambda curve: -curve.gain)
 
 
 def figures_of(result: GapResult) -> dict[str, Any]:
