@@ -51,14 +51,8 @@ class Trace:
         elif self.shape == "line":
             style = {"width": self.width, "dash": self.dash}
             drawn = {"mode": "lines", "line": style, "opacity": self.opacity}
-        points = {"x": packed(self.time_s), "y": packed(self.values)}
-        return {
-            "type": "scatter",
-            "name": self.name,
-            "meta": {"role": self.role},
-            **points,
-            **drawn,
-        }
+        points = {"type": "scatter", "x": packed(self.time_s), "y": packed(self.values)}
+        return {"name": self.name, "meta": {"role": self.role}, **points, **drawn}
 
 
 def envelope(time_s: Array, values: Array, points: int = POINTS) -> tuple[Array, Array]:

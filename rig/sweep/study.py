@@ -182,8 +182,7 @@ class Study:
 def study_of(table: pa.Table) -> Study:
     """Return the statistics of a sweep's table."""
     column = columns_of(table)
-    faults, verdicts = column["fault"], column["verdict"]
-    right = np.asarray(column["right"], dtype=np.bool_)
+    faults, verdicts, right = column["fault"], column["verdict"], column["right"]
     healthy = faults == HEALTHY
     places = np.unique(faults[~healthy]).tolist()
     parts = {place: faults == place for place in places}
@@ -194,13 +193,13 @@ def study_of(table: pa.Table) -> Study:
     return Study(
         cases=int(faults.size),
         confusion={name: Counter(sorted(verdicts[faults == name].tolist())) for name in names},
-        false_alarms=_share(np.asarray(column["false_alarm"], dtype=np.bool_)[healthy]),
+        false_alarms=_share(column["false_alarm"][healthy]),
         right={name: _share(right[faults == name]) for name in names},
         power={name: _power(flow[at], right[at]) for name, at in parts.items()},
         roc={name: _roc(score[healthy], score[at]) for name, at in parts.items() if healthy.any()},
         latency_s=_latency(column["latency_s"]),
         sizing=_sizing(column, right & ~healthy),
-        lost=_share(np.asarray(column["lost"], dtype=np.bool_)),
+        lost=_share(column["lost"]),
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Column
 from rich.text import Text
 
@@ -46,7 +46,7 @@ class CampaignProgress(Observer):
         self._bars = Progress(
             TextColumn("{task.description}", table_column=Column(no_wrap=True), markup=False),
             BarColumn(bar_width=30),
-            _RigTime(),
+            TextColumn("{task.completed:6.1f} of {task.total:g} s"),
             TextColumn("{task.fields[verdict]}", markup=False),
             console=screen,
             disable=not screen.is_terminal,
@@ -127,13 +127,6 @@ class MotionProgress(CampaignProgress):
     def test_ends(self, outcome: TestOutcome) -> None:
         """Write the motion's line."""
         super().test_ends(replace(outcome, decision=None))
-
-
-class _RigTime(ProgressColumn):
-    """A column that shows the seconds of rig time that are done, and how many there are in all."""
-
-    def render(self, task: Task) -> Text:
-        return Text(f"{task.completed:6.1f} of {task.total or 0.0:g} s")
 
 
 def cells_of(test: TestOutcome) -> tuple[str | Text, ...]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
+from rig.cli.option_types import paced
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_campaign, load_stream
@@ -25,11 +26,7 @@ from .progress import HEADINGS, CampaignProgress, cells_of, summary
 @click.command()
 @click.argument("campaign")
 @click.option("--rig", "rig_reference", metavar="RIG", help="Run on this rig, not the campaign's.")
-@click.option(
-    "--pace",
-    type=click.Choice(["real", "fast"]),
-    help="At the wall clock, or as fast as it can; the rig's own if not given. Same results.",
-)
+@paced("At", " Same results.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from rig.channels import LITRES_PER_MINUTE, SHOWN
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED, ending
-from rig.cli.option_types import TEXT
+from rig.cli.option_types import text
 from rig.cli.screen import Screen
 from rig.configuration import load_stream
 from rig.stream import COMMANDS, CommandName, Snapshot
@@ -35,7 +35,7 @@ _US: Final = 1e6
 
 @click.command()
 @click.option(
-    "--rig", "rig_id", default="*", type=TEXT, metavar="ID", help="One rig; all if not given."
+    "--rig", "rig_id", default="*", type=text, metavar="ID", help="One rig; all if not given."
 )
 @follows_streams
 @click.option("--once", is_flag=True, help="Show what there is, once, and end; 1 if nothing lives.")
@@ -47,8 +47,8 @@ _US: Final = 1e6
     "--send", "order", type=click.Choice(COMMANDS),
     help="Send a command instead; see docs/stream.md for each. 1 if it is not obeyed.",
 )  # fmt: skip
-@click.option("--text", default="", type=TEXT, help="A remark that is recorded with the command.")
-@click.option("--test", default="", type=TEXT, metavar="NAME", help="The test to skip or to retry.")
+@click.option("--text", default="", type=text, help="A remark that is recorded with the command.")
+@click.option("--test", default="", type=text, metavar="NAME", help="The test to skip or to retry.")
 def command(
     rig_id: str,
     connect: tuple[str, ...],

@@ -87,7 +87,8 @@ class Asked:
 def found_by(asked: Asked) -> int:
     """Find the gap that is asked for, write the files, show the finding; return the exit code.
 
-    All problems of the input go to stderr together; then nothing is written and the code is 2. With
+    All problems of the input go to stderr together; then nothing is written and the code is 2. If
+    the rig ended the experiment, the reason is on stderr and the code is `EXIT_STOPPED`. With
     `dry_run` the motions are only printed.
     """
     problems = Problems()
@@ -149,7 +150,16 @@ def found_by(asked: Asked) -> int:
     _write(result, plant, name, out, (asked.rig or "simulated", asked.model))
     if asked.as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
-        return _code(result)
+    else:
+        _show(result, out)
+    if not result.ended_by:
+        return 0
+    click.echo(f"rig: {result.ended_by}", err=True)
+    return EXIT_STOPPED
+
+
+def _show(result: GapResult, out: Path) -> None:
+    """Show what was found, and which files were written to the folder `out`."""
     screen = Screen()
     for line in _lines(result):
         screen.print(line)
@@ -159,23 +169,11 @@ def found_by(asked: Asked) -> int:
     screen.print(f"model: {out / MODEL_FILE}")
     if (out / EXPERIMENT_FILE).is_file():
         screen.print(f"experiment: {out / EXPERIMENT_FILE}")
-    return _code(result)
 
 
 def _say(words: str) -> None:
     """Tell on stderr what is being done, so that --json keeps stdout to itself."""
     click.echo(f"rig: {words}", err=True)
-
-
-def _code(result: GapResult) -> int:
-    """Return the exit code of a result: 0, or `EXIT_STOPPED` if the rig ended the experiment.
-
-    In the second case the reason is written to stderr.
-    """
-    if not result.ended_by:
-        return 0
-    click.echo(f"rig: {result.ended_by}", err=True)
-    return EXIT_STOPPED
 
 
 def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:

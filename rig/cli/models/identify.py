@@ -9,6 +9,7 @@ import click
 
 from estimator.friction import PARAMETERS, Spring, identify_recording
 from rig.cli.application import Problems
+from rig.cli.option_types import paced
 from rig.cli.screen import Screen
 from rig.configuration import Physical, QuantityError, Rig, dump_model, load_model, load_rig
 from rig.plant import Model, quantities
@@ -56,11 +57,7 @@ def command() -> None:
 @command.command()
 @click.argument("recordings", nargs=-1, metavar="[RECORDING...]")
 @click.option("--rig", "rig_reference", metavar="RIG", help="Run the experiment on this rig.")
-@click.option(
-    "--pace",
-    type=click.Choice(["real", "fast"]),
-    help="Of the experiment: at the wall clock, or as fast as it can; the rig's own if not given.",
-)
+@paced("Of the experiment: at")
 @click.option("--dry-run", is_flag=True, help="Show the experiment's motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 @click.option("--spring", metavar="STIFFNESS", help="Spring that was there, such as '2e4 N/m'.")

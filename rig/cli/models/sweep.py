@@ -110,13 +110,11 @@ def command(
 
 
 def _runner(jobs: int, cluster: str | None, stack: ExitStack, say: Callable[[str], Any]) -> Runner:
-    if cluster is not None:
-        from rig.sweep import connect, run_cluster
+    from rig.sweep import connect, run_cluster, run_here, run_pool
 
+    if cluster is not None:
         client = stack.enter_context(connect(cluster))
         return lambda chunks, setting, stopped: run_cluster(chunks, setting, client, stopped, say)
-    from rig.sweep import run_here, run_pool
-
     if jobs == 1:
         return run_here
     return lambda chunks, setting, stopped: run_pool(chunks, setting, jobs, stopped)

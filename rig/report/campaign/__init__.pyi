@@ -1,3 +1,6 @@
-from .comparison import comparison_page as comparison_page
 from .page import render as render, write_report as write_report
-from .trend_page import TREND as TREND, trend_page as trend_page
+from .several_runs import (
+    TREND as TREND,
+    comparison_page as comparison_page,
+    trend_page as trend_page,
+)

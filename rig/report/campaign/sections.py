@@ -13,10 +13,9 @@ from rig.report.accounts import AccountHistory, account_history
 from rig.report.friction import friction
 from rig.report.panel import Panel, TestData
 from rig.report.traces import POINTS
-from rig.report.wording import story
+from rig.report.wording import assumed_parameters, conditions_of, loop_conditions, story
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
 
-from .conditions import assumed_parameters, conditions_of, loop_conditions
 from .leaks import compensation, evidence, leak_flows, missing_flow, probability
 from .signals import command, innovation, motion, pressures
 
@@ -36,33 +35,6 @@ Flows = dict[str, float]
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A time that is marked by a vertical line in every plot of a test.
-
-    Attributes:
-        kind: `injected`, `removed`, `onset`, `gone` or `detected`.
-        time_s: s of the test.
-        text: label of the line.
-    """
-
-    kind: str
-    time_s: float
-    text: str
-
-
-@dataclass(frozen=True)
-class Span:
-    """A stretch of time, from `start_s` to `end_s`, that is shaded in every plot of a test.
-
-    Its text says what the loop did about a fault then.
-    """
-
-    start_s: float
-    end_s: float
-    text: str
-
-
-@dataclass(frozen=True)
 class Section:
     """The section of the report about one test.
 
@@ -72,9 +44,11 @@ class Section:
         notes: sentences on what is missing in the section, and why.
         conditions: setpoint, load and timing of the loop, as (name, text).
         panels: the plots; empty without a readable recording.
-        marks: times at which faults were injected and removed, of onset, end and detection, in
-            their order.
-        spans: the loop's actions about faults.
+        marks: the times that are marked by a vertical line in every plot, in their order, each with
+            its `kind` (`injected`, `removed`, `onset`, `gone` or `detected`), `time` in s, and
+            label, `text`.
+        spans: the stretches of time that are shaded in every plot, from `start` to `end`, s, with
+            what the loop did about a fault then, `text`.
         events: the first events of the recording, 40 at most, without the timing of the loop.
         start_s, end_s: begin and end of the time axis; it reaches to the planned end if the test
             ended early.
@@ -90,8 +64,8 @@ class Section:
     notes: tuple[str, ...]
     conditions: tuple[tuple[str, str], ...] = ()
     panels: tuple[Panel, ...] = ()
-    marks: tuple[Mark, ...] = ()
-    spans: tuple[Span, ...] = ()
+    marks: tuple[dict[str, Any], ...] = ()
+    spans: tuple[dict[str, Any], ...] = ()
     events: tuple[Event, ...] = ()
     start_s: float = 0.0
     end_s: float = 0.0
@@ -106,8 +80,8 @@ class Section:
             "start": self.start_s,
             "end": self.end_s,
             "recorded": self.recorded_until_s,
-            "spans": [{"start": s.start_s, "end": s.end_s, "text": s.text} for s in self.spans],
-            "marks": [{"kind": m.kind, "time": m.time_s, "text": m.text} for m in self.marks],
+            "spans": self.spans,
+            "marks": self.marks,
             "panels": {panel.key: panel.figure for panel in self.panels},
         }
 
@@ -207,7 +181,7 @@ def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tu
     return recording, (f"{note} Shown is what could be recovered, {shown}.",)
 
 
-def _marks(test: TestOutcome) -> tuple[Mark, ...]:
+def _marks(test: TestOutcome) -> tuple[dict[str, Any], ...]:
     times = []
     for fault in test.injected:
         times += [("injected", "injected", fault.at_s), ("removed", "removed", fault.until_s)]
@@ -216,27 +190,27 @@ def _marks(test: TestOutcome) -> tuple[Mark, ...]:
         times += [("gone", "gone again", test.decision.ended_s)]
     times += [("detected", "detected", test.detected_at_s)]
     marks = (
-        Mark(kind, time_s, f"{words} {time_s:.1f} s")
+        {"kind": kind, "time": time_s, "text": f"{words} {time_s:.1f} s"}
         for kind, words, time_s in times
         if time_s is not None
     )
-    return tuple(sorted(marks, key=lambda mark: mark.time_s))
+    return tuple(sorted(marks, key=lambda mark: mark["time"]))
 
 
-def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
+def _spans(test: TestOutcome, last_s: float) -> tuple[dict[str, Any], ...]:
     """Return the loop's actions about faults as spans; actions of a kind without a pause are one.
 
     So a leak that is tolerated with a new estimate of its coefficient does not begin a new span.
     An action without an end reaches to `last_s`.
     """
-    spans: list[Span] = []
+    spans: list[dict[str, Any]] = []
     for action in test.actions:
         end_s = last_s if action.until_s is None else action.until_s
         text = action.what.split(" ", 1)[0]
-        if spans and spans[-1].text == text and spans[-1].end_s == action.at_s:
-            spans[-1] = Span(spans[-1].start_s, end_s, text)
+        if spans and (spans[-1]["text"], spans[-1]["end"]) == (text, action.at_s):
+            spans[-1]["end"] = end_s
         else:
-            spans.append(Span(action.at_s, end_s, text))
+            spans.append({"start": action.at_s, "end": end_s, "text": text})
     return tuple(spans)
 
 

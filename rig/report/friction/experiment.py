@@ -14,8 +14,7 @@ from estimator.friction import (
 from rig.report.templating import number, numbers, rendered
 from rig.runner.experiments import FrictionExperiment
 
-from .page import MM, SLOWEST, both_ways
-from .words import INTERVAL, in_words, needs_in_words, shown
+from .page import INTERVAL, MM, SLOWEST, both_ways, in_words, needs_in_words, shown
 
 _MISFIT: Final = 4.0
 """Limit of chi^2 over its degrees of freedom; measurements that agree with the law exceed it less

@@ -12,7 +12,7 @@ from rig.configuration.sweeps.sweep import load_sweep
 from rig.lanes import LANES
 from rig.sweep.drawing import Cases, draw
 from rig.sweep.group import Group
-from rig.sweep.pattern_lanes import judged_by_pattern
+from rig.sweep.run_cases import judged_by_pattern
 from rig.sweep.setting import Setting, setting_of
 from rig.sweep.ticks import BLOCK, SUMS
 

@@ -4,7 +4,7 @@ import pytest
 
 from rig.configuration.campaigns.campaign import plain
 from rig.plant import Model, Parameters
-from rig.report.campaign.conditions import assumed_parameters, conditions_of
+from rig.report.wording import assumed_parameters, conditions_of
 
 
 @pytest.mark.parametrize(

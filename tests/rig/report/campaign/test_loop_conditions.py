@@ -8,7 +8,7 @@ import pytest
 
 from rig.loop.timing import TIMING, Timing
 from rig.recording import Event, Recording
-from rig.report.campaign.conditions import loop_conditions
+from rig.report.wording import loop_conditions
 
 
 @pytest.fixture

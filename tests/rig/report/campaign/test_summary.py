@@ -7,8 +7,8 @@ from hypothesis import given, strategies as st
 
 from estimator.leaks.detection import Decision
 from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.report.campaign.page import Row, false_alarm_words, full_scale, row_of, smallest_rows
 from rig.report.campaign.sections import sections_of
-from rig.report.campaign.summary import Row, false_alarm_words, full_scale, row_of, smallest_rows
 from rig.report.wording import latency
 from rig.runner.outcomes.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
 
