@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from .drawing import Cases
+from .group import Setting, SweepError
 from .local import Stopped
 from .run_cases import Judged, run_chunk
-from .setting import Setting, SweepError
 
 _QUEUED: Final = 3
 """Number of submitted chunks for each thread of the cluster."""

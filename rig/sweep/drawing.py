@@ -16,7 +16,6 @@ from rig.configuration import HEALTHY, Sweep
 from rig.plant import LEAKS, Parameters, quantities
 
 from .motions import Column, Motions, Streams, drawn_motions
-from .setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -52,11 +51,6 @@ class Cases:
     faults: NDArray[np.str_]
     onset_s: Array
     columns: Mapping[str, Column]
-
-    @property
-    def count(self) -> int:
-        """Number of the cases, n."""
-        return int(self.noise.size)
 
     def of(self, at: NDArray[np.intp], chunk: int) -> "Cases":
         """Return some of the cases as a chunk of its own.
@@ -163,20 +157,3 @@ def _leaks(
         "coefficient": Column(size, "m^3/(s Pa^0.5)", "of the leak injected"),
     }
     return coefficients, onset_s, faults, shown
-
-
-def still_case(setting: Setting, cases: Cases) -> Cases:
-    """Return one healthy case at rest; running it loads the compiled code for cases.
-
-    Args:
-        setting: what all cases of the sweep share.
-        cases: some cases of the sweep.
-    """
-    no, inf = np.zeros(1), np.full((1, 1), np.inf)
-    at_middle = np.full((1, 1), setting.middle)
-    return replace(
-        cases.of(np.zeros(1, dtype=np.intp), 0),
-        parameters=np.array(setting.like, dtype=np.float64)[:, None],
-        coefficients=np.zeros((len(LEAKS), 1)),
-        motions=Motions(np.zeros((0, 1)), no + np.nan, at_middle, inf, no, no.astype(int), no),
-    )

@@ -13,7 +13,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from rig.configuration import Sweep
-from rig.recording import replacing
+from rig.recording import replace_text
 from rig.runner.run_folder import DirectoryError
 
 from .run_cases import sources
@@ -49,7 +49,7 @@ class SweepFolder:
     """
 
     def __init__(self, path: Path, sweep: Sweep, *, resume: bool) -> None:
-        self.path, self._sweep = path, sweep
+        self.path = path
         self._lock: int | None = None
         try:
             _refuse_others(path)
@@ -61,8 +61,10 @@ class SweepFolder:
             kept = read_identity(path)
             if resume and kept is not None:
                 _require_same(path, kept, identity(sweep))
-            else:
-                self._begin()
+                return
+            for file in (*self._parts(), *(path / name for name in (TABLE, PAGE, SUMMARY))):
+                file.unlink(missing_ok=True)
+            replace_text(path / SWEEP, json.dumps(identity(sweep), indent=2) + "\n")
             return
         except BlockingIOError:
             problem = f"{path}: a sweep is running in it; wait for it, or choose another --out"
@@ -73,12 +75,6 @@ class SweepFolder:
             problem = str(error)
         self.close()
         raise DirectoryError([problem])
-
-    def _begin(self) -> None:
-        for file in (*self._parts(), *(self.path / name for name in (TABLE, PAGE, SUMMARY))):
-            file.unlink(missing_ok=True)
-        with replacing(self.path / SWEEP) as partial:
-            partial.write_text(json.dumps(identity(self._sweep), indent=2) + "\n", encoding="utf-8")
 
     def __enter__(self) -> "SweepFolder":
         return self

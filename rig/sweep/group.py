@@ -1,4 +1,4 @@
-"""Prepares the cases that run together, one in each lane, and judges their verdicts."""
+"""Defines what all cases of a sweep share, and the cases that run together, one in each lane."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -7,14 +7,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.leaks import SILENT
+from rig.configuration import Sweep, SweepFilter
 from rig.lanes import LANES, aligned, start_streams
-from rig.loop import LaneRigs
-from rig.plant import NO_FAULT, Parameters, rest_state
+from rig.loop import LaneRigs, LoopSetting
+from rig.plant import NO_FAULT, Model, Parameters, SensorParameters, rest_state
 
 from .drawing import Cases
 from .motions import AMPLITUDE, PHASE, SINE_ROWS, Motions
-from .setting import Figures, Setting
-from .ticks import SEEN, SETTLED, CaseLanes, scale_sines
+from .ticks import BLOCK, SEEN, SETTLED, CaseLanes, scale_sines
+
+Figures = dict[str, NDArray[np.generic]]
+"""Columns of the table by their names, with one value for each of n cases."""
+
+
+class SweepError(RuntimeError):
+    """Raised if cases of a sweep cannot be run; the message says why."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The settings that all cases of a sweep share, as a worker needs them.
+
+    Attributes:
+        like: parameters of the rig, of which each case replaces those that are drawn.
+        sensors: data sheet of the rig's transducers.
+        model: the model that the filter assumes.
+        ticks: number of ticks of a case.
+        loop: settings of the position loop.
+        middle: middle of the rig's position limits, at which a case in open loop begins, m.
+        has_spool, has_supply: whether the rig measures spool position and supply pressure.
+    """
+
+    like: Parameters
+    sensors: SensorParameters
+    model: Model
+    filter_name: SweepFilter
+    false_alarms_per_day: float
+    ticks: int
+    loop: LoopSetting
+    middle: float
+    has_spool: bool
+    has_supply: bool
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks, of half a second each, in a case."""
+        return (self.ticks - 1) // BLOCK
+
+
+def setting_of(sweep: Sweep) -> Setting:
+    """Return the settings that all cases of a sweep share."""
+    base = sweep.rig
+    return Setting(
+        like=base.plant.parameters,
+        sensors=base.sensors,
+        model=sweep.model,
+        filter_name=sweep.filter_name,
+        false_alarms_per_day=sweep.false_alarms_per_day,
+        ticks=sweep.ticks,
+        loop=LoopSetting(base.gain_V_per_m, base.limits.command_V, sweep.longest_step_s),
+        middle=0.5 * (base.limits.position_min_m + base.limits.position_max_m),
+        has_spool=base.has_spool_sensor,
+        has_supply=base.has_supply_pressure_sensor,
+    )
+
 
 Array = NDArray[np.float64]
 
@@ -120,6 +176,6 @@ def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:
 
     The groups share no case. If cases are missing in the last group, its last case is repeated.
     """
-    numbers = np.arange(cases.count)
-    for first in range(0, cases.count, LANES):
-        yield np.minimum(numbers[first] + np.arange(LANES), cases.count - 1)
+    numbers = np.arange(cases.numbers.size)
+    for first in range(0, cases.numbers.size, LANES):
+        yield np.minimum(numbers[first] + np.arange(LANES), cases.numbers.size - 1)

@@ -11,8 +11,8 @@ from multiprocessing import connection, get_context, parent_process
 from typing import Final
 
 from .drawing import Cases
+from .group import Setting, SweepError
 from .run_cases import Judged, run_chunk
-from .setting import Setting, SweepError
 
 Stopped = Callable[[], bool]
 

@@ -3,6 +3,7 @@
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from itertools import zip_longest
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -106,7 +107,10 @@ class Motions:
 
 
 class _Course(NamedTuple):
-    """The motion of one case: levels and their ends, rows of sines, peak and pace, as `Motions`."""
+    """The motion of one case: levels and their ends, rows of sines, peak and pace, as `Motions`.
+
+    The last end does not count.
+    """
 
     levels: Sequence[float]
     ends: Sequence[float] = (np.inf,)
@@ -115,17 +119,10 @@ class _Course(NamedTuple):
     pace: float = 1.0
 
 
-def _columns(of_cases: Sequence[Sequence[float]], padding: float | None) -> Array:
-    """Return sequences of different lengths as the columns of an array, (longest, n).
-
-    Shorter columns are filled up with `padding`, or with their last value if that is None.
-    """
-    longest = max(map(len, of_cases))
-    table = np.empty((longest, len(of_cases)))
-    for column, values in enumerate(of_cases):
-        table[: len(values), column] = values
-        table[len(values) :, column] = values[-1] if padding is None else padding
-    return table
+def _columns(of_cases: Sequence[Sequence[float]], padding: float = 0.0) -> Array:
+    """Return sequences as the columns of an array, (longest, n), filled up with `padding`."""
+    rows = list(zip_longest(*of_cases, fillvalue=padding))
+    return np.array(rows, dtype=np.float64).reshape(-1, len(of_cases))
 
 
 def drawn_motions(
@@ -165,13 +162,11 @@ def drawn_motions(
             made[case] = _motion(motion.type, own, duration_s, int(seeds[case]), turns)
         columns |= _columns_of(motion, drawn, kind == index)
     cases = [made[case] for case in range(streams.count)]
-    ends = _columns([each.ends for each in cases], padding=np.inf)
-    ends[-1] = np.inf
     setpoints = Motions(
-        sines=_columns([each.sines for each in cases], padding=0.0),
+        sines=_columns([each.sines for each in cases]),
         peak=np.array([each.peak for each in cases]),
-        levels=_columns([each.levels for each in cases], padding=None),
-        ends=ends,
+        levels=_columns([each.levels for each in cases]),
+        ends=_columns([(*each.ends[:-1], np.inf) for each in cases], padding=np.inf),
         open_loop=open_loop[kind],
         kind=kind,
         pace=np.array([each.pace for each in cases]),

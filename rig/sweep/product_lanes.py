@@ -16,8 +16,7 @@ from rig.lanes import LANES, empty_lanes
 from rig.loop import LANE_READINGS, LOGGED, MOST_STEPS
 from rig.plant import TICK
 
-from .group import Group
-from .setting import Figures, SweepError
+from .group import Figures, Group, SweepError
 from .ticks import BLOCK, reading_block
 
 Array = NDArray[np.float64]

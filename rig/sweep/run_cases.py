@@ -22,10 +22,11 @@ from estimator.filters import THESIS_WINDOW, initial_state
 from estimator.leaks import LEARNING_S, PATTERNS, STARTED_S, HealthyLevel, pattern_of
 from rig.compile_cache import source_key
 from rig.lanes import LANES, aligned
+from rig.plant import LEAKS
 
-from .drawing import Cases, still_case
-from .group import Group, groups_of
-from .setting import Figures, Setting, SweepError
+from .drawing import Cases
+from .group import Figures, Group, Setting, SweepError, groups_of
+from .motions import Motions
 from .ticks import BLOCK, SUMS, Thesis7Lanes, thesis7_cases
 
 Array = NDArray[np.float64]
@@ -111,7 +112,7 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
 
             figures = judged_by_product(group)
         found.append(figures)
-    count = cases.count
+    count = cases.numbers.size
     return {name: np.concatenate([each[name] for each in found])[:count] for name in found[0]}
 
 
@@ -147,7 +148,7 @@ def _load(setting: Setting, cases: Cases) -> float:
         return 0.0
     start = time.perf_counter()
     short = replace(setting, ticks=_LEAST_BLOCKS * BLOCK + 1)
-    judge_cases(short, still_case(setting, cases))
+    judge_cases(short, _still_case(setting, cases))
     _loaded.add(setting.filter_name)
     return time.perf_counter() - start
 
@@ -191,3 +192,20 @@ def judged_by_pattern(sums: Array, group: Group) -> Figures:
         "resets": np.zeros(score.shape, dtype=np.int64),
         "lost": lost,
     }
+
+
+def _still_case(setting: Setting, cases: Cases) -> Cases:
+    """Return one healthy case at rest; running it loads the compiled code for cases.
+
+    Args:
+        setting: what all cases of the sweep share.
+        cases: some cases of the sweep.
+    """
+    no, inf = np.zeros(1), np.full((1, 1), np.inf)
+    at_middle = np.full((1, 1), setting.middle)
+    return replace(
+        cases.of(np.zeros(1, dtype=np.intp), 0),
+        parameters=np.array(setting.like, dtype=np.float64)[:, None],
+        coefficients=np.zeros((len(LEAKS), 1)),
+        motions=Motions(np.zeros((0, 1)), no + np.nan, at_middle, inf, no, no.astype(int), no),
+    )

@@ -11,9 +11,9 @@ from rig.lanes import LANES
 
 from .drawing import Cases, draw
 from .folder import SweepFolder
+from .group import Setting, SweepError, setting_of
 from .local import Stopped
 from .run_cases import Judged, sources
-from .setting import Setting, SweepError, setting_of
 from .table import rows_of
 
 Runner = Callable[[Iterator[Cases], Setting, Stopped], Iterator[Judged]]
@@ -170,7 +170,7 @@ def run_sweep(
             )
         cases = drawn.pop(judged.chunk)
         folder.keep(judged.chunk, rows_of(cases, dict(judged.figures)))
-        timing.add(judged, cases.count, cases.count * sweep.duration_s, received_s)
+        timing.add(judged, cases.numbers.size, cases.numbers.size * sweep.duration_s, received_s)
         timing.elapsed_s = time.perf_counter() - started
-        advanced(cases.count)
+        advanced(cases.numbers.size)
     return timing

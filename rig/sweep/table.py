@@ -16,8 +16,8 @@ import pyarrow.parquet as pq
 from rig.recording import replacing
 
 from .drawing import Cases
+from .group import Figures
 from .motions import Column
-from .setting import Figures
 
 FIGURES: Final = {
     "leak_true_m3_per_s": ("m^3/s", "mean leak flow from 2 s after the onset on"),
@@ -52,7 +52,7 @@ def rows_of(cases: Cases, figures: Figures) -> pa.Table:
 
     A result that the filter of the sweep does not tell is missing in every row.
     """
-    absent = np.full(cases.count, np.nan)
+    absent = np.full(cases.numbers.size, np.nan)
     outcomes = {name: Column(figures.get(name, absent), *told) for name, told in FIGURES.items()}
     columns = {**cases.columns, **outcomes}
     arrays = [_array(column.values) for column in columns.values()]

@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -83,13 +83,13 @@ def command(
     directory = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
+    progress = CampaignProgress(screen, paced=paced)
+    stream: AbstractContextManager[Observer] = nullcontext(progress)
+    if settings is not None:
+        stream = _streamed(progress, settings, rig, directory, desk, paced=paced)
     with stop_on_signals(stop):
         started = time.perf_counter()
-        with (
-            ending(EXIT_BAD_INPUT, DriverError),
-            CampaignProgress(screen, paced=paced) as progress,
-            streamed(progress, settings, rig, directory, desk, paced=paced) as observer,
-        ):
+        with ending(EXIT_BAD_INPUT, DriverError), progress, stream as observer:
             try:
                 outcome = run_campaign(
                     loaded,
@@ -167,23 +167,13 @@ def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
 
 
 @contextmanager
-def streamed(
-    observer: Observer,
-    settings: StreamSettings | None,
-    rig: Rig,
-    directory: Path,
-    desk: Desk,
-    *,
-    paced: bool,
+def _streamed(
+    observer: Observer, settings: StreamSettings, rig: Rig, out: Path, desk: Desk, *, paced: bool
 ) -> Iterator[Observer]:
     """Give the block an observer that passes a run on to `observer` and to its live stream.
 
-    Without settings of a stream, the block gets `observer` itself. The stream's commands go to the
-    desk; the stream ends with the block.
+    The stream's commands go to the desk; the stream ends with the block.
     """
-    if settings is None:
-        yield observer
-        return
     from rig.runner.campaign import StreamedRun
     from rig.stream import Command, rig_id
     from rig.supervisor import LOG, Stream
@@ -197,7 +187,7 @@ def streamed(
             return str(error)
         return ""
 
-    stream = Stream(settings, rig_id(rig.name), directory / LOG, observer.rig_tells, obey)
+    stream = Stream(settings, rig_id(rig.name), out / LOG, observer.rig_tells, obey)
     run = StreamedRun(stream, observer, simulated=rig.backend == "simulated", live=paced)
     try:
         yield run

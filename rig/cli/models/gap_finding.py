@@ -301,8 +301,8 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
     """Yield the lines that say in words what was found."""
     yield Text(f"{result.verdict}: {headline(result)}", _STYLES.get(result.verdict, "yellow"))
     yield from result.reasons
-    for line in where_words(result.where):
-        yield f"where: {line}"
+    if result.where:
+        yield f"where: {where_words(result.where[0])}"
     yield gap_words(result)
     yield from left_words(result)
     for each in result.experiments[:1]:

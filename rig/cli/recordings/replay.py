@@ -10,14 +10,14 @@ import click
 from rich.text import Text
 
 from estimator.filters import DEFAULT_FILTER, filter_named
-from estimator.leaks import Baseline, Decision, Found, detector_for, load_baseline, replay
+from estimator.leaks import Decision, Found, detector_for, load_baseline, replay
 from faults import Verdict, to_litres_per_minute
 from rig.cli.application import Problems
 from rig.cli.campaigns import leak
 from rig.cli.option_types import Range
 from rig.cli.screen import Screen
 from rig.configuration import load_columns, load_model
-from rig.plant import LEAKS, Model
+from rig.plant import LEAKS
 from rig.recording import Recording, read_measured
 from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
 from rig.runner.run_folder import findings, leak_figures
@@ -106,17 +106,30 @@ def command(
         filter_named(filter_name)
     except ValueError as error:
         problems.add(f"--filter: {error}")
+
+    def judged(name: str, recording: Recording) -> Replayed:
+        rate = false_alarms_per_day
+        if baseline is None:
+            detector = detector_of(recording, assumed, filter_name, rate)
+        else:
+            detector = baseline.detector(filter_name, assumed, rate)
+        detector = detector or detector_for(filter_name, assumed, rate)
+        sensors = sensors_of(recording)
+        result = replay(
+            recording, assumed, filter_name=filter_name, detector=detector, sensors=sensors
+        )
+        resets = tuple(result.run.reset_times_s.tolist())
+        notes = () if recording.sampling is None else tuple(recording.sampling.notes())
+        verdict = (result.decision, result.detected_at_s, resets, result.found, result.unfit)
+        return Replayed(name, filter_name, *verdict, notes)
+
     replayed = []
     for recording in recordings:
         with problems.collected():
             content = read_measured(recording, optional=("spool_m",), columns=columns)
             # Once any input is bad, the others are only read to report their problems too.
             if not problems.found:
-                replayed.append(
-                    _replay(
-                        recording, content, assumed, filter_name, false_alarms_per_day, baseline
-                    )
-                )
+                replayed.append(judged(recording, content))
     if problems.found:
         return problems.report()
     if as_json:
@@ -127,29 +140,6 @@ def command(
         headings = ("recording", "verdict", *right)
         Screen().print_table(headings, map(row_of, replayed), right=right, fold=headings)
     return 0
-
-
-def _replay(
-    name: str,
-    recording: Recording,
-    model: Model,
-    filter_name: str,
-    false_alarms_per_day: float,
-    baseline: Baseline | None,
-) -> Replayed:
-    if baseline is None:
-        detector = detector_of(recording, model, filter_name, false_alarms_per_day)
-    else:
-        detector = baseline.detector(filter_name, model, false_alarms_per_day)
-    detector = detector or detector_for(filter_name, model, false_alarms_per_day)
-    sensors = sensors_of(recording)
-    result = replay(recording, model, filter_name=filter_name, detector=detector, sensors=sensors)
-    resets = tuple(result.run.reset_times_s.tolist())
-    detected_at_s = result.detected_at_s
-    notes = () if recording.sampling is None else tuple(recording.sampling.notes())
-    return Replayed(
-        name, filter_name, result.decision, detected_at_s, resets, result.found, result.unfit, notes
-    )
 
 
 def json_object(replayed: Replayed) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Puts the result of a gap search into words: what is missing, how much, how sure, and rivals."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import ceil, floor, isfinite, log10
 from typing import Final
 
@@ -256,22 +256,18 @@ def checked_in(ended: Round) -> str:
     )
 
 
-def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
-    """Yield for each of the first `most` disturbances a phrase with its equation and largest value.
-
-    The phrases are in the order of `curves`.
-    """
-    for curve in curves[:most]:
-        index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
-        unit, factor = curve.shown
-        region_unit, region_factor = curve.region_shown
-        value = number(float(curve.values[index]) * factor)
-        error = number(1.96 * float(curve.errors[index]) * factor, 2)
-        at = number(float(curve.at[index]) * region_factor)
-        yield (
-            f"{curve.equation} against {curve.region}: up to {value} ± {error} {unit} at {at} "
-            f"{region_unit}; this would take away {share(curve.share)} of the excess"
-        )
+def where_words(curve: Curve) -> str:
+    """Return a phrase on a disturbance, with its equation and largest value."""
+    index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
+    unit, factor = curve.shown
+    region_unit, region_factor = curve.region_shown
+    value = number(float(curve.values[index]) * factor)
+    error = number(1.96 * float(curve.errors[index]) * factor, 2)
+    at = number(float(curve.at[index]) * region_factor)
+    return (
+        f"{curve.equation} against {curve.region}: up to {value} ± {error} {unit} at {at} "
+        f"{region_unit}; this would take away {share(curve.share)} of the excess"
+    )
 
 
 def share(part: float) -> str:

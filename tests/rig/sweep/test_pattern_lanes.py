@@ -11,9 +11,8 @@ from estimator.leaks.pattern import PatternDetector
 from rig.configuration.sweeps.sweep import load_sweep
 from rig.lanes import LANES
 from rig.sweep.drawing import Cases, draw
-from rig.sweep.group import Group
+from rig.sweep.group import Group, Setting, setting_of
 from rig.sweep.run_cases import judged_by_pattern
-from rig.sweep.setting import Setting, setting_of
 from rig.sweep.ticks import BLOCK, SUMS
 
 Array = NDArray[np.float64]
