@@ -1,7 +1,7 @@
 """Defines what all cases of a sweep share, and the cases that run together, one in each lane."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from rig.loop import LaneRigs, LoopSetting
 from rig.plant import NO_FAULT, Model, Parameters, SensorParameters, rest_state
 
 from .drawing import Cases
-from .motions import AMPLITUDE, PHASE, SINE_ROWS, Motions
+from .motions import AMPLITUDE, PHASE, SINE_ROWS
 from .ticks import BLOCK, SEEN, SETTLED, CaseLanes, scale_sines
 
 Figures = dict[str, NDArray[np.generic]]
@@ -88,12 +88,11 @@ class Group:
     setting: Setting
     cases: Cases
     at: NDArray[np.intp]
-    motions: Motions = field(init=False)
 
     def __post_init__(self) -> None:
         cases, at = self.cases, self.at
-        self.motions = cases.motions.of(at)
-        scale_sines(self.motions.sines, self.motions.peak[None, :].copy(), self.setting.ticks)
+        self.motions = motions = cases.motions.of(at)
+        scale_sines(motions.sines, motions.peak[None, :].copy(), self.setting.ticks)
         parameters = aligned(cases.parameters[:, at])
         rigs = [Parameters(*map(float, column)) for column in parameters.T]
         at_rest = [rest_state(rig, x) for rig, x in zip(rigs, self._starts(), strict=True)]
@@ -101,7 +100,6 @@ class Group:
         faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
         onset = cases.onset_tick[at][None, :].copy()
         self.rigs = LaneRigs(aligned(np.transpose(at_rest)), parameters, faults, onset)
-        motions = self.motions
         self.lanes = CaseLanes(
             motions.sines, motions.levels, motions.ends, np.zeros((1, LANES)),
             motions.open_loop[None, :].copy(), cases.noise[at][None, :].copy(), self._stream(0),
@@ -176,6 +174,5 @@ def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:
 
     The groups share no case. If cases are missing in the last group, its last case is repeated.
     """
-    numbers = np.arange(cases.numbers.size)
     for first in range(0, cases.numbers.size, LANES):
-        yield np.minimum(numbers[first] + np.arange(LANES), cases.numbers.size - 1)
+        yield np.minimum(first + np.arange(LANES), cases.numbers.size - 1)

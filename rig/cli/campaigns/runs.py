@@ -203,10 +203,10 @@ def prune(
         size += run.size
         click.echo(f"{'removed' if delete else 'would remove'} {run.folder}: {run.campaign}, "
                    f"{run.started:%Y-%m-%d %H:%M}, {run.size / 1e6:.1f} MB")  # fmt: skip
-        left: list[str] = []
-        if delete:
-            with _writing(run.folder):
-                left = remove(run)
+        if not delete:
+            continue
+        with _writing(run.folder):
+            left = remove(run)
         if left:
             click.echo(f"{run.folder}: left what no run wrote: {', '.join(left)}", err=True)
     word = "removed" if delete else "would be removed; with --delete they are"

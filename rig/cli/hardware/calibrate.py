@@ -117,15 +117,13 @@ def valves(
 
 def _keep(path: Path, kind: str, measurement: Measurement) -> None:
     """Append a measurement to a CSV file at once, so that a trip loses no earlier measurement."""
-    new = not path.exists()
+    rows: list[tuple[object, ...]] = [] if path.exists() else [_RAW]
+    rows.append(
+        (kind, measurement.opening, _direction(measurement), measurement.feedback,
+         *measurement.flow, measurement.drop_Pa, *measurement.coefficient)
+    )  # fmt: skip
     with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        if new:
-            writer.writerow(_RAW)
-        writer.writerow(
-            (kind, measurement.opening, _direction(measurement), measurement.feedback,
-             *measurement.flow, measurement.drop_Pa, *measurement.coefficient)
-        )  # fmt: skip
+        csv.writer(file).writerows(rows)
 
 
 def _direction(measurement: Measurement) -> str:

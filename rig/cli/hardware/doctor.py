@@ -9,6 +9,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -233,12 +234,8 @@ def _opened(spec: DriverSpec) -> Finding:
     """Open and close a driver; return a finding on whether the expected device answers."""
     subject = f"driver {spec.name}"
     try:
-        driver = spec.create()
-        try:
-            with exclusive([spec]):
-                driver.open()
-        finally:
-            driver.close()
+        with closing(spec.create()) as driver, exclusive([spec]):
+            driver.open()
     except DriverError as error:
         found = f"{error.channel}: {error.state}" if error.channel else error.state
         return Finding(subject, found, "bad", error.action)

@@ -95,9 +95,9 @@ def _await(client: "StreamClient", wait_s: float) -> None:
     until = time.monotonic() + wait_s
     while time.monotonic() < until:
         living = [shot.rig for shot in _snapshots(client) if shot.alive and shot.health]
+        for rig in living:
+            client.history(1.0, rig)
         if living:
-            for rig in living:
-                client.history(1.0, rig)
             return
         time.sleep(SCREEN_S)
 

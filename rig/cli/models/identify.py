@@ -166,17 +166,14 @@ def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spri
     if spring is None and contact is None:
         return None
     values = []
-    known = quantities()
-    for option, text, parameter, lower in (
-        ("--spring", spring, "spring_stiffness", 0.0),
-        ("--contact", contact, "spring_contact", known["spring_contact"].lower),
-    ):
-        limits = known[parameter]
+    given = {"spring_stiffness": ("--spring", spring), "spring_contact": ("--contact", contact)}
+    for parameter, (option, text) in given.items():
+        limits = quantities()[parameter]
         if text is None:
             problems.add(f"{option}: a spring has a stiffness and a contact; give both")
             continue
         try:
-            values.append(Physical(limits.unit, lower, limits.upper).parse(text))
+            values.append(Physical(limits.unit, limits.lower, limits.upper).parse(text))
         except QuantityError as error:
             problems.add(f"{option}: {text} {error}")
     return Spring(*values) if len(values) == 2 else None

@@ -111,9 +111,9 @@ def full_scale(outcome: CampaignOutcome) -> float:
     No recorded mean flow, and no upper end of an interval, is larger; without any flow it is 1.
     """
     flows = [fault.mean_flow_m3_per_s or 0.0 for test in outcome.tests for fault in test.injected]
-    for test in outcome.tests:
-        if test.decision is not None and test.decision.interval_m3_per_s is not None:
-            flows.append(test.decision.interval_m3_per_s[1])
+    decisions = [test.decision for test in outcome.tests if test.decision is not None]
+    intervals = [decision.interval_m3_per_s for decision in decisions]
+    flows += [interval[1] for interval in intervals if interval is not None]
     largest = to_litres_per_minute(max(flows, default=0.0))
     if not isfinite(largest) or largest <= 0.0:
         return 1.0
