@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.accounts import BLOCK_S, AccountBlock
 from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS, FilterRun
@@ -16,7 +17,7 @@ from estimator.leaks import Decision, Found, OilAccountDetector, found_in, judge
 from rig.plant import FAULTS, LEAKS
 from rig.recording import Recording
 
-from .traces import Array
+Array = NDArray[np.float64]
 
 _MEASURED: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa")
 

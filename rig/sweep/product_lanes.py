@@ -21,8 +21,6 @@ from .ticks import BLOCK, reading_block
 
 Array = NDArray[np.float64]
 
-_SPOOL: Final = LANE_READINGS.index("spool_m")
-_SUPPLY: Final = LANE_READINGS.index("supply_pressure_Pa")
 _LEAST_HEALTHY: Final = 1e-12
 
 
@@ -104,9 +102,9 @@ def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
         if not enough:
             raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
         if not setting.has_spool:
-            readings[:, _SPOOL] = np.nan
+            readings[:, LANE_READINGS.index("spool_m")] = np.nan
         if not setting.has_supply:
-            readings[:, _SUPPLY] = np.nan
+            readings[:, LANE_READINGS.index("supply_pressure_Pa")] = np.nan
         yield ticks * TICK, readings
 
 

@@ -102,18 +102,17 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
     Raises:
         SweepError: a case could not be run.
     """
-    found: list[Figures] = []
-    for at in groups_of(cases):
-        group = Group(setting, cases, at)
-        if setting.filter_name == "thesis-7":
-            figures = judged_by_pattern(run_thesis7(group), group)
-        else:
-            from .product_lanes import judged_by_product
-
-            figures = judged_by_product(group)
-        found.append(figures)
+    found = [_judged_by_filter(Group(setting, cases, at)) for at in groups_of(cases)]
     count = cases.numbers.size
     return {name: np.concatenate([each[name] for each in found])[:count] for name in found[0]}
+
+
+def _judged_by_filter(group: Group) -> Figures:
+    if group.setting.filter_name == "thesis-7":
+        return judged_by_pattern(run_thesis7(group), group)
+    from .product_lanes import judged_by_product
+
+    return judged_by_product(group)
 
 
 def run_chunk(setting: Setting, cases: Cases) -> Judged:

@@ -10,15 +10,7 @@ from typing import Final
 import click
 
 from rig.configuration import load_rig
-from rig.emulator import (
-    ATTENTIVE,
-    Emulator,
-    Record,
-    Script,
-    endpoints_of,
-    raise_priority,
-    read_script,
-)
+from rig.emulator import ATTENTIVE, Emulator, Record, endpoints_of, raise_priority, read_script
 from rig.io import DriverError
 
 _SHOWN: Final = {
@@ -28,7 +20,10 @@ _SHOWN: Final = {
     "pump": "pump unit, CAN",
     "meters": "flow meters, serial",
     "control": "control port, JSON lines on TCP",
+    "reset": "reset button",
 }
+_PRIORITY: Final = {True: "real-time", False: "ordinary"}
+_PRESSES: Final = {True: "somebody presses it when its lamp is lit", False: "nobody presses it"}
 
 _LAST_PORT: Final = 65535
 _FILE: Final = click.Path(path_type=Path, dir_okay=False)
@@ -126,7 +121,10 @@ def command(
             told = {"ready": True, "ports": emulator.ports, "pid": os.getpid()}
             click.echo(json.dumps(told))
         else:
-            _tell(rig.name, emulator, granted, played)
+            click.echo(f"emulated rig {rig.name}, at {_PRIORITY[granted]} priority")
+            for part, where in {**emulator.ports, "reset": _PRESSES[played.attentive]}.items():
+                click.echo(f"  {_SHOWN[part]:32} {where}")
+            click.echo("Ctrl-C ends it")
         await emulator.run()
         await emulator.close()
         return emulator.summary()
@@ -141,12 +139,3 @@ def command(
         click.echo(json.dumps({"ended": True, **summary}))
     else:
         click.echo("ended: " + ", ".join(f"{value} {name}" for name, value in summary.items()))
-
-
-def _tell(name: str, emulator: Emulator, real_time: bool, script: Script) -> None:
-    click.echo(f"emulated rig {name}, at {'real-time' if real_time else 'ordinary'} priority")
-    for part, where in emulator.ports.items():
-        click.echo(f"  {_SHOWN[part]:32} {where}")
-    presses = "somebody presses it when its lamp is lit"
-    click.echo(f"  {'reset button':32} {presses if script.attentive else 'nobody presses it'}")
-    click.echo("Ctrl-C ends it")

@@ -10,8 +10,7 @@ from estimator.leaks import leak_flow
 from rig.loop import PROBABILITIES, PROBABLE
 from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.report.accounts import recorded_run
-from rig.report.panel import Panel, TestData, limits_of
-from rig.report.traces import Array, Trace, band, line, ribbon, steps
+from rig.report.panel import Array, Panel, TestData, Trace, band, limits_of, line, ribbon, steps
 from rig.report.wording import label, leaks_found
 from rig.runner.campaign import SHUT_S
 

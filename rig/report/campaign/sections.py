@@ -11,8 +11,7 @@ from rig.plant import LEAKS, Model
 from rig.recording import Event, Recording, RecordingError, read_recording, recover
 from rig.report.accounts import AccountHistory, account_history
 from rig.report.friction import friction
-from rig.report.panel import Panel, TestData
-from rig.report.traces import POINTS
+from rig.report.panel import POINTS, Panel, TestData
 from rig.report.wording import assumed_parameters, conditions_of, loop_conditions, story
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
 

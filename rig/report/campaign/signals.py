@@ -5,8 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimator.filters import THESIS_WINDOW, moving_average_absolute
-from rig.report.panel import Panel, TestData, limits_of
-from rig.report.traces import Trace, line
+from rig.report.panel import Panel, TestData, Trace, limits_of, line
 
 _MM: Final = 1e3
 _MPA: Final = 1e-6

@@ -20,9 +20,8 @@ from estimator.friction import (
     model_curve,
 )
 from rig.plant import Model
-from rig.report.panel import Panel, TestData
+from rig.report.panel import Array, Panel, TestData, Trace
 from rig.report.templating import numbers, rendered
-from rig.report.traces import Array, Trace
 
 INTERVAL: Final = 1.96
 """Half the width of a 95 % interval, in standard errors."""
@@ -140,18 +139,15 @@ def _trace(name: str, run: int | None, mode: str, across: Array, up: Array) -> d
 
 def _trends(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
     """Return the values of each parameter over the recordings, with intervals, and the model's."""
-    found = {name: [run.curve.estimates[name] for run in runs] for name in PARAMETERS}
-    errors = {name: [each.standard_error for each in found[name]] for name in PARAMETERS}
-    return [
-        {
-            "title": in_words(name),
-            "unit": found[name][0].unit,
-            "values": [each.value for each in found[name]],
-            "halves": [None if error is None else INTERVAL * error for error in errors[name]],
-            "model": getattr(model.parameters, name),
-        }
-        for name in PARAMETERS
-    ]
+    trends = []
+    for name in PARAMETERS:
+        found = [run.curve.estimates[name] for run in runs]
+        errors = [each.standard_error for each in found]
+        halves = [None if error is None else INTERVAL * error for error in errors]
+        values, unit = [each.value for each in found], found[0].unit
+        trend = {"title": in_words(name), "unit": unit, "values": values, "halves": halves}
+        trends.append(trend | {"model": getattr(model.parameters, name)})
+    return trends
 
 
 def friction(data: TestData) -> Panel | None:

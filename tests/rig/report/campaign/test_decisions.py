@@ -14,8 +14,7 @@ from rig.recording import Recording
 from rig.report.campaign.leaks import compensation, flow_as_decided, probability
 from rig.report.campaign.page import render
 from rig.report.campaign.sections import sections_of
-from rig.report.panel import TestData
-from rig.report.traces import ribbon
+from rig.report.panel import TestData, ribbon
 from rig.runner.outcomes.outcome import CampaignOutcome, TestOutcome
 from rig.runner.outcomes.reactions import FaultAction
 
