@@ -295,22 +295,22 @@ def loop_conditions(recording: Recording) -> Iterator[tuple[str, str]]:
 def _setpoint(setpoint: Mapping[str, Any]) -> str:
     metres = setpoint.get("quantity", "position") == "position"
     parts = [
-        f"{name.replace('_', ' ')} {text}"
+        _with_unit(key, value, metres)
         for key, value in setpoint.items()
         if key not in ("type", "quantity") and value is not None
-        for name, text in [_with_unit(key, value, metres)]
     ]
     kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(setpoint.get("type", "setpoint"))).lower()
     return f"{kind}: {', '.join(parts)}" if parts else kind
 
 
-def _with_unit(key: str, value: Any, metres: bool) -> tuple[str, str]:
+def _with_unit(key: str, value: Any, metres: bool) -> str:
     if key in ("seed", "path"):
-        return key, str(value)
+        return f"{key} {value}"
     for ending, unit in _UNITS_BY_ENDING.items():
         if key.endswith(ending):
-            return key.removesuffix(ending), _number(value, 1.0, unit)
-    return key, _number(value, 1e3 if metres else 1.0, "mm" if metres else "V")
+            return f"{key.removesuffix(ending).replace('_', ' ')} {_number(value, 1.0, unit)}"
+    scale, unit = (1e3, "mm") if metres else (1.0, "V")
+    return f"{key.replace('_', ' ')} {_number(value, scale, unit)}"
 
 
 def _number(value: Any, scale: float, unit: str) -> str:

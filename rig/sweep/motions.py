@@ -147,15 +147,13 @@ def drawn_motions(
     made: dict[int, _Course] = {}
     open_loop = np.array([float(motion.quantity == "command") for motion in motions])
     for index, motion in enumerate(motions):
+        called = f"motion {motion.name}"
         drawn = {
-            key: [
-                streams.drawn(f"motion {motion.name} {key} {i}", law) for i, law in enumerate(laws)
-            ]
+            key: [streams.drawn(f"{called} {key} {i}", law) for i, law in enumerate(laws)]
             for key, laws in motion.values.items()
         }
-        seeds = streams.seeds(f"motion {motion.name}")
-        phases = [streams.uniform(f"motion {motion.name} phase {i}")
-                  for i in range(len(drawn.get("frequencies", ())))]  # fmt: skip
+        seeds, waves = streams.seeds(called), len(drawn.get("frequencies", ()))
+        phases = [streams.uniform(f"{called} phase {i}") for i in range(waves)]
         for case in np.flatnonzero(kind == index).tolist():
             own = {key: [float(values[case]) for values in each] for key, each in drawn.items()}
             turns = [float(phase[case]) for phase in phases]

@@ -46,9 +46,10 @@ def judged_by_product(group: Group) -> Figures:
         states = np.concatenate([before, filters.advance(readings[-1:])])
         ends_s.append(float(time_s[-1]))
         last = len(ends_s) == setting.blocks
+        samples = [_samples(time_s, readings[:, :, lane]) for lane in range(LANES)]
         decisions = [
-            _decided(detector, held, time_s, readings[:, :, lane], states[:, :, lane], last=last)
-            for lane, (detector, held) in enumerate(zip(detectors, decisions, strict=True))
+            _decided(detectors[i], decisions[i], samples[i], states[:, :, i], last=last)
+            for i in range(LANES)
         ]
         verdicts.append([each.verdict for each in decisions])
     healthy = np.array([each.probabilities.get("healthy", np.nan) for each in decisions])
@@ -108,28 +109,25 @@ def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
         yield ticks * TICK, readings
 
 
+def _samples(time_s: Array, readings: Array) -> Samples:
+    position, p1, p2, spool, supply, command = np.ascontiguousarray(readings.T)
+    return Samples(time_s, command, position, p1, p2, spool, supply)
+
+
 def _decided(
-    detector: OilAccountDetector,
-    held: Decision,
-    time_s: Array,
-    readings: Array,
-    states: Array,
-    *,
-    last: bool,
+    detector: OilAccountDetector, held: Decision, samples: Samples, states: Array, *, last: bool
 ) -> Decision:
     """Let the detector of a case judge a block, and return its decision, or the one held so far.
 
     Args:
         detector: the detector; updated.
         held: the decision before this block.
-        time_s: times of the block's ticks, s, (ticks,).
-        readings: `rig.loop.lane_ticks.LANE_READINGS` of the case, (ticks, 6).
+        samples: the readings of the case in the block.
         states: the filter's estimates, (ticks, 11).
         last: whether this is the last block, after which there is always a decision.
     """
-    position, p1, p2, spool, supply, command = np.ascontiguousarray(readings.T)
-    outputs = np.full((time_s.size, len(OUTPUTS)), np.nan)
+    outputs = np.full((len(states), len(OUTPUTS)), np.nan)
     estimates = np.ascontiguousarray(states)
-    run = FilterRun(FILTERS["product"], time_s, estimates, outputs, np.empty((0, 0)))
-    detector.update(Samples(time_s, command, position, p1, p2, spool, supply), run)
+    run = FilterRun(FILTERS["product"], samples.time_s, estimates, outputs, np.empty((0, 0)))
+    detector.update(samples, run)
     return detector.decide() if last or held.names_a_fault or detector.accuses else held

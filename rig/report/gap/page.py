@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from estimator.gap import ChannelGap, Curve, Discovered, FreeRun, GapResult, Plant
 from rig.report.templating import numbers, rendered
@@ -13,6 +14,8 @@ from rig.runner.outcomes import versions
 
 from . import words as gap_words
 from .words import band, channel, unit_for
+
+Array = NDArray[np.float64]
 
 _NORMAL_95: Final = 1.96
 _POINTS: Final = 1200
@@ -112,13 +115,15 @@ def _disturbance(each: Discovered, curve: Curve) -> dict[str, Any]:
 
 
 def _line(curve: Curve, name: str, role: str, *, marked: bool = True) -> dict[str, Any]:
-    return {
-        "name": name,
-        "mode": "lines+markers" if marked else "lines",
-        "x": numbers(curve.at * curve.region_shown[1]),
-        "y": numbers(curve.values * curve.shown[1]),
-        "meta": {"role": role, "unit": curve.shown[0]},
-    }
+    unit, factor = curve.shown
+    mode = "lines+markers" if marked else "lines"
+    at = curve.at * curve.region_shown[1]
+    return _trace(name, role, unit, at, curve.values * factor) | {"mode": mode}
+
+
+def _trace(name: str, role: str, unit: str, across: Array, up: Array) -> dict[str, Any]:
+    drawn = {"mode": "lines", "x": numbers(across), "y": numbers(up)}
+    return {"name": name, **drawn, "meta": {"role": role, "unit": unit}}
 
 
 def _band(curve: Curve, role: str) -> dict[str, Any]:
@@ -180,16 +185,9 @@ def _run(run: FreeRun) -> dict[str, Any]:
     if run.unit == "m":
         unit, factor = "mm", 1e3
     step = max(1, len(run.time_s) // _POINTS)
+    lines = zip((("measured", "ink"), *_MODELS), (run.measured, run.before, run.after), strict=True)
     traces = [
-        {
-            "name": name,
-            "mode": "lines",
-            "x": numbers(run.time_s[::step]),
-            "y": numbers(values[::step] * factor),
-            "meta": {"role": role, "unit": unit},
-        }
-        for (name, role), values in zip(
-            (("measured", "ink"), *_MODELS), (run.measured, run.before, run.after), strict=True
-        )
+        _trace(name, role, unit, run.time_s[::step], values[::step] * factor)
+        for (name, role), values in lines
     ]
     return {"traces": traces, "across": "time, s", "up": f"{channel(run.channel)}, {unit}"}
