@@ -200,11 +200,11 @@ def _still_case(setting: Setting, cases: Cases) -> Cases:
         setting: what all cases of the sweep share.
         cases: some cases of the sweep.
     """
-    no, inf = np.zeros(1), np.full((1, 1), np.inf)
-    at_middle = np.full((1, 1), setting.middle)
+    none, zero = np.full(1, np.nan), np.zeros(1)
+    level, endless = np.full((1, 1), setting.middle), np.full((1, 1), np.inf)
     return replace(
         cases.of(np.zeros(1, dtype=np.intp), 0),
         parameters=np.array(setting.like, dtype=np.float64)[:, None],
         coefficients=np.zeros((len(LEAKS), 1)),
-        motions=Motions(np.zeros((0, 1)), no + np.nan, at_middle, inf, no, no.astype(int), no),
+        motions=Motions(np.zeros((0, 1)), none, level, endless, zero, zero.astype(int), zero),
     )

@@ -109,7 +109,7 @@ def _processors(root: Path) -> Finding:
 def _governor(root: Path) -> Finding:
     paths = sorted((root / _CPU).glob("cpu[0-9]*/cpufreq/scaling_governor"))
     governors = sorted({_text(path) for path in paths})
-    found = ", ".join(governors) or "none: the clock rate is not ours to set"
+    found = ", ".join(governors) if governors else "none: the clock rate is not ours to set"
     remedy = "cpupower frequency-set --governor performance"
     best = governors in ([], ["performance"])
     return _weak_unless(best, "frequency governor", found, remedy)
