@@ -60,7 +60,6 @@ SELDOM: Final = 5
 """Greatest usual distance of a rig's readings, ms. With 10 ms a rig that lacks nothing came out as
 `unknown_effect`, with 4 ms as `adequate`."""
 
-LONGEST: Final = "each experiment {:g} s more, with a check after it"
 _STYLES: Final = {"adequate": "green", "missing_effect": "red", "unknown_effect": "red"}
 
 
@@ -313,10 +312,7 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
             yield f"{effects} cannot be told apart: {each.motion}"
 
 
-Cells = tuple[str | Text, ...]
-
-
-def _rows(result: GapResult) -> Iterator[Cells]:
+def _rows(result: GapResult) -> Iterator[tuple[str | Text, ...]]:
     """Yield the cells of a row for each effect, discovered disturbance and nuisance."""
     for effect in result.effects:
         others = ", ".join(rival.effect for rival in effect.indistinguishable)
@@ -343,7 +339,7 @@ def _how(each: Discovered) -> str:
     return f"discovered, {'suspected leak, ' if each.suspected_leak else ''}left out"
 
 
-def _of_discovered(each: Discovered, how: str) -> Cells:
+def _of_discovered(each: Discovered, how: str) -> tuple[str | Text, ...]:
     """Return the cells of a discovered disturbance; `how` says whether the model written has it."""
     name = Text(f"{in_words(each.name)} in {each.where}", "bold")
     evidence = f"z = {each.z:.1f}, {share(each.share)}" if isfinite(each.z) else ""
@@ -361,7 +357,7 @@ def _show_motions(rig: Rig, assumed: Model) -> int:
     )
     click.echo(
         f"gap of {rig.name} to the model {assumed.name}: {rig_time(campaigns)} of rig time in "
-        f"one round; {LONGEST.format(plan.experiment_s)}"
+        f"one round; each experiment {plan.experiment_s:g} s more, with a check after it"
     )
     for campaign in campaigns:
         click.echo(f"{campaign.name}:")
