@@ -16,6 +16,7 @@ from .drawing import Cases
 from .motions import AMPLITUDE, PHASE, SINE_ROWS
 from .ticks import BLOCK, SEEN, SETTLED, CaseLanes, scale_sines
 
+Array = NDArray[np.float64]
 Figures = dict[str, NDArray[np.generic]]
 """Columns of the table by their names, with one value for each of n cases."""
 
@@ -70,9 +71,6 @@ def setting_of(sweep: Sweep) -> Setting:
         has_spool=base.has_spool_sensor,
         has_supply=base.has_supply_pressure_sensor,
     )
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -29,7 +29,6 @@ _FULL_DETAIL_TESTS: Final = 12
 _LEAST_POINTS: Final = 400
 _MANY_EVENTS: Final = 40
 
-
 Flows = dict[str, float]
 
 
