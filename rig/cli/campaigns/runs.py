@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
@@ -82,7 +82,7 @@ def command() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
     """List the runs that meet every given option, oldest first."""
-    found = [run for run in runs_below(below) if _is_wanted(run, **wanted)]
+    found = [run for run in runs_below(below) if _is_wanted(run, wanted)]
     if as_json:
         for run in found:
             click.echo(json.dumps(_document(run), ensure_ascii=False))
@@ -162,11 +162,10 @@ def compare(
     else:
         screen = Screen()
         headings = ("test", "figure", "reference", "candidate", "tolerated", "unit")
-        rows = (
-            (each.test, each.figure, *map(_number, sizes), each.unit)
-            for each in comparison.moved
-            for sizes in [(each.reference, each.candidate, each.tolerated)]
-        )
+        rows = []
+        for each in comparison.moved:
+            sizes = (each.reference, each.candidate, each.tolerated)
+            rows.append((each.test, each.figure, *map(_number, sizes), each.unit))
         if comparison.moved:
             screen.print_table(headings, rows, fold=headings)
         for line in comparison.changed:
@@ -233,18 +232,14 @@ def _writing(path: Path) -> Iterator[None]:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def _is_wanted(
-    run: Run,
-    since: datetime | None,
-    until: datetime | None,
-    verdict: str | None,
-    **properties: str | None,
-) -> bool:
+def _is_wanted(run: Run, wanted: Mapping[str, Any]) -> bool:
+    """Return whether a run meets all options of `rig runs list`; one that is None says nothing."""
+    since, until, verdict = (wanted[option] for option in ("since", "until", "verdict"))
     return (
         (since is None or run.started >= since)
         and (until is None or run.started < until)
         and (verdict is None or verdict in run.verdicts)
-        and all(wanted in (None, getattr(run, name)) for name, wanted in properties.items())
+        and all(wanted[of] in (None, getattr(run, of)) for of in ("campaign", "rig", "state"))
     )
 
 
