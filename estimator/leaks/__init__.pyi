@@ -12,6 +12,7 @@ from .baseline_file import (
 from .confirmation import CONFIRMED_AFTER_S as CONFIRMED_AFTER_S
 from .detection import (
     SETTLED_AFTER_S as SETTLED_AFTER_S,
+    SILENT as SILENT,
     Decision as Decision,
     Detector as Detector,
     OilAccountDetector as OilAccountDetector,

@@ -13,7 +13,7 @@ import zenoh
 from hypothesis import given, settings, strategies as st
 from rich.console import Console
 
-from rig.cli.live.monitor_view import document, line, screen
+from rig.cli.live.monitor import document, line, screen
 from rig.console.curves import CHANNELS, Curves
 from rig.console.snapshot_sections import sections
 from rig.stream.client import StreamClient

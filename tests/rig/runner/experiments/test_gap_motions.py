@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.cli.models.gap_live import experiment_file
+from rig.cli.models.gap_finding import experiment_file
 from rig.configuration.campaigns.campaign import load_campaign
 from rig.configuration.checking import check
 from rig.configuration.rigs.rig import load_rig

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.friction.curve import FrictionCurve, FrictionEstimate
-from rig.report.campaign.trend_page import trend_page
+from rig.report.campaign.several_runs import trend_page
 from rig.runner import Observer
 from rig.runner.campaign.bench import Timed
 from rig.runner.campaign.campaign_test_run import _Observed
