@@ -232,7 +232,8 @@ def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:
         unit = quantities()[fault.column].unit
         law = linear_flow if fault.linear else square_root_flow
         flow = float(law(fault.coefficient, TYPICAL_PRESSURE))
-        opening = None if fault.linear else _needle_opening(fault, rig)
+        valve = None if fault.linear else rig.bypass_valves.get(fault.kind)
+        opening = valve.needle_opening_for(fault.coefficient) if valve else None
     return PlannedFault(
         kind=str(fault.kind),
         at_s=fault.at_s,
@@ -243,8 +244,3 @@ def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:
         needle_opening=opening,
         flow_m3_per_s=flow,
     )
-
-
-def _needle_opening(fault: Fault, rig: Rig) -> float | None:
-    valve = rig.bypass_valves.get(fault.kind)
-    return valve.needle_opening_for(fault.coefficient) if valve else None
