@@ -45,17 +45,23 @@ class Checks:
     Args:
         where: what the checked values belong to (`RequestProblem.where`).
         error: class of the error that `finish` raises.
+        of: object that has the checked values as attributes; None if `require` is given them.
     """
 
-    def __init__(self, where: str, error: type[RequestError]) -> None:
-        self.where = where
-        self.error = error
+    def __init__(self, where: str, error: type[RequestError], of: object = None) -> None:
+        self.where, self.error, self.of = where, error, of
         self.problems: list[RequestProblem] = []
 
-    def require(self, granted: bool, field: str, value: object, limit: str, remedy: str) -> None:
-        """Note a problem with `field` if `granted` is false; `finish` raises it later."""
+    def require(
+        self, granted: bool, field: str, limit: str, remedy: str, value: object = None
+    ) -> None:
+        """Note a problem with `field` if `granted` is false; `finish` raises it later.
+
+        Its value in the message is `value`, or else the attribute of that name.
+        """
         if not granted:
-            self.problems.append(RequestProblem(self.where, field, value, limit, remedy))
+            shown = getattr(self.of, field) if value is None else value
+            self.problems.append(RequestProblem(self.where, field, shown, limit, remedy))
 
     def finish(self) -> None:
         """Raise the error with all problems noted so far, if there are any."""

@@ -10,7 +10,7 @@ from typing import Final, TextIO
 import numpy as np
 
 from ..request import RequestProblem
-from .protocol import Quantity, Samples, SetpointError, Times, checks_of
+from .protocol import Quantity, Samples, SetpointChecks, SetpointError, Times, greatest_slope
 
 _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
 
@@ -46,7 +46,7 @@ class FromFile:
     _value: Samples = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checks_of(self).finish()
+        SetpointChecks(self).finish()
         time, value = _read_file(Path(self.path), self.quantity)
         object.__setattr__(self, "path", Path(self.path))
         object.__setattr__(self, "_time", time)
@@ -61,9 +61,7 @@ class FromFile:
 
         A stretch between rows counts if any part of it lies within. The result is 0 if none does.
         """
-        slopes = np.abs(np.diff(self._value) / np.diff(self._time))
-        reached = (self._time[:-1] < duration_s) & (self._time[1:] > 0.0)
-        return float(np.max(slopes, where=reached, initial=0.0))
+        return greatest_slope(self._time, self._value, duration_s)
 
 
 def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
@@ -86,7 +84,6 @@ def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
 def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Samples]:
     reader = csv.DictReader(text)
     reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
-    column = _COLUMNS[quantity]
     _require_columns(path, reader.fieldnames, quantity)
     times: list[float] = []
     values: list[float] = []
@@ -94,18 +91,14 @@ def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Sample
     for row in reader:
         where = f"{path}:{reader.line_num}"
         time = _number(where, "time_s", row, problems)
-        values.append(_number(where, column, row, problems))
+        values.append(_number(where, _COLUMNS[quantity], row, problems))
         if times and time <= times[-1]:
-            problems.append(
-                RequestProblem(
-                    where, "time_s", time, f"is not after {times[-1]}", "sort the rows by time"
-                )
-            )
+            limit = f"is not after {times[-1]}"
+            problems.append(RequestProblem(where, "time_s", time, limit, "sort the rows by time"))
         times.append(time)
     if not times:
-        problems.append(
-            RequestProblem(f"{path}:1", "rows", "none", "below the header", "add the samples")
-        )
+        remedy = "add the samples"
+        problems.append(RequestProblem(f"{path}:1", "rows", "none", "below the header", remedy))
     if problems:
         raise SetpointFileError(_first(path, problems))
     return np.array(times), np.array(values)
@@ -137,23 +130,15 @@ def _number(where: str, column: str, row: dict[str, str], problems: list[Request
     except ValueError:
         number = nan
     if not isfinite(number):
-        problems.append(
-            RequestProblem(
-                where,
-                column,
-                entry or "nothing",
-                "is not a finite number",
-                "fill it in or drop the row",
-            )
-        )
+        limit, remedy = "is not a finite number", "fill it in or drop the row"
+        problems.append(RequestProblem(where, column, entry or "nothing", limit, remedy))
     return number
 
 
 def _first(path: Path, problems: list[RequestProblem]) -> list[RequestProblem]:
-    if len(problems) <= _PROBLEMS_SHOWN:
-        return problems
     rest = len(problems) - _PROBLEMS_SHOWN
-    more = RequestProblem(
-        str(path), "rows", f"{rest} more problems", "follow", "mend those above first"
-    )
+    if rest <= 0:
+        return problems
+    remedy = "mend those above first"
+    more = RequestProblem(str(path), "rows", f"{rest} more problems", "follow", remedy)
     return [*problems[:_PROBLEMS_SHOWN], more]

@@ -7,16 +7,7 @@ from typing import Final
 import numpy as np
 
 from ..request import Checks
-from .protocol import (
-    TICK_S,
-    Quantity,
-    Samples,
-    Times,
-    checks_of,
-    require_finite,
-    require_seed,
-    unit_of,
-)
+from .protocol import TICK_S, Quantity, Samples, SetpointChecks, Times
 
 # Times of ticks are multiples of 1 ms only up to rounding. Without this tolerance a step at 0.6 s
 # could come a tick late.
@@ -35,8 +26,8 @@ class Constant:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = checks_of(self)
-        require_finite(checks, unit_of(self.quantity), value=self.value)
+        checks = SetpointChecks(self)
+        checks.finite(checks.unit, value=self.value)
         checks.finish()
 
     def sample(self, time_s: Times) -> Samples:
@@ -63,10 +54,10 @@ class Steps:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", tuple(float(level) for level in self.levels))
-        checks = checks_of(self)
-        checks.require(len(self.levels) > 0, "levels", "()", "is empty", "give at least one level")
+        checks = SetpointChecks(self)
+        checks.require(len(self.levels) > 0, "levels", "is empty", "give at least one level")
         for index, level in enumerate(self.levels):
-            require_finite(checks, unit_of(self.quantity), **{f"levels[{index}]": level})
+            checks.finite(checks.unit, **{f"levels[{index}]": level})
         _require_hold(checks, "hold_s", self.hold_s)
         checks.finish()
 
@@ -105,25 +96,17 @@ class Pseudorandom:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = checks_of(self)
-        require_finite(checks, unit_of(self.quantity), lower=self.lower, upper=self.upper)
-        checks.require(
-            not self.upper < self.lower,
-            "upper",
-            self.upper,
-            f"is below lower ({self.lower})",
-            "swap lower and upper",
-        )
+        checks = SetpointChecks(self)
+        checks.finite(checks.unit, lower=self.lower, upper=self.upper)
+        is_below = self.upper < self.lower
+        limit = f"is below lower ({self.lower})"
+        checks.require(not is_below, "upper", limit, "swap lower and upper")
         _require_hold(checks, "hold_min_s", self.hold_min_s)
         _require_hold(checks, "hold_max_s", self.hold_max_s)
-        checks.require(
-            not self.hold_max_s < self.hold_min_s,
-            "hold_max_s",
-            self.hold_max_s,
-            f"is below hold_min_s ({self.hold_min_s})",
-            "swap hold_min_s and hold_max_s",
-        )
-        require_seed(checks, self.seed)
+        limit = f"is below hold_min_s ({self.hold_min_s})"
+        is_below = self.hold_max_s < self.hold_min_s
+        checks.require(not is_below, "hold_max_s", limit, "swap hold_min_s and hold_max_s")
+        checks.seed(self.seed)
         checks.finish()
 
     def sequence(self, until_s: float) -> tuple[Samples, Samples]:
@@ -153,10 +136,6 @@ def _between(lower: float, upper: float, fraction: Samples) -> Samples:
 
 
 def _require_hold(checks: Checks, name: str, hold_s: float) -> None:
-    checks.require(
-        TICK_S <= hold_s < inf,
-        name,
-        hold_s,
-        f"is below one tick of {TICK_S} s or not finite",
-        "give the time to hold a level in seconds",
-    )
+    limit = f"is below one tick of {TICK_S} s or not finite"
+    remedy = "give the time to hold a level in seconds"
+    checks.require(TICK_S <= hold_s < inf, name, limit, remedy, hold_s)

@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..request import Checks
-from .protocol import Quantity, Samples, Times, checks_of, require_finite, unit_of
+from .protocol import Quantity, Samples, SetpointChecks, Times, greatest_slope
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,21 @@ class Polyline:
     def __post_init__(self) -> None:
         object.__setattr__(self, "times_s", tuple(float(time) for time in self.times_s))
         object.__setattr__(self, "values", tuple(float(value) for value in self.values))
-        checks = checks_of(self)
-        _require_corners(checks, self.times_s, self.values)
+        checks = SetpointChecks(self)
+        checks.require(
+            len(self.times_s) == len(self.values) >= 2,
+            "values",
+            f"do not fit {len(self.times_s)} times, or are fewer than two",
+            "give a value for each of at least two times",
+            len(self.values),
+        )
+        increase = all(later > earlier for earlier, later in pairwise(self.times_s))
+        checks.require(
+            increase, "times_s", "do not increase", "give the corners in the order of time"
+        )
         for index, (time, value) in enumerate(zip(self.times_s, self.values, strict=False)):
-            require_finite(checks, "s", **{f"times_s[{index}]": time})
-            require_finite(checks, unit_of(self.quantity), **{f"values[{index}]": value})
+            checks.finite("s", **{f"times_s[{index}]": time})
+            checks.finite(checks.unit, **{f"values[{index}]": value})
         checks.finish()
 
     def sample(self, time_s: Times) -> Samples:
@@ -48,24 +57,4 @@ class Polyline:
 
         A line counts if any part of it lies within. The result is 0 if none does.
         """
-        times = np.asarray(self.times_s)
-        slopes = np.abs(np.diff(self.values) / np.diff(times))
-        reached = (times[:-1] < duration_s) & (times[1:] > 0.0)
-        return float(np.max(slopes, where=reached, initial=0.0))
-
-
-def _require_corners(checks: Checks, times: tuple[float, ...], values: tuple[float, ...]) -> None:
-    checks.require(
-        len(times) == len(values) >= 2,
-        "values",
-        len(values),
-        f"do not fit {len(times)} times, or are fewer than two",
-        "give a value for each of at least two times",
-    )
-    checks.require(
-        all(later > earlier for earlier, later in pairwise(times)),
-        "times_s",
-        times,
-        "do not increase",
-        "give the corners in the order of time",
-    )
+        return greatest_slope(np.asarray(self.times_s), np.asarray(self.values), duration_s)
