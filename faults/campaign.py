@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 from control import Setpoint
 from estimator.leaks import Baseline, Detector, detector_for
@@ -68,7 +67,6 @@ class Campaign:
         baseline: baseline that the detector assumes; None if it has the model only.
         baseline_file: path of the file from which the baseline was read; "" without one.
         source_files: SHA-256 of every file from which the campaign was read, by path.
-        resolved: the campaign with its rig and models as plain values, for the recordings.
         conditions: conditions of the rig; while one is not met, the campaign is held.
     """
 
@@ -82,7 +80,6 @@ class Campaign:
     baseline: Baseline | None = None
     baseline_file: str = ""
     source_files: Mapping[str, str] = field(default_factory=dict)
-    resolved: Mapping[str, Any] = field(default_factory=dict)
     conditions: tuple[Condition, ...] = ()
 
     def detector(self) -> Detector:

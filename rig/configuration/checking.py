@@ -81,7 +81,6 @@ class CheckReport:
         name: its name, or the file's name without suffix where it has none.
         summary: a few lines that describe the configuration.
         tests: plan of every test of a campaign; empty for other kinds.
-        rig_time_s: how long a campaign keeps its rig busy, with settling; 0 for other kinds.
     """
 
     kind: Kind
@@ -89,7 +88,6 @@ class CheckReport:
     name: str
     summary: tuple[str, ...]
     tests: tuple[PlannedTest, ...] = ()
-    rig_time_s: float = 0.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -248,8 +246,7 @@ def _report_campaign(path: Path, campaign: Campaign, rig: Rig) -> CheckReport:
         f"{campaign.filter_name} with the model {campaign.model.name}{known}",
         f"  rig time {minutes} min {seconds} s",
     )
-    tests = plan_campaign(campaign, rig)
-    return CheckReport("campaign", path, campaign.name, summary, tests, campaign.rig_time_s)
+    return CheckReport("campaign", path, campaign.name, summary, plan_campaign(campaign, rig))
 
 
 _Read = Callable[[Located], Any]

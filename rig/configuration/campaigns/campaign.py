@@ -103,7 +103,6 @@ def read_campaign(root: Located, rig_path: Path | None = None) -> tuple[Campaign
         baseline=baseline,
         baseline_file=detector.baseline or "",
         source_files={str(source): digest for source, digest in sources.sha256.items()},
-        resolved=resolved(file, rig, model, detector, tests),
         conditions=conditions,
     )
     return campaign, rig
@@ -153,27 +152,6 @@ def _read_tests(root: Located, rig: Rig | None) -> tuple[CampaignTest, ...]:
         given = dict(defaults.items()) if defaults is not None else {}
         defaults = root.with_value({"on_fault": on_fault, **given})
     return read_tests(tests, defaults, rig)
-
-
-def resolved(
-    file: CampaignFile,
-    rig: Rig,
-    model: Model,
-    detector: DetectorFile,
-    tests: tuple[CampaignTest, ...],
-) -> dict[str, Any]:
-    """Return a campaign, its rig and its model as plain SI values, for recordings and results.
-
-    Conditions, and the content of the baseline, are left out.
-    """
-    return {
-        "name": file.name,
-        "description": file.description.strip(),
-        "rig": plain(rig),
-        "model": plain(model),
-        "detector": detector.model_dump(exclude_none=True),
-        "tests": [plain(test) for test in tests],
-    }
 
 
 def plain(value: Any) -> Any:

@@ -52,9 +52,7 @@ def test_a_map_is_read_into_what_its_driver_works_by(tmp_path: Path) -> None:
 
 def test_the_map_of_a_bypass_device_is_distinguished_from_that_of_a_daq(tmp_path: Path) -> None:
     path = write(tmp_path, "coils: 16\nswitches: 32\nidentity: 200\n")
-    assert map_in(path) == BypassRegisters(
-        coils=16, switches=32, identity=200
-    )
+    assert map_in(path) == BypassRegisters(coils=16, switches=32, identity=200)
     assert "coils 16, switches 32" in str(check(path))
 
 
