@@ -40,9 +40,8 @@ class Polyline:
             len(self.values),
         )
         increase = all(later > earlier for earlier, later in pairwise(self.times_s))
-        checks.require(
-            increase, "times_s", "do not increase", "give the corners in the order of time"
-        )
+        remedy = "give the corners in the order of time"
+        checks.require(increase, "times_s", "do not increase", remedy)
         for index, (time, value) in enumerate(zip(self.times_s, self.values, strict=False)):
             checks.finite("s", **{f"times_s[{index}]": time})
             checks.finite(checks.unit, **{f"values[{index}]": value})

@@ -92,7 +92,7 @@ class CheckReport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the tests' plans (`PlannedTest.warnings`), each after its test's name."""
-        return tuple(f"{test.name}: {warning}" for test in self.tests for warning in test.warnings)
+        return tuple(f"{each.test.name}: {text}" for each in self.tests for text in each.warnings)
 
     def __str__(self) -> str:
         """Return the report as text."""

@@ -3,7 +3,6 @@ from .discovered import term_lines as term_lines
 from .model import (
     ModelFile as ModelFile,
     ParameterReader as ParameterReader,
-    effect_values as effect_values,
     load_model as load_model,
     named_model as named_model,
     override as override,

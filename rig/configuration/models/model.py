@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 from pydantic import create_model
 
@@ -96,30 +96,6 @@ def parameter_schemas(field_of: Callable[[Physical], Field]) -> ParameterSchemas
     )
 
 
-def effect_values(
-    effect: PlantEffect, entry: Located, alone: bool, schemas: ParameterSchemas
-) -> list[tuple[EffectParameter, Any, Located]]:
-    """Return each parameter of an effect with its value and its place in the file.
-
-    A value is None if it is wrong or missing. If no parameter is given, the list is empty and a
-    problem is recorded.
-
-    Args:
-        effect: an effect of the catalogue.
-        entry: the file's entry for the effect.
-        alone: whether the entry is the value itself, rather than a mapping of parameters.
-        schemas: schemas of the file.
-    """
-    names = [parameter.name for parameter in effect.parameters]
-    if alone and "value" in names:
-        entry = entry.with_value({"value": entry})
-    elif alone or not entry.value:
-        entry.refuse("lacks its parameters", f"give {{{', '.join(names)}}}")
-        return []
-    file = read_mapping(schemas.effect[effect.name], entry)
-    return [(p, getattr(file, p.name, None), entry.find(p.name)) for p in effect.parameters]
-
-
 class ModelFile(Schema):
     """Keys of a model file."""
 
@@ -134,7 +110,6 @@ class ModelFile(Schema):
     provenance: Any = None
 
 
-_SCHEMAS: Final = parameter_schemas(Adjustable)
 BELONGS_TO_EFFECT: Final = {
     field: f"set it under effects: {{{effect}: ...}}"
     if key == "value"
@@ -183,7 +158,7 @@ def override(base: Model, item: Located) -> Model:
     file sets to nothing or "none" is switched off, and its parameters become those of `NOMINAL`.
     """
     changes = _Overrides(base)
-    changes.read(item, _SCHEMAS)
+    changes.read(item)
     effects, law = item.get("effects"), item.get("friction_law")
     if law is not None and isinstance(law.value, str) and law.value in FRICTION_LAWS:
         changes.values["friction_law"] = FRICTION_LAWS[law.value]
@@ -214,18 +189,21 @@ def _terms(item: Located) -> Terms | None:
 class ParameterReader:
     """A reader of the sections `parameters` and `effects` of a model or of a sweep.
 
-    A derived class takes the values with `set`, and reads an effect with `read_effect`.
+    A derived class has the schemas of its files, takes the values with `set`, and reads an effect
+    with `read_effect`.
     """
 
-    def read(self, root: Located, schemas: ParameterSchemas) -> None:
+    schemas: ClassVar[ParameterSchemas]
+
+    def read(self, root: Located) -> None:
         """Read both sections of a file, if it has them; record the problems."""
         parameters, effects = root.get("parameters"), root.get("effects")
         if parameters is not None:
-            file = read_mapping(schemas.parameters, parameters, BELONGS_TO_EFFECT)
+            file = read_mapping(self.schemas.parameters, parameters, BELONGS_TO_EFFECT)
             for field in PARAMETERS:
                 self.set(field, getattr(file, field, None), parameters.find(field))
         if effects is not None:
-            read_mapping(schemas.effects, effects)
+            read_mapping(self.schemas.effects, effects)
             for name, entry in effects.items():
                 if name in CATALOGUE:
                     self.read_effect(CATALOGUE[name], entry)
@@ -238,9 +216,29 @@ class ParameterReader:
         """Take the value of a parameter from its place in the file; None is no value."""
         raise NotImplementedError
 
+    def effect_values(
+        self, effect: PlantEffect, entry: Located, alone: bool
+    ) -> list[tuple[EffectParameter, Any, Located]]:
+        """Return each parameter of an effect with its value and its place in the file.
+
+        A value is None if it is wrong or missing. If no parameter is given, the list is empty and a
+        problem is recorded. `alone` says whether the entry is the value itself, rather than a
+        mapping of parameters.
+        """
+        names = [parameter.name for parameter in effect.parameters]
+        if alone and "value" in names:
+            entry = entry.with_value({"value": entry})
+        elif alone or not entry.value:
+            entry.refuse("lacks its parameters", f"give {{{', '.join(names)}}}")
+            return []
+        file = read_mapping(self.schemas.effect[effect.name], entry)
+        return [(p, getattr(file, p.name, None), entry.find(p.name)) for p in effect.parameters]
+
 
 class _Overrides(ParameterReader):
     """A collection of the parameter fields and the effects that a file changes in a base model."""
+
+    schemas = parameter_schemas(Adjustable)
 
     def __init__(self, base: Model) -> None:
         self.base = base
@@ -253,7 +251,7 @@ class _Overrides(ParameterReader):
                 self.values[parameter.field] = getattr(NOMINAL, parameter.field)
             self.effects = [name for name in self.effects if name != effect.name]
             return
-        given = effect_values(effect, entry, not isinstance(entry.value, dict), _SCHEMAS)
+        given = self.effect_values(effect, entry, not isinstance(entry.value, dict))
         for parameter, value, place in given:
             self.set(parameter.field, value, place)
         if given and effect.name not in self.effects:

@@ -4,7 +4,6 @@ Each value has its symbol and source in a comment.
 """
 
 import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +13,7 @@ import yaml
 
 from rig.configuration.reading import ConfigError, Problem, QuantityError, display_path
 from rig.plant import CATALOGUE, FRICTION_LAWS, NOMINAL, Model, quantities
+from rig.recording import replacing
 
 from .discovered import written_terms
 from .model import PARAMETERS, SHIFTABLE, physical
@@ -36,18 +36,12 @@ def dump_model(model: Model, path: Path) -> None:
     _require_loadable(model, path)
     parts = (_header, _parameters, _effects, written_terms, _provenance)
     text = "\n".join(line for part in parts for line in part(model))
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        # mkstemp makes files that only their owner may read, but everybody may read a model.
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        # Everybody may read a model, whatever else this user's files are.
+        temporary.chmod(0o644)
+        file.write(text + "\n")
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _quantity(field: str, value: float) -> str:

@@ -1,7 +1,6 @@
 """Sweep files name a rig, the quantities drawn anew for each case, and the filter that judges."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args
 
@@ -9,10 +8,9 @@ from pydantic import Field as SchemaField
 
 from estimator.leaks import LEARNING_S
 from faults import LEAK_KINDS
-from rig.configuration.campaigns import TYPICAL_PRESSURE, plain
+from rig.configuration.campaigns import TYPICAL_PRESSURE
 from rig.configuration.models import (
     ParameterReader,
-    effect_values,
     named_model,
     parameter_schemas,
     physical,
@@ -90,9 +88,6 @@ class LeaksFile(Schema):
     onset: Annotated[Any, Random(Physical("s", 0.0, 3600.0, 20.0))]
 
 
-_SCHEMAS: Final = parameter_schemas(lambda quantity: Random(Adjustable(quantity)))
-
-
 def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
     """Return the sweep that a path or a name means.
 
@@ -110,7 +105,7 @@ def read_sweep(root: Located) -> Sweep | None:
     rig = _read_rig(root.get("rig"))
     model = _read_model(root)
     drawn = _Parameters(rig.plant.parameters if rig is not None else NOMINAL)
-    drawn.read(root, _SCHEMAS)
+    drawn.read(root)
     drawn.check_together()
     leaks = _read_leaks(root.get("leaks"), file, rig)
     motions = read_motions(root.get("motions"), rig.limits if rig is not None else None)
@@ -119,7 +114,7 @@ def read_sweep(root: Located) -> Sweep | None:
     problems, sha256 = root.sources.problems, root.sources.sha256
     if file is None or rig is None or model is None or problems.found:
         return None
-    sweep = Sweep(
+    return Sweep(
         name=file.name,
         description=file.description.strip(),
         path=root.place.path,
@@ -137,9 +132,7 @@ def read_sweep(root: Located) -> Sweep | None:
         leaks=leaks,
         motions=motions,
         source_files={str(source): digest for source, digest in sha256.items()},
-        meaning={},
     )
-    return replace(sweep, meaning=_meaning(sweep))
 
 
 def _check_duration(root: Located, file: SweepFile) -> None:
@@ -151,31 +144,6 @@ def _check_duration(root: Located, file: SweepFile) -> None:
     if file.filter == "thesis-7" and file.duration < LEARNING_S + _AFTER_ONSET_S:
         limit = f"leaves nothing to judge after the {LEARNING_S:g} s that thesis-7 learns in"
         root.refuse(limit, "make it 30 s or more", duration, "duration")
-
-
-def _meaning(sweep: Sweep) -> dict[str, Any]:
-    """Return everything that the results of a sweep depend on, as plain values in SI."""
-    rig = sweep.rig
-    return {
-        "name": sweep.name,
-        "plant": plain(rig.plant.parameters),
-        "sensors": plain(rig.sensors),
-        "measured": [rig.has_spool_sensor, rig.has_supply_pressure_sensor],
-        "position_gain": rig.gain_V_per_m,
-        "command_limit": rig.limits.command_V,
-        "model": plain(sweep.model.parameters),
-        "filter": sweep.filter_name,
-        "false_alarms_per_day": sweep.false_alarms_per_day,
-        "duration_s": sweep.duration_s,
-        "longest_step_s": sweep.longest_step_s,
-        "cases": sweep.cases,
-        "seed": sweep.seed,
-        "parameters": plain(sweep.parameters),
-        "followers": plain(sweep.followers),
-        "noise": plain(sweep.noise),
-        "leaks": plain(sweep.leaks),
-        "motions": plain(sweep.motions),
-    }
 
 
 def _read_rig(entry: Located | None) -> Rig | None:
@@ -204,6 +172,8 @@ def _read_model(root: Located) -> Model | None:
 class _Parameters(ParameterReader):
     """A reader of `parameters` and `effects`, with a distribution for each field they give."""
 
+    schemas = parameter_schemas(lambda quantity: Random(Adjustable(quantity)))
+
     def __init__(self, base: Parameters) -> None:
         self._base = base
         self.distributions: dict[str, Distribution] = {}
@@ -212,7 +182,7 @@ class _Parameters(ParameterReader):
 
     def read_effect(self, effect: PlantEffect, entry: Located) -> None:
         alone = not isinstance(entry.value, dict) or bool(set(entry.value) & set(KINDS))
-        for knob, drawn, place in effect_values(effect, entry, alone, _SCHEMAS):
+        for knob, drawn, place in self.effect_values(effect, entry, alone):
             self.set(knob.field, drawn, place)
             if knob.followed_by and drawn is not None:
                 self.followers[knob.followed_by] = knob.field

@@ -94,7 +94,7 @@ def test_a_fault_is_listed_with_coefficient_opening_and_flow(tmp_path: Path) -> 
     )
     leak, linear, blockage = check_test(tmp_path, keys).tests[0].faults
     assert leak.needle_opening == pytest.approx(0.5)
-    assert leak.flow_m3_per_s == pytest.approx(leak.coefficient * sqrt(6.9e6))
+    assert leak.flow_m3_per_s == pytest.approx(leak.fault.coefficient * sqrt(6.9e6))
     assert linear.needle_opening is None
     assert linear.flow_m3_per_s == pytest.approx(2e-12 * 6.9e6)
     assert str(linear).startswith(
