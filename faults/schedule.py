@@ -1,6 +1,6 @@
 """Faults over the time of a test, and the table of coefficients that the plant takes from them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
@@ -190,24 +190,6 @@ class FaultSchedule:
         ]
         if problems:
             raise FaultError(problems)
-
-    def __iter__(self) -> Iterator[Fault]:
-        return iter(self.faults)
-
-    def __len__(self) -> int:
-        return len(self.faults)
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of fault in the schedule, in the order in which they first begin."""
-        return tuple(dict.fromkeys(str(fault.kind) for fault in self.faults))
-
-    def onset_s(self, kind: str) -> float | None:
-        """Return the time in s from the test's start at which the first fault of a kind begins.
-
-        It is None if the schedule has no fault of that kind.
-        """
-        return next((fault.at_s for fault in self.faults if fault.kind == kind), None)
 
     def table(self, n_ticks: int, period_s: float) -> NDArray[np.float64]:
         """Return the coefficients that act in each tick, float64 (n_ticks, 8), SI.

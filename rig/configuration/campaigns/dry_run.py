@@ -1,5 +1,6 @@
 """The dry run works out, before anything moves, what a campaign would do to its rig."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 
@@ -160,19 +161,18 @@ def _simulated_motion(
 
 def _warnings(
     test: CampaignTest, rig: Rig, position: tuple[float, float], speed: float, fastest: float
-) -> list[str]:
-    warnings = []
+) -> Iterator[str]:
     limits, par = rig.limits, rig.plant.parameters
     closed_loop = test.setpoint.quantity == "position"
     if not closed_loop and not (
         limits.position_min_m <= position[0] and position[1] <= limits.position_max_m
     ):
-        warnings.append(
+        yield (
             f"the ram drifts beyond the limits of {show(limits.position_min_m, 'm')} to "
             f"{show(limits.position_max_m, 'm')}; start elsewhere or shorten the test"
         )
     if closed_loop and isfinite(speed) and speed > fastest:
-        warnings.append(
+        yield (
             f"the setpoint moves at up to {speed:.2g} m/s, the valve delivers {fastest:.2g} m/s; "
             "the ram will lag"
         )
@@ -180,34 +180,31 @@ def _warnings(
         force = test.load.stiffness * max(0.0, position[1] - test.load.contact)
         stall = (par.supply_pressure - par.return_pressure) * par.piston_area
         if force > stall:
-            warnings.append(
+            yield (
                 f"the spring pushes back with {show(force, 'N')}, the ram stalls at "
                 f"{show(stall, 'N')}; reduce the motion beyond {show(test.load.contact, 'm')}"
             )
-    return warnings
 
 
-def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> list[str]:
-    """Return warnings about faults of a test that the detector cannot find, or cannot size."""
-    warnings = []
+def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:
+    """Yield warnings about faults of a test that the detector cannot find, or cannot size."""
     if test.on_fault == OnFault.TOLERATE and filter_name != DEFAULT_FILTER:
-        warnings.append(
+        yield (
             f"the detector of {filter_name} does not say how large a leak is, so that none is "
             f"tolerated; judge by {DEFAULT_FILTER}"
         )
     if any(fault.kind == Verdict.SUPPLY_LEAKAGE for fault in test.faults):
         droops = rig.plant.parameters.supply_droop > 0.0
         if not droops and (rig.backend == "simulated" or not rig.has_supply_pressure_sensor):
-            warnings.append(
+            yield (
                 f"the supply of the model {rig.plant.name} does not droop, so that a leak of its "
                 "line changes nothing that is measured; give it a supply_droop"
             )
         elif not rig.has_supply_pressure_sensor:
-            warnings.append(
+            yield (
                 "without a transducer for the supply pressure a supply leak is an unknown_fault "
                 "at best; expect that"
             )
-    return warnings
 
 
 def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:

@@ -1,9 +1,11 @@
 """Schedule files list campaigns and the times at which they are run; both are checked here."""
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 from zoneinfo import ZoneInfo
@@ -99,14 +101,8 @@ class Schedule:
 
         Both have a time zone. Only the newest `MOST_TIMES` are returned if there are more.
         """
-        found: list[datetime] = []
-        for time in self._times_from(entry, after):
-            if time > upto:
-                break
-            found.append(time)
-            if len(found) > MOST_TIMES:
-                found.pop(0)
-        return found
+        times = takewhile(lambda time: time <= upto, self._times_from(entry, after))
+        return list(deque(times, MOST_TIMES))
 
     def next_time(self, entry: Entry, after: datetime) -> datetime | None:
         """Return an entry's first time after `after`, in UTC; None if no time is left."""

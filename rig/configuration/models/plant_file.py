@@ -37,12 +37,11 @@ from rig.recording import Column, Recording, RecordingError, read_measured, read
 from .additions import read_additions, vocabulary, written_additions
 from .columns import TIME, checked, column_in
 from .discovered import KEY
-from .model_writing import plain_provenance
+from .model_writing import commented, plain_provenance, section_lines
 
 ALIKE: Final = 0.1
 """Greatest difference of a recording's period from that of the others, as a part of it."""
 REVISED: Final = "revised"
-_COMMENT_COLUMN: Final = 48
 _CARRIED: Final = ("period", "channels", "tolerances", "model_error", "steering")
 _LOWEST: Final = {"noise": 1e-300, "resolution": 0.0, "lower": -inf, "upper": -inf}
 """Keys of an output, with the smallest value that each may have, in the output's unit."""
@@ -387,28 +386,20 @@ def write_plant_file(
     Raises:
         OSError: the file cannot be written.
     """
-    names = [*model.effects, *(name for name in effects if name not in model.effects)]
+    names = {*model.effects, *effects}
     on = {name: keys for name, keys in catalogue(model.plant).items() if name in names}
-    written = _Values(values, model.plant.parameters, provenance)
+    known = {parameter.name: parameter for parameter in model.plant.parameters}
+    intervals = _intervals(provenance, on)
     same = dict(values) == model.plant.nominal and not effects
     revised = same or model.name.endswith(f" {REVISED}")
     name = model.name if revised else f"{model.name} {REVISED}"
     header = {"name": name, "description": model.content.get("description")}
     lines = [_dumped({key: value for key, value in header.items() if value})]
-    lines += ["parameters:"]
-    under_effects = {parameter for keys in on.values() for parameter in keys.values()}
-    for each in own_parameters(model.plant):
-        if each.name not in under_effects:
-            lines.append(written.line("  ", each.name, each.name, written.refitted.get(each.name)))
-    if on:
-        lines.append("effects:")
-    for effect, keys in on.items():
-        intervals = written.intervals(effect)
-        if list(keys) == ["value"]:
-            lines.append(written.line("  ", effect, keys["value"], intervals.get("value")))
-            continue
-        lines.append(f"  {effect}:")
-        lines += [written.line("    ", k, p, intervals.get(k)) for k, p in keys.items()]
+    lines += section_lines(
+        [parameter.name for parameter in own_parameters(model.plant)],
+        on,
+        lambda key, name: _line(key, known[name], values[name], intervals.get(name)),
+    )
     lines += written_additions(model.plant, values)
     carried = {key: model.content.get(key) for key in _CARRIED}
     lines += [_dumped({key: value}) for key, value in carried.items() if value is not None]
@@ -417,30 +408,27 @@ def write_plant_file(
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-class _Values:
-    """A writer of lines with a value, its unit, its meaning and its interval."""
+def _intervals(provenance: Any, effects: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """Return the interval of each parameter, by its name, which is None where there is none.
 
-    def __init__(
-        self, values: Mapping[str, float], parameters: tuple[Parameter, ...], provenance: Any
-    ) -> None:
-        self.values = values
-        self.known = {parameter.name: parameter for parameter in parameters}
-        self.provenance = provenance if isinstance(provenance, Mapping) else {}
-        refitted: Mapping[str, Any] = self.provenance.get("refitted") or {}
-        self.refitted = {key: each for key, each in refitted.items() if each.get("kept", True)}
+    `effects` gives the parameter of each key of the effects that are switched on.
+    """
+    given = provenance if isinstance(provenance, Mapping) else {}
+    refitted: Mapping[str, Any] = given.get("refitted") or {}
+    found = {name: each for name, each in refitted.items() if each.get("kept", True)}
+    for effect, keys in effects.items():
+        fitted = ((given.get("effects") or {}).get(effect) or {}).get("parameters") or {}
+        found |= {name: fitted.get(key) for key, name in keys.items()}
+    return found
 
-    def intervals(self, effect: str) -> Mapping[str, Any]:
-        found = (self.provenance.get("effects") or {}).get(effect) or {}
-        return dict(found.get("parameters") or {})
 
-    def line(self, indent: str, key: str, parameter: str, interval: Any) -> str:
-        each = self.known[parameter]
-        text = f"{indent}{key}: {float(self.values[parameter])!r} {each.unit}".rstrip()
-        comment = [each.about] if each.about else []
-        ends = [interval.get(end) for end in ("lower", "upper")] if interval else []
-        if ends and None not in ends:
-            comment.append(f"95 %: {ends[0]:.6g} to {ends[1]:.6g} {each.unit}".rstrip())
-        return f"{text:<{_COMMENT_COLUMN}} # {'; '.join(comment)}" if comment else text
+def _line(key: str, parameter: Parameter, value: float, interval: Any) -> str:
+    """Return the line of a parameter: its value with unit, its meaning and its interval."""
+    comment = [parameter.about] if parameter.about else []
+    ends = [interval.get(end) for end in ("lower", "upper")] if interval else []
+    if ends and None not in ends:
+        comment.append(f"95 %: {ends[0]:.6g} to {ends[1]:.6g} {parameter.unit}".rstrip())
+    return commented(f"{key}: {float(value)!r} {parameter.unit}".rstrip(), "; ".join(comment))
 
 
 def _dumped(content: Mapping[str, Any]) -> str:

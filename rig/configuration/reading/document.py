@@ -239,17 +239,15 @@ class _Builder:
         entries: dict[str, Located] = {}
         for key_node, value_node in node.value:
             place = self._place(key_node)
-            key = self._key(key_node)
+            # Keys are names, so `no:` or `1:` stays text instead of becoming a boolean or a number.
+            is_name = isinstance(key_node, yaml.ScalarNode)
+            key = str(key_node.value) if is_name else "a list or mapping"
             if key in entries:
                 limit = f"is given twice, first in line {entries[key].place.line}"
                 self.sources.problems.add(place, key, "", limit, "keep one")
                 continue
             entries[key] = self.build(value_node, place, key, depth + 1)
         return entries
-
-    def _key(self, node: yaml.Node) -> str:
-        # Keys are names, so `no:` or `1:` stays text instead of becoming a boolean or a number.
-        return str(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
 
     def _scalar(self, node: yaml.Node, place: Place, name: str) -> Any:
         try:
