@@ -1,7 +1,7 @@
 """Errors of requests that cannot be granted: the value, the rule that it breaks, and a remedy."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 
 class RequestProblem(NamedTuple):
@@ -42,6 +42,8 @@ class RequestError(ValueError):
 class Checks:
     """Collects the problems of one request, so that all are reported at once.
 
+    At the end of a `with` block without another error, `finish` is called.
+
     Args:
         where: what the checked values belong to (`RequestProblem.where`).
         error: class of the error that `finish` raises.
@@ -51,6 +53,13 @@ class Checks:
     def __init__(self, where: str, error: type[RequestError], of: object = None) -> None:
         self.where, self.error, self.of = where, error, of
         self.problems: list[RequestProblem] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self.finish()
 
     def require(
         self, granted: bool, field: str, limit: str, remedy: str, value: object = None

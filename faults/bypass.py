@@ -85,14 +85,13 @@ class BypassValve:
     ball_bore_m: float = 6e-3
 
     def __post_init__(self) -> None:
-        checks = Checks(self.name, BypassError, self)
-        is_time = 0.0 <= self.ball_travel_s < inf
-        remedy = "give the time from shut to open in seconds"
-        checks.require(is_time, "ball_travel_s", "is below 0 s or not finite", remedy)
-        is_bore = 5e-4 <= self.ball_bore_m <= 0.1
-        limit = "is not between 0.0005 m and 0.1 m"
-        checks.require(is_bore, "ball_bore_m", limit, "give the bore in metres")
-        checks.finish()
+        with Checks(self.name, BypassError, self) as checks:
+            is_time = 0.0 <= self.ball_travel_s < inf
+            remedy = "give the time from shut to open in seconds"
+            checks.require(is_time, "ball_travel_s", "is below 0 s or not finite", remedy)
+            is_bore = 5e-4 <= self.ball_bore_m <= 0.1
+            limit = "is not between 0.0005 m and 0.1 m"
+            checks.require(is_bore, "ball_bore_m", limit, "give the bore in metres")
 
     @property
     def ball_coefficient(self) -> float:
@@ -119,10 +118,9 @@ class BypassValve:
         Raises:
             BypassError: either is not between 0 and 1.
         """
-        checks = Checks(self.name, BypassError)
-        require_share(checks, "needle_opening", needle_opening)
-        require_share(checks, "ball_position", ball_position)
-        checks.finish()
+        with Checks(self.name, BypassError) as checks:
+            require_share(checks, "needle_opening", needle_opening)
+            require_share(checks, "ball_position", ball_position)
         ball = self.ball_coefficient * port_opening(ball_position)
         return float(series_coefficient(self.needle.coefficient(needle_opening), ball))
 
@@ -136,25 +134,24 @@ class BypassValve:
             BypassError: the coefficient is below `minimum` or above `maximum`, by more than
                 rounding, or NaN.
         """
-        checks = Checks(self.name, BypassError)
-        shown = f"{coefficient:.4g} m^3/(s Pa^0.5)"
-        flow = to_litres_per_minute(square_root_flow(self.maximum, _QUOTED_DROP))
-        checks.require(
-            coefficient >= self.minimum * (1.0 - ROUNDING),
-            "coefficient",
-            f"is below {self.minimum:.4g}, what the shut needle passes",
-            "shut the ball valve instead",
-            shown,
-        )
-        checks.require(
-            not coefficient > self.maximum * (1.0 + ROUNDING),
-            "coefficient",
-            f"is above {self.maximum:.4g}, the most it passes "
-            f"({flow:.3g} L/min at {_QUOTED_DROP / 1e6:g} MPa)",
-            "ask for a smaller leak or fit a larger needle",
-            shown,
-        )
-        checks.finish()
+        with Checks(self.name, BypassError) as checks:
+            shown = f"{coefficient:.4g} m^3/(s Pa^0.5)"
+            flow = to_litres_per_minute(square_root_flow(self.maximum, _QUOTED_DROP))
+            checks.require(
+                coefficient >= self.minimum * (1.0 - ROUNDING),
+                "coefficient",
+                f"is below {self.minimum:.4g}, what the shut needle passes",
+                "shut the ball valve instead",
+                shown,
+            )
+            checks.require(
+                not coefficient > self.maximum * (1.0 + ROUNDING),
+                "coefficient",
+                f"is above {self.maximum:.4g}, the most it passes "
+                f"({flow:.3g} L/min at {_QUOTED_DROP / 1e6:g} MPa)",
+                "ask for a smaller leak or fit a larger needle",
+                shown,
+            )
         return self.needle.opening(float(coefficient_beside(coefficient, self.ball_coefficient)))
 
 

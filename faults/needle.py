@@ -55,15 +55,14 @@ class NeedleCharacteristic:
     def __post_init__(self) -> None:
         object.__setattr__(self, "openings", tuple(float(o) for o in self.openings))
         object.__setattr__(self, "coefficients", tuple(float(k) for k in self.coefficients))
-        checks = Checks(self.id, BypassError)
-        count = len(self.openings)
-        remedy = "give one for each of at least two openings"
-        fits, value = count == len(self.coefficients) >= 2, f"{len(self.coefficients)} values"
-        checks.require(fits, "coefficients", f"for {count} openings", remedy, value)
-        checks.finish()
-        self._require_range(checks)
-        self._require_increase(checks)
-        checks.finish()
+        with Checks(self.id, BypassError) as checks:
+            count = len(self.openings)
+            remedy = "give one for each of at least two openings"
+            fits, value = count == len(self.coefficients) >= 2, f"{len(self.coefficients)} values"
+            checks.require(fits, "coefficients", f"for {count} openings", remedy, value)
+            checks.finish()
+            self._require_range(checks)
+            self._require_increase(checks)
 
     def _require_range(self, checks: Checks) -> None:
         first, last = self.openings[0], self.openings[-1]
@@ -100,14 +99,13 @@ class NeedleCharacteristic:
             BypassError: the maximum is not above 0 or is infinite, or the rangeability is not above
                 1 or is above 1000.
         """
-        checks = Checks("equal percentage needle", BypassError)
-        remedy = "give it in m^3/(s Pa^0.5)"
-        checks.require(0.0 < maximum < inf, "maximum", "is not above 0", remedy, maximum)
-        is_ratio = 1.0 < rangeability <= _RANGEABILITY_LIMIT
-        limit = f"is not between 1 and {_RANGEABILITY_LIMIT:g}"
-        remedy = "give the ratio of the steepest to the flattest slope, 50 for common valves"
-        checks.require(is_ratio, "rangeability", limit, remedy, rangeability)
-        checks.finish()
+        with Checks("equal percentage needle", BypassError) as checks:
+            remedy = "give it in m^3/(s Pa^0.5)"
+            checks.require(0.0 < maximum < inf, "maximum", "is not above 0", remedy, maximum)
+            is_ratio = 1.0 < rangeability <= _RANGEABILITY_LIMIT
+            limit = f"is not between 1 and {_RANGEABILITY_LIMIT:g}"
+            remedy = "give the ratio of the steepest to the flattest slope, 50 for common valves"
+            checks.require(is_ratio, "rangeability", limit, remedy, rangeability)
         openings = np.linspace(0.0, 1.0, _EQUAL_PERCENTAGE_POINTS)
         growth = np.expm1(openings * np.log(rangeability)) / np.expm1(np.log(rangeability))
         return cls(tuple(openings), tuple(maximum * growth), id="equal percentage needle")
@@ -145,9 +143,8 @@ class NeedleCharacteristic:
         Raises:
             BypassError: the opening is not between 0 and 1.
         """
-        checks = Checks(self.id, BypassError)
-        require_share(checks, "opening", opening)
-        checks.finish()
+        with Checks(self.id, BypassError) as checks:
+            require_share(checks, "opening", opening)
         return float(np.interp(opening, self.openings, self.coefficients))
 
     def opening(self, coefficient: float) -> float:
@@ -158,15 +155,14 @@ class NeedleCharacteristic:
                 than rounding, or NaN.
         """
         low, high = self.minimum * (1.0 - ROUNDING), self.maximum * (1.0 + ROUNDING)
-        checks = Checks(self.id, BypassError)
-        checks.require(
-            low <= coefficient <= high,
-            "coefficient",
-            f"is not between {self.minimum:.4g} (shut) and {self.maximum:.4g} (fully open)",
-            "ask for a coefficient between, or fit another needle",
-            f"{coefficient:.4g} m^3/(s Pa^0.5)",
-        )
-        checks.finish()
+        with Checks(self.id, BypassError) as checks:
+            checks.require(
+                low <= coefficient <= high,
+                "coefficient",
+                f"is not between {self.minimum:.4g} (shut) and {self.maximum:.4g} (fully open)",
+                "ask for a coefficient between, or fit another needle",
+                f"{coefficient:.4g} m^3/(s Pa^0.5)",
+            )
         return float(np.interp(coefficient, self.coefficients, self.openings))
 
 

@@ -224,22 +224,21 @@ def calibrated_needle(
 
 
 def _require_possible(valve: BypassValve, measurements: Sequence[Measurement]) -> None:
-    checks = Checks(valve.name, CalibrationError)
-    for each in measurements:
-        where = f"opening {each.opening:g}"
-        limit = f"is less drop than the {1e-6 * _LEAST_DROP:g} MPa that a measurement needs"
-        remedy = "check the supply pressure and the pressure lines"
-        drop = f"{1e-6 * each.drop_Pa:.2f} MPa"
-        checks.require(each.drop_Pa >= _LEAST_DROP, where, limit, remedy, drop)
-        found, most = each.coefficient.value, valve.ball_coefficient
-        limit = f"is more than the open ball passes ({most:.4g})"
-        remedy = "correct its `bore` in the rig file, or check the meter"
-        checks.require(found < most, where, limit, remedy, f"{found:.4g} m^3/(s Pa^0.5)")
-    where, fully_open = f"opening {measurements[-1].opening:g}", measurements[-1].coefficient
-    value = f"{fully_open.value:.2g} +- {fully_open.standard_error:.2g} m^3/(s Pa^0.5)"
-    remedy = "check that ball and needle open, and the meter"
-    checks.require(fully_open.is_resolved, where, "cannot be told from no flow", remedy, value)
-    checks.finish()
+    with Checks(valve.name, CalibrationError) as checks:
+        for each in measurements:
+            where = f"opening {each.opening:g}"
+            limit = f"is less drop than the {1e-6 * _LEAST_DROP:g} MPa that a measurement needs"
+            remedy = "check the supply pressure and the pressure lines"
+            drop = f"{1e-6 * each.drop_Pa:.2f} MPa"
+            checks.require(each.drop_Pa >= _LEAST_DROP, where, limit, remedy, drop)
+            found, most = each.coefficient.value, valve.ball_coefficient
+            limit = f"is more than the open ball passes ({most:.4g})"
+            remedy = "correct its `bore` in the rig file, or check the meter"
+            checks.require(found < most, where, limit, remedy, f"{found:.4g} m^3/(s Pa^0.5)")
+        where, fully_open = f"opening {measurements[-1].opening:g}", measurements[-1].coefficient
+        value = f"{fully_open.value:.2g} +- {fully_open.standard_error:.2g} m^3/(s Pa^0.5)"
+        remedy = "check that ball and needle open, and the meter"
+        checks.require(fully_open.is_resolved, where, "cannot be told from no flow", remedy, value)
 
 
 def _point(valve: BypassValve, opening: float, group: Sequence[Measurement]) -> CalibratedPoint:

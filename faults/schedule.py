@@ -64,22 +64,21 @@ class Fault:
     ball_coefficient: float | None = None
 
     def __post_init__(self) -> None:
-        checks = Checks(str(self.kind), FaultError, self)
-        remedy = f"give one of {', '.join(FAULT_KINDS)}"
-        checks.require(self.kind in FAULT_KINDS, "kind", "is no fault", remedy)
-        fits = not self.linear or self.kind in LEAK_KINDS
-        limit = "holds for the leaks of the actuator only"
-        checks.require(fits, "linear", limit, "leave it out")
-        checks.require(
-            self.ball_coefficient is None or 0.0 < self.ball_coefficient < inf,
-            "ball_coefficient",
-            "is not above 0 or not finite",
-            "give it in m^3/(s Pa^0.5), or leave it out for the nominal rig's",
-        )
-        self._require_times(checks)
-        checks.finish()
-        self._require_coefficient(checks)
-        checks.finish()
+        with Checks(str(self.kind), FaultError, self) as checks:
+            remedy = f"give one of {', '.join(FAULT_KINDS)}"
+            checks.require(self.kind in FAULT_KINDS, "kind", "is no fault", remedy)
+            fits = not self.linear or self.kind in LEAK_KINDS
+            limit = "holds for the leaks of the actuator only"
+            checks.require(fits, "linear", limit, "leave it out")
+            checks.require(
+                self.ball_coefficient is None or 0.0 < self.ball_coefficient < inf,
+                "ball_coefficient",
+                "is not above 0 or not finite",
+                "give it in m^3/(s Pa^0.5), or leave it out for the nominal rig's",
+            )
+            self._require_times(checks)
+            checks.finish()
+            self._require_coefficient(checks)
 
     def _require_times(self, checks: Checks) -> None:
         for name, remedy in (

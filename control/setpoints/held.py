@@ -26,9 +26,8 @@ class Constant:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = SetpointChecks(self)
-        checks.finite(checks.unit, value=self.value)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, value=self.value)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -54,12 +53,11 @@ class Steps:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", tuple(float(level) for level in self.levels))
-        checks = SetpointChecks(self)
-        checks.require(len(self.levels) > 0, "levels", "is empty", "give at least one level")
-        for index, level in enumerate(self.levels):
-            checks.finite(checks.unit, **{f"levels[{index}]": level})
-        _require_hold(checks, "hold_s", self.hold_s)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.require(len(self.levels) > 0, "levels", "is empty", "give at least one level")
+            for index, level in enumerate(self.levels):
+                checks.finite(checks.unit, **{f"levels[{index}]": level})
+            _require_hold(checks, "hold_s", self.hold_s)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -96,18 +94,17 @@ class Pseudorandom:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = SetpointChecks(self)
-        checks.finite(checks.unit, lower=self.lower, upper=self.upper)
-        is_below = self.upper < self.lower
-        limit = f"is below lower ({self.lower})"
-        checks.require(not is_below, "upper", limit, "swap lower and upper")
-        _require_hold(checks, "hold_min_s", self.hold_min_s)
-        _require_hold(checks, "hold_max_s", self.hold_max_s)
-        limit = f"is below hold_min_s ({self.hold_min_s})"
-        is_below = self.hold_max_s < self.hold_min_s
-        checks.require(not is_below, "hold_max_s", limit, "swap hold_min_s and hold_max_s")
-        checks.seed(self.seed)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, lower=self.lower, upper=self.upper)
+            is_below = self.upper < self.lower
+            limit = f"is below lower ({self.lower})"
+            checks.require(not is_below, "upper", limit, "swap lower and upper")
+            _require_hold(checks, "hold_min_s", self.hold_min_s)
+            _require_hold(checks, "hold_max_s", self.hold_max_s)
+            limit = f"is below hold_min_s ({self.hold_min_s})"
+            is_below = self.hold_max_s < self.hold_min_s
+            checks.require(not is_below, "hold_max_s", limit, "swap hold_min_s and hold_max_s")
+            checks.seed(self.seed)
 
     def sequence(self, until_s: float) -> tuple[Samples, Samples]:
         """Return (ends, levels): level i ends at ends[i] in s; the last end is after `until_s`."""

@@ -36,11 +36,10 @@ class Sine:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = SetpointChecks(self)
-        checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
-        checks.finite("rad", phase_rad=self.phase_rad)
-        _require_frequency(checks, "frequency_hz", self.frequency_hz)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
+            checks.finite("rad", phase_rad=self.phase_rad)
+            _require_frequency(checks, "frequency_hz", self.frequency_hz)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -73,14 +72,13 @@ class Chirp:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = SetpointChecks(self)
-        checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
-        checks.finite("Hz/s", sweep_hz_per_s=self.sweep_hz_per_s)
-        checks.finite("rad", phase_rad=self.phase_rad)
-        remedy = "give the frequency at the start in Hz"
-        is_possible = 0.0 <= self.start_hz < inf
-        checks.require(is_possible, "start_hz", "is below 0 or not finite", remedy)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
+            checks.finite("Hz/s", sweep_hz_per_s=self.sweep_hz_per_s)
+            checks.finite("rad", phase_rad=self.phase_rad)
+            remedy = "give the frequency at the start in Hz"
+            is_possible = 0.0 <= self.start_hz < inf
+            checks.require(is_possible, "start_hz", "is below 0 or not finite", remedy)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -116,17 +114,16 @@ class Multisine:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequencies_hz", tuple(float(f) for f in self.frequencies_hz))
-        checks = SetpointChecks(self)
-        checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
-        remedy = "give at least one frequency in Hz"
-        checks.require(len(self.frequencies_hz) > 0, "frequencies_hz", "is empty", remedy)
-        for index, frequency in enumerate(self.frequencies_hz):
-            name = f"frequencies_hz[{index}]"
-            _require_frequency(checks, name, frequency)
-            self._require_harmonic(checks, name, index)
-        if self.seed is not None:
-            checks.seed(self.seed)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
+            remedy = "give at least one frequency in Hz"
+            checks.require(len(self.frequencies_hz) > 0, "frequencies_hz", "is empty", remedy)
+            for index, frequency in enumerate(self.frequencies_hz):
+                name = f"frequencies_hz[{index}]"
+                _require_frequency(checks, name, frequency)
+                self._require_harmonic(checks, name, index)
+            if self.seed is not None:
+                checks.seed(self.seed)
 
     def _require_harmonic(self, checks: Checks, name: str, index: int) -> None:
         frequency = self.frequencies_hz[index]

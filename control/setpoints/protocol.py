@@ -64,18 +64,3 @@ class SetpointChecks(Checks):
     def seed(self, seed: int) -> None:
         """Note a problem if the seed is negative."""
         self.require(seed >= 0, "seed", "is below 0", "give a whole number from 0", seed)
-
-
-def greatest_slope(times: Samples, values: Samples, duration_s: float) -> float:
-    """Return the greatest |slope| in m/s or V/s of lines between points within 0 to `duration_s`.
-
-    A line counts if any part of it lies within. The result is 0 if none does.
-
-    Args:
-        times: times (n,) of the points in s, increasing.
-        values: values (n,) of the points in m or V.
-        duration_s: end of the stretch in s.
-    """
-    slopes = np.abs(np.diff(values) / np.diff(times))
-    reached = (times[:-1] < duration_s) & (times[1:] > 0.0)
-    return float(np.max(slopes, where=reached, initial=0.0))

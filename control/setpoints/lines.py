@@ -1,8 +1,12 @@
-"""A setpoint that is read from a CSV file; every error in the file is reported with its line."""
+"""Setpoints of straight lines between points, which are given or read from a CSV file.
+
+Every error in a file is reported with its line.
+"""
 
 import csv
 import gzip
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import isfinite, nan
 from pathlib import Path
 from typing import Final, TextIO
@@ -10,7 +14,7 @@ from typing import Final, TextIO
 import numpy as np
 
 from ..request import RequestProblem
-from .protocol import Quantity, Samples, SetpointChecks, SetpointError, Times, greatest_slope
+from .protocol import Quantity, Samples, SetpointChecks, SetpointError, Times
 
 _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
 
@@ -23,6 +27,56 @@ class SetpointFileError(SetpointError):
 
     Each problem names file:line, or the file alone if it cannot be read.
     """
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """Straight lines from corner to corner, in metres or volts.
+
+    Before the first corner the setpoint has the first value, after the last corner the last one.
+
+    Attributes:
+        times_s: times of the corners in s, increasing, at least two.
+        values: setpoint at each corner.
+        quantity: "position" (metres) or "command" (volts).
+
+    Raises:
+        SetpointError: there are fewer than two corners or unequally many values, a number is not
+            finite, the times do not increase, or the quantity is neither of the two.
+    """
+
+    times_s: tuple[float, ...]
+    values: tuple[float, ...]
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times_s", tuple(float(time) for time in self.times_s))
+        object.__setattr__(self, "values", tuple(float(value) for value in self.values))
+        with SetpointChecks(self) as checks:
+            checks.require(
+                len(self.times_s) == len(self.values) >= 2,
+                "values",
+                f"do not fit {len(self.times_s)} times, or are fewer than two",
+                "give a value for each of at least two times",
+                len(self.values),
+            )
+            increase = all(later > earlier for earlier, later in pairwise(self.times_s))
+            remedy = "give the corners in the order of time"
+            checks.require(increase, "times_s", "do not increase", remedy)
+            for index, (time, value) in enumerate(zip(self.times_s, self.values, strict=False)):
+                checks.finite("s", **{f"times_s[{index}]": time})
+                checks.finite(checks.unit, **{f"values[{index}]": value})
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
+        return np.interp(np.asarray(time_s, dtype=np.float64), self.times_s, self.values)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return the greatest |slope| of the lines in m/s or V/s within 0 to `duration_s`.
+
+        A line counts if any part of it lies within. The result is 0 if none does.
+        """
+        return _greatest_slope(np.asarray(self.times_s), np.asarray(self.values), duration_s)
 
 
 @dataclass(frozen=True)
@@ -61,7 +115,22 @@ class FromFile:
 
         A stretch between rows counts if any part of it lies within. The result is 0 if none does.
         """
-        return greatest_slope(self._time, self._value, duration_s)
+        return _greatest_slope(self._time, self._value, duration_s)
+
+
+def _greatest_slope(times: Samples, values: Samples, duration_s: float) -> float:
+    """Return the greatest |slope| in m/s or V/s of lines between points within 0 to `duration_s`.
+
+    A line counts if any part of it lies within. The result is 0 if none does.
+
+    Args:
+        times: times (n,) of the points in s, increasing.
+        values: values (n,) of the points in m or V.
+        duration_s: end of the stretch in s.
+    """
+    slopes = np.abs(np.diff(values) / np.diff(times))
+    reached = (times[:-1] < duration_s) & (times[1:] > 0.0)
+    return float(np.max(slopes, where=reached, initial=0.0))
 
 
 def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
