@@ -6,7 +6,6 @@ from .model import (
     load_model as load_model,
     named_model as named_model,
     override as override,
-    parameter_schemas as parameter_schemas,
     physical as physical,
     read_model as read_model,
 )

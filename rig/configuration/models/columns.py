@@ -10,17 +10,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from pydantic import create_model
-
 from rig.configuration.reading import (
     ConfigError,
     Located,
     Problem,
-    Schema,
     Sources,
+    checked,
     display_path,
     quantity_in,
-    read_mapping,
     unit_factor,
 )
 from rig.recording import Column, unit_of
@@ -36,19 +33,6 @@ OF_RIG: Final = (
     "supply_pressure_Pa",
 )
 """Channels of the servo-hydraulic rig that a file of columns may name."""
-
-
-def checked(
-    item: Located, fields: Mapping[str, Any], hints: Mapping[str, str] | None = None
-) -> dict[str, Any]:
-    """Return the values of a mapping for the keys of `fields`; None where absent or wrong.
-
-    `fields` gives the type of each key's value, `hints` the remedy for misplaced keys. Mistakes are
-    recorded as problems.
-    """
-    definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
-    file = read_mapping(create_model("Section", __base__=Schema, **definitions), item, hints)
-    return {key: getattr(file, key, None) for key in fields}
 
 
 def column_in(

@@ -1,11 +1,9 @@
 """Model files: parameters with units, the effects switched on, and where the model comes from."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
-
-from pydantic import create_model
+from typing import Annotated, Any, Final, Literal
 
 from rig.configuration.reading import (
     Adjustable,
@@ -14,6 +12,7 @@ from rig.configuration.reading import (
     Physical,
     Relative,
     Schema,
+    checked,
     load,
     read_mapping,
     resolve,
@@ -63,37 +62,6 @@ def physical(field: str) -> Physical:
     quantity = _QUANTITIES[field]
     usual = getattr(NOMINAL, field) or None
     return Physical(quantity.unit, quantity.lower, quantity.upper, usual)
-
-
-class ParameterSchemas(NamedTuple):
-    """The schemas of the sections `parameters` and `effects`, and of each effect by its name."""
-
-    parameters: type[Schema]
-    effects: type[Schema]
-    effect: dict[str, type[Schema]]
-
-
-def parameter_schemas(field_of: Callable[[Physical], Field]) -> ParameterSchemas:
-    """Return the schemas of a file that gives parameters of the plant.
-
-    `field_of` makes, from a parameter's unit and limits, the field that parses its value.
-    """
-
-    def schema(name: str, fields: dict[str, str]) -> type[Schema]:
-        definitions: dict[str, Any] = {
-            key: (Annotated[Any, field_of(physical(field))], None) for key, field in fields.items()
-        }
-        return create_model(name, __base__=Schema, **definitions)
-
-    effects: dict[str, Any] = dict.fromkeys(CATALOGUE, (Any, None))
-    return ParameterSchemas(
-        schema("ParametersFile", {name: name for name in PARAMETERS}),
-        create_model("EffectsFile", __base__=Schema, **effects),
-        {
-            effect.name: schema(effect.name, {p.name: p.field for p in effect.parameters})
-            for effect in CATALOGUE.values()
-        },
-    )
 
 
 class ModelFile(Schema):
@@ -189,24 +157,31 @@ def _terms(item: Located) -> Terms | None:
 class ParameterReader:
     """A reader of the sections `parameters` and `effects` of a model or of a sweep.
 
-    A derived class has the schemas of its files, takes the values with `set`, and reads an effect
-    with `read_effect`.
+    A derived class says with `field_of` how a value is parsed, takes the values with `set`, and
+    reads an effect with `read_effect`.
     """
-
-    schemas: ClassVar[ParameterSchemas]
 
     def read(self, root: Located) -> None:
         """Read both sections of a file, if it has them; record the problems."""
         parameters, effects = root.get("parameters"), root.get("effects")
         if parameters is not None:
-            file = read_mapping(self.schemas.parameters, parameters, BELONGS_TO_EFFECT)
-            for field in PARAMETERS:
-                self.set(field, getattr(file, field, None), parameters.find(field))
+            names = {name: name for name in PARAMETERS}
+            given = checked(parameters, self._kinds(names), BELONGS_TO_EFFECT)
+            for field, value in given.items():
+                self.set(field, value, parameters.find(field))
         if effects is not None:
-            read_mapping(self.schemas.effects, effects)
+            checked(effects, dict.fromkeys(CATALOGUE, Any))
             for name, entry in effects.items():
                 if name in CATALOGUE:
                     self.read_effect(CATALOGUE[name], entry)
+
+    def _kinds(self, fields: Mapping[str, str]) -> dict[str, Any]:
+        """Return the type of the value of each key, which stands for a parameter."""
+        return {key: Annotated[Any, self.field_of(physical(name))] for key, name in fields.items()}
+
+    def field_of(self, quantity: Physical) -> Field:
+        """Return the field that parses the value of a parameter with this unit and limits."""
+        raise NotImplementedError
 
     def read_effect(self, effect: PlantEffect, entry: Located) -> None:
         """Read the entry of an effect."""
@@ -231,19 +206,20 @@ class ParameterReader:
         elif alone or not entry.value:
             entry.refuse("lacks its parameters", f"give {{{', '.join(names)}}}")
             return []
-        file = read_mapping(self.schemas.effect[effect.name], entry)
-        return [(p, getattr(file, p.name, None), entry.find(p.name)) for p in effect.parameters]
+        given = checked(entry, self._kinds({p.name: p.field for p in effect.parameters}))
+        return [(p, given[p.name], entry.find(p.name)) for p in effect.parameters]
 
 
 class _Overrides(ParameterReader):
     """A collection of the parameter fields and the effects that a file changes in a base model."""
 
-    schemas = parameter_schemas(Adjustable)
-
     def __init__(self, base: Model) -> None:
         self.base = base
         self.values: dict[str, float] = {}
         self.effects: list[str] = list(base.effects)
+
+    def field_of(self, quantity: Physical) -> Field:
+        return Adjustable(quantity)
 
     def read_effect(self, effect: PlantEffect, entry: Located) -> None:
         if entry.value in (None, "none"):

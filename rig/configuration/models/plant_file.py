@@ -28,6 +28,7 @@ from rig.configuration.reading import (
     Physical,
     Schema,
     Sources,
+    checked,
     quantity_in,
     read_mapping,
     suggestion,
@@ -35,7 +36,7 @@ from rig.configuration.reading import (
 from rig.recording import Column, Recording, RecordingError, read_measured, read_sampling
 
 from .additions import read_additions, vocabulary, written_additions
-from .columns import TIME, checked, column_in
+from .columns import TIME, column_in
 from .discovered import KEY
 from .model_writing import commented, plain_provenance, section_lines
 

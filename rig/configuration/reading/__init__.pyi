@@ -37,6 +37,7 @@ from .quantities import (
 )
 from .validation import (
     Schema as Schema,
+    checked as checked,
     elements_of as elements_of,
     quantity_in as quantity_in,
     read_mapping as read_mapping,

@@ -48,10 +48,12 @@ def read_options(options: type[T], item: Located | None) -> T | None:
         return options()
     problems = item.sources.problems
     before = problems.reported
-    file = read_mapping(options_schema(options), item)
+    known = options_of(options)
+    definitions: Any = {name: (_written(each), each.default) for name, each in known.items()}
+    file = read_mapping(create_model("OptionsFile", __base__=Schema, **definitions), item)
     # model_dump is not used here, as it would turn dataclasses into dicts.
-    values = {key: getattr(file, key) for key in options_of(options)} if file is not None else {}
-    for name, option in options_of(options).items():
+    values = {key: getattr(file, key) for key in known} if file is not None else {}
+    for name, option in known.items():
         entry, reader = item.get(name), _reader(option)
         if reader is not None and entry is not None:
             values[name] = reader(entry)
@@ -65,14 +67,6 @@ def read_options(options: type[T], item: Located | None) -> T | None:
     except ValueError as error:
         item.refuse(f"cannot be used: {error}", value="")
     return None
-
-
-def options_schema(options: type) -> type[Schema]:
-    """Return the schema of a mapping whose keys are the fields of a dataclass or named tuple."""
-    definitions: dict[str, Any] = {
-        name: (_written(option), option.default) for name, option in options_of(options).items()
-    }
-    return create_model(f"{options.__qualname__}File", __base__=Schema, **definitions)
 
 
 def options_of(options: type) -> dict[str, Option]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from .document import Located
 from .problems import nearest, suggestion
@@ -55,6 +55,19 @@ def read_mapping(
         return schema.model_validate({key: data[key] for key in data if key not in bad})
     except ValidationError:
         return None
+
+
+def checked(
+    item: Located, fields: Mapping[str, Any], hints: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return the values of a mapping for the keys of `fields`; None where absent or wrong.
+
+    `fields` gives the type of each key's value, `hints` the remedy for misplaced keys. Mistakes are
+    recorded as problems.
+    """
+    definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
+    file = read_mapping(create_model("Section", __base__=Schema, **definitions), item, hints)
+    return {key: getattr(file, key, None) for key in fields}
 
 
 def elements_of(item: Located | None, remedy: str) -> list[Located]:

@@ -9,15 +9,10 @@ from pydantic import Field as SchemaField
 from estimator.leaks import LEARNING_S
 from faults import LEAK_KINDS
 from rig.configuration.campaigns import TYPICAL_PRESSURE
-from rig.configuration.models import (
-    ParameterReader,
-    named_model,
-    parameter_schemas,
-    physical,
-    read_model,
-)
+from rig.configuration.models import ParameterReader, named_model, physical, read_model
 from rig.configuration.reading import (
     Adjustable,
+    Field,
     Located,
     Physical,
     Schema,
@@ -172,13 +167,14 @@ def _read_model(root: Located) -> Model | None:
 class _Parameters(ParameterReader):
     """A reader of `parameters` and `effects`, with a distribution for each field they give."""
 
-    schemas = parameter_schemas(lambda quantity: Random(Adjustable(quantity)))
-
     def __init__(self, base: Parameters) -> None:
         self._base = base
         self.distributions: dict[str, Distribution] = {}
         self.followers: dict[str, str] = {}
         self._entries: dict[str, Located] = {}
+
+    def field_of(self, quantity: Physical) -> Field:
+        return Random(Adjustable(quantity))
 
     def read_effect(self, effect: PlantEffect, entry: Located) -> None:
         alone = not isinstance(entry.value, dict) or bool(set(entry.value) & set(KINDS))
