@@ -144,7 +144,9 @@ class Multisine:
     @cached_property
     def _phases(self) -> Samples:
         count = len(self.frequencies_hz)
-        return _schroeder_phases(count) if self.seed is None else _random_phases(count, self.seed)
+        if self.seed is None:
+            return _schroeder_phases(count)
+        return 2.0 * pi * np.random.Generator(np.random.PCG64(self.seed)).random(count)
 
     @cached_property
     def _component_amplitude(self) -> float:
@@ -184,11 +186,6 @@ def _schroeder_phases(count: int) -> NDArray[np.float64]:
     """
     k = np.arange(1, count + 1, dtype=np.float64)
     return -pi * k * (k - 1.0) / count
-
-
-def _random_phases(count: int, seed: int) -> NDArray[np.float64]:
-    """Return phases in rad (count,), uniform over a turn."""
-    return 2.0 * pi * np.random.Generator(np.random.PCG64(seed)).random(count)
 
 
 def _supremum(

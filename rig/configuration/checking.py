@@ -13,8 +13,8 @@ from rig.configuration.campaigns import (
     PlannedTest,
     Schedule,
     ScheduleFile,
+    load_campaign,
     plan_campaign,
-    read_campaign,
     read_schedule,
 )
 from rig.configuration.models import ModelFile, read_model, term_lines
@@ -122,12 +122,9 @@ def check(
     if kind == "dbc":
         database = sources.finished(read_dbc(path, sources))
         return CheckReport(kind, path, path.stem, tuple(_dbc_lines(database)))
-    root = sources.read_yaml(path)
     if kind == "campaign":
-        chosen = None if rig_override is None else asked("rig", rig_override, sources)
-        rig_path = resolve("rig", chosen, base)
-        loaded = read_campaign(root, rig_path) if root is not None else None
-        return _report_campaign(path, *sources.finished(loaded))
+        return _report_campaign(path, *load_campaign(path, rig_override, base))
+    root = sources.read_yaml(path)
     read, lines_of = _KINDS[kind]
     found = sources.finished(read(root) if root is not None else None)
     return CheckReport(kind, path, getattr(found, "name", path.stem), tuple(lines_of(found)))

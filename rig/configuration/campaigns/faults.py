@@ -168,8 +168,7 @@ def _check_size(item: Located, file: FaultFile) -> None:
     flow, pressure = (item.get(key) is not None for key in ("flow", "pressure"))
     if len(given) != 1:
         found = f"gives {' and '.join(given)}" if given else "has no size"
-        problems = item.sources.problems
-        problems.add(item.place, file.type, "", found, f"give one of {listing}")
+        item.refuse(found, f"give one of {listing}", "", name=file.type)
     elif flow and not pressure:
         remedy = "add `pressure: 6.9 MPa`; a flow counts at a stated pressure drop"
         item.refuse("is given without pressure", remedy, "", "flow")

@@ -213,7 +213,7 @@ def _entries(root: Located, zone: ZoneInfo) -> Iterator[Entry]:
     items, problems = root.get("entries"), root.sources.problems
     if items is None or not items.elements():
         remedy = "write at least one: `- {name: ..., campaign: ..., cron: ...}`"
-        root.refuse("is not a list of entries", remedy, "", "entries")
+        (items or root).refuse("is not a list of entries", remedy, "", name="entries")
         return
     names: set[str] = set()
     for element in items.elements():
@@ -223,7 +223,7 @@ def _entries(root: Located, zone: ZoneInfo) -> Iterator[Entry]:
         if file is None:
             continue
         if file.name in names:
-            problems.add(item.place, "name", file.name, "is given twice", "choose another name")
+            item.refuse("is given twice", "choose another name", file.name, name="name")
         names.add(file.name)
         entry = _entry(item, file, zone)
         if problems.reported == before:
@@ -234,8 +234,7 @@ def _entry(item: Located, file: EntryFile, zone: ZoneInfo) -> Entry:
     given = [key for key in ("cron", "every", "at") if item.get(key) is not None]
     if len(given) != 1:
         limit = f"has {' and '.join(given)}" if given else "has no time"
-        remedy = "give one of cron, every and at"
-        item.sources.problems.add(item.place, file.name, "", limit, remedy)
+        item.refuse(limit, "give one of cron, every and at", "", name=file.name)
     if file.cron is not None:
         _check_cron(item, file.cron)
     campaign, rig = _check_campaign(item)

@@ -69,6 +69,7 @@ class LevelField(Field):
         raise QuantityError("is neither a length nor a voltage", remedy)
 
 
+_ZERO: Final = Level(0.0, "position")
 AnyLevel = Annotated[Level, LevelField()]
 Frequency = Annotated[float, Physical("Hz", 1e-3, 500.0, 0.5)]
 SweepEnd = Annotated[float, Physical("Hz", 0.0, 500.0, 1.0)]
@@ -120,12 +121,12 @@ class SineFile(SetpointFile):
 
     amplitude: AnyLevel
     frequency: Frequency
-    mean: AnyLevel | None = None
+    mean: AnyLevel = _ZERO
     phase: Phase = 0.0
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return the setpoint."""
-        mean, amplitude = _value(self.mean), self.amplitude.value
+        mean, amplitude = self.mean.value, self.amplitude.value
         return Sine(mean, amplitude, self.frequency, self.phase, context.quantity)
 
 
@@ -139,14 +140,14 @@ class ChirpFile(SetpointFile):
     start_frequency: SweepEnd
     end_frequency: SweepEnd
     sweep_time: Annotated[float | None, Physical("s", 0.1, 86400.0, 40.0)] = None
-    mean: AnyLevel | None = None
+    mean: AnyLevel = _ZERO
     phase: Phase = 0.0
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return the setpoint."""
         sweep = self.end_frequency - self.start_frequency
         return Chirp(
-            _value(self.mean),
+            self.mean.value,
             self.amplitude.value,
             self.start_frequency,
             sweep / (self.sweep_time or context.duration_s),
@@ -187,12 +188,12 @@ class MultisineFile(SetpointFile):
 
     amplitude: AnyLevel
     frequencies: list[Frequency]
-    mean: AnyLevel | None = None
+    mean: AnyLevel = _ZERO
     seed: int | None = None
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return the setpoint."""
-        mean, amplitude = _value(self.mean), self.amplitude.value
+        mean, amplitude = self.mean.value, self.amplitude.value
         frequencies = tuple(self.frequencies)
         return Multisine(mean, amplitude, frequencies, self.seed, context.quantity)
 
@@ -221,10 +222,6 @@ SCHEMAS: Final[dict[str, type[SetpointFile]]] = {
     "multisine": MultisineFile,
     "file": FromFileFile,
 }
-
-
-def _value(level: Level | None) -> float:
-    return 0.0 if level is None else level.value
 
 
 def schema_of(item: Located, schemas: Mapping[str, type[S]], what: str) -> type[S] | None:

@@ -249,9 +249,7 @@ class _Overrides(ParameterReader):
         if value is None:
             return
         if field in self.values and field in SHIFTABLE:
-            item.sources.problems.add(
-                item.place, field, item.shown, "is given as a parameter too", "keep one of them"
-            )
+            item.refuse("is given as a parameter too", "keep one of them", name=field)
             return
         self.values[field] = value
 

@@ -89,7 +89,9 @@ class Located:
         text = "nothing" if self.value is None else str(self.value)
         return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
 
-    def refuse(self, limit: str, remedy: str = "", value: object = None, key: str = "") -> None:
+    def refuse(
+        self, limit: str, remedy: str = "", value: object = None, key: str = "", name: str = ""
+    ) -> None:
         """Record a mistake of this value or, if `key` is given, of that entry of this mapping.
 
         The problem is placed at the entry, or at the mapping if it has no such entry.
@@ -99,10 +101,11 @@ class Located:
             remedy: the remedy, as in `Problem`.
             value: what the message shows in place of the value in the file.
             key: key of the entry, which is its name in the message.
+            name: another name for the message.
         """
         found = self.find(key) if key else self
         text = found.shown if value is None else value
-        self.sources.problems.add(found.place, key or self.name, text, limit, remedy)
+        self.sources.problems.add(found.place, name or key or self.name, text, limit, remedy)
 
     def plain(self) -> Any:
         """Return the value as ordinary dicts, lists and scalars."""

@@ -4,7 +4,6 @@ They cover drivers, sensors, valves and limits. A mistake that only the device s
 missing port or another identity, is found by its driver when this is opened.
 """
 
-from operator import attrgetter
 from typing import Final
 
 from faults import FAULT_KINDS, Verdict
@@ -49,8 +48,7 @@ def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...]) -> None:
     """
     section = root.find("drivers")
     _check_fast(section, drivers)
-    _check_channels(drivers)
-    _check_devices(drivers)
+    _check_shared(drivers)
     supplied = {signal for driver in drivers for signal in driver.spec.inputs}
     for signal in NEEDED_INPUTS:
         if signal not in supplied:
@@ -109,32 +107,28 @@ def _check_fast(section: Located, drivers: tuple[PlacedDriver, ...]) -> None:
             driver.item.refuse("does not write command_V", remedy, "")
 
 
-def _check_channels(drivers: tuple[PlacedDriver, ...]) -> None:
-    """Check that no two drivers read the same signal, and no two write the same one."""
-    for verb, signals_of in (("read", attrgetter("inputs")), ("written", attrgetter("outputs"))):
+def _check_shared(drivers: tuple[PlacedDriver, ...]) -> None:
+    """Check that no two drivers read or write the same signal, or use the same connection."""
+    for use, remedy, things_of in (
+        ("read by", "leave it out of one of them", lambda spec: spec.inputs),
+        ("written by", "leave it out of one of them", lambda spec: spec.outputs),
+        ("the connection of", "give each driver its own device", _connections),
+    ):
         first: dict[str, str] = {}
         for driver in drivers:
             taken: dict[str, list[str]] = {}
-            for signal in signals_of(driver.spec):
-                other = first.setdefault(signal, driver.spec.name)
+            for thing in things_of(driver.spec):
+                other = first.setdefault(thing, driver.spec.name)
                 if other != driver.spec.name:
-                    taken.setdefault(other, []).append(signal)
-            for other, signals in taken.items():
-                limit = f"is {verb} by the driver {other} too"
-                driver.item.refuse(limit, "leave it out of one of them", ", ".join(signals))
+                    taken.setdefault(other, []).append(thing)
+            for other, things in taken.items():
+                driver.item.refuse(f"is {use} the driver {other} too", remedy, ", ".join(things))
 
 
-def _check_devices(drivers: tuple[PlacedDriver, ...]) -> None:
-    """Check that no two drivers use the same connection, where only one driver can have it."""
-    first: dict[str, str] = {}
-    for driver in drivers:
-        device = connection_of(driver.spec.options)
-        if device is None:
-            continue
-        other = first.setdefault(device, driver.spec.name)
-        if other != driver.spec.name:
-            limit = f"is the connection of the driver {other} too"
-            driver.item.refuse(limit, "give each driver its own device", device)
+def _connections(spec: DriverSpec) -> tuple[str, ...]:
+    """Return the connection that only one driver can have, if the driver has one."""
+    connection = connection_of(spec.options)
+    return () if connection is None else (connection,)
 
 
 def _check_slower(section: Located, loop: LoopSettings, driver: PlacedDriver) -> None:

@@ -147,7 +147,7 @@ def read_channel_limits(
             given = file.model_dump()
             if given["low"] == -inf and given["high"] == inf:
                 remedy = "add `low: ...`, `high: ...` or both"
-                problems.add(element.place, channel, "", "has no limit", remedy)
+                element.refuse("has no limit", remedy, "", name=channel)
             else:
                 given["for_s"] = given.pop("for")
                 yield element, given

@@ -164,6 +164,8 @@ def _check_open(root: Located, settings: StreamSettings) -> None:
 
     This is so, for example, if it is served beyond this machine without TLS and without a login.
     """
+    # A problem with an empty key is placed as if the key were missing.
+    root = root.with_value({key: item for key, item in root.items() if item.value is not None})
     encrypted = [end for end in (*settings.listen, *settings.connect) if end.protocol == "tls"]
     if encrypted and settings.tls is None:
         remedy = "add `tls: {authority: ..., ...}`"

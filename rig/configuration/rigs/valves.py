@@ -126,8 +126,7 @@ def _read_bypass(kind: str, item: Located) -> BypassValve | None:
         return BypassValve(name, file.travel, needle, file.bore) if needle else None
     except RequestError as error:
         for each in error.problems:
-            place, problems = entry.place, entry.sources.problems
-            problems.add(place, each.field, each.value, each.limit, each.remedy)
+            entry.refuse(each.limit, each.remedy, each.value, name=each.field)
         return None
 
 

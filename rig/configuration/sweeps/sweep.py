@@ -186,14 +186,12 @@ class _Parameters(ParameterReader):
     def set(self, field: str, value: Drawn | None, item: Located) -> None:
         if value is None:
             return
-        problems, place = item.sources.problems, item.place
         if field in self.distributions:
-            limit = "is given as a parameter too"
-            problems.add(place, field, item.shown, limit, "keep one of them")
+            item.refuse("is given as a parameter too", "keep one of them", name=field)
             return
         if field in REMEMBERING:
             limit = "remembers more than the plant's states, which a sweep does not"
-            problems.add(place, field, item.shown, limit, "leave it out")
+            item.refuse(limit, "leave it out", name=field)
             return
         base = getattr(self._base, field)
         found = quantity_in(item, lambda: resolved(value, physical(field), base))

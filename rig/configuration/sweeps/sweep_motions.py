@@ -114,8 +114,7 @@ def read_motions(item: Located | None, limits: Limits | None) -> tuple[SweptMoti
             continue
         if motion.name in found:
             remedy = "give one of them another `name`"
-            problems, place = element.sources.problems, element.place
-            problems.add(place, "name", motion.name, "is given twice", remedy)
+            element.refuse("is given twice", remedy, motion.name, name="name")
         found[motion.name] = motion
     return tuple(found.values())
 
@@ -210,8 +209,7 @@ class _Reader:
         end = show(limits.upper if above else limits.lower, limits.unit)
         limit = f"{'above' if above else 'below'} the rig's {end}"
         value = f"may come to {show(high if above else low, limits.unit)}"
-        problems, place = self._item.sources.problems, self._item.place
-        problems.add(place, motion.name, value, limit, "reduce or shift the motion")
+        self._item.refuse(limit, "reduce or shift the motion", value, name=motion.name)
 
 
 def reach(motion: SweptMotion) -> tuple[float, float]:

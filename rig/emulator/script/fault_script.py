@@ -112,8 +112,7 @@ def read_fault(item: Located) -> WireFault | None:
     if entry is None or str(entry.value) not in KINDS:
         value = entry.shown if entry else ""
         remedy = suggestion(value, tuple(KINDS), "faults")
-        place = (entry or item).place
-        item.sources.problems.add(place, "fault", value, "is not a known fault", remedy)
+        (entry or item).refuse("is not a known fault", remedy, value, name="fault")
         return None
     keys = dict(item.items())
     own = {key: keys.pop(key) for key in ("fault", *_TIMES) if key in keys}
