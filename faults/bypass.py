@@ -135,23 +135,16 @@ class BypassValve:
                 rounding, or NaN.
         """
         with Checks(self.name, BypassError) as checks:
-            shown = f"{coefficient:.4g} m^3/(s Pa^0.5)"
+            shown, remedy = f"{coefficient:.4g} m^3/(s Pa^0.5)", "shut the ball valve instead"
+            limit = f"is below {self.minimum:.4g}, what the shut needle passes"
+            is_above = coefficient >= self.minimum * (1.0 - ROUNDING)
+            checks.require(is_above, "coefficient", limit, remedy, shown)
             flow = to_litres_per_minute(square_root_flow(self.maximum, _QUOTED_DROP))
-            checks.require(
-                coefficient >= self.minimum * (1.0 - ROUNDING),
-                "coefficient",
-                f"is below {self.minimum:.4g}, what the shut needle passes",
-                "shut the ball valve instead",
-                shown,
-            )
-            checks.require(
-                not coefficient > self.maximum * (1.0 + ROUNDING),
-                "coefficient",
-                f"is above {self.maximum:.4g}, the most it passes "
-                f"({flow:.3g} L/min at {_QUOTED_DROP / 1e6:g} MPa)",
-                "ask for a smaller leak or fit a larger needle",
-                shown,
-            )
+            quoted = f"{flow:.3g} L/min at {_QUOTED_DROP / 1e6:g} MPa"
+            limit = f"is above {self.maximum:.4g}, the most it passes ({quoted})"
+            remedy = "ask for a smaller leak or fit a larger needle"
+            is_below = not coefficient > self.maximum * (1.0 + ROUNDING)
+            checks.require(is_below, "coefficient", limit, remedy, shown)
         return self.needle.opening(float(coefficient_beside(coefficient, self.ball_coefficient)))
 
 

@@ -69,13 +69,9 @@ class NeedleCharacteristic:
         checks.require(first == 0.0, "openings", "is not 0", "begin with the shut valve", first)
         checks.require(last == 1.0, "openings", "is not 1", "end with the fully open valve", last)
         first, last = self.coefficients[0], self.coefficients[-1]
-        checks.require(
-            0.0 <= first < inf and last < inf,
-            "coefficients",
-            "do not lie between 0 and infinity",
-            "give them in m^3/(s Pa^0.5)",
-            f"{first} to {last}",
-        )
+        fits, shown = 0.0 <= first < inf and last < inf, f"{first} to {last}"
+        limit, remedy = "do not lie between 0 and infinity", "give them in m^3/(s Pa^0.5)"
+        checks.require(fits, "coefficients", limit, remedy, shown)
 
     def _require_increase(self, checks: Checks) -> None:
         for name, values, step in (
@@ -156,13 +152,10 @@ class NeedleCharacteristic:
         """
         low, high = self.minimum * (1.0 - ROUNDING), self.maximum * (1.0 + ROUNDING)
         with Checks(self.id, BypassError) as checks:
-            checks.require(
-                low <= coefficient <= high,
-                "coefficient",
-                f"is not between {self.minimum:.4g} (shut) and {self.maximum:.4g} (fully open)",
-                "ask for a coefficient between, or fit another needle",
-                f"{coefficient:.4g} m^3/(s Pa^0.5)",
-            )
+            fits, shown = low <= coefficient <= high, f"{coefficient:.4g} m^3/(s Pa^0.5)"
+            limit = f"is not between {self.minimum:.4g} (shut) and {self.maximum:.4g} (fully open)"
+            remedy = "ask for a coefficient between, or fit another needle"
+            checks.require(fits, "coefficient", limit, remedy, shown)
         return float(np.interp(coefficient, self.coefficients, self.openings))
 
 

@@ -70,12 +70,9 @@ class Fault:
             fits = not self.linear or self.kind in LEAK_KINDS
             limit = "holds for the leaks of the actuator only"
             checks.require(fits, "linear", limit, "leave it out")
-            checks.require(
-                self.ball_coefficient is None or 0.0 < self.ball_coefficient < inf,
-                "ball_coefficient",
-                "is not above 0 or not finite",
-                "give it in m^3/(s Pa^0.5), or leave it out for the nominal rig's",
-            )
+            fits = self.ball_coefficient is None or 0.0 < self.ball_coefficient < inf
+            remedy = "give it in m^3/(s Pa^0.5), or leave it out for the nominal rig's"
+            checks.require(fits, "ball_coefficient", "is not above 0 or not finite", remedy)
             self._require_times(checks)
             checks.finish()
             self._require_coefficient(checks)
@@ -95,13 +92,10 @@ class Fault:
     def _require_coefficient(self, checks: Checks) -> None:
         quantity = quantities()["return_back_pressure" if self.kind == _BLOCKAGE else self.column]
         shown = f"{self.coefficient:.4g} {quantity.unit}"
-        checks.require(
-            0.0 < self.coefficient <= quantity.upper,
-            "coefficient",
-            f"is not above 0 and up to {quantity.upper:.4g}",
-            "give it in SI, or leave the fault out",
-            shown,
-        )
+        remedy = "give it in SI, or leave the fault out"
+        limit = f"is not above 0 and up to {quantity.upper:.4g}"
+        fits = 0.0 < self.coefficient <= quantity.upper
+        checks.require(fits, "coefficient", limit, remedy, shown)
         if self._through_bypass:
             fits = not self.coefficient >= self._ball
             limit = f"is not below the {self._ball:.4g} of the open ball valve"

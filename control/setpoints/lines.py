@@ -53,13 +53,10 @@ class Polyline:
         object.__setattr__(self, "times_s", tuple(float(time) for time in self.times_s))
         object.__setattr__(self, "values", tuple(float(value) for value in self.values))
         with SetpointChecks(self) as checks:
-            checks.require(
-                len(self.times_s) == len(self.values) >= 2,
-                "values",
-                f"do not fit {len(self.times_s)} times, or are fewer than two",
-                "give a value for each of at least two times",
-                len(self.values),
-            )
+            times, values = len(self.times_s), len(self.values)
+            limit = f"do not fit {times} times, or are fewer than two"
+            remedy = "give a value for each of at least two times"
+            checks.require(times == values >= 2, "values", limit, remedy, values)
             increase = all(later > earlier for earlier, later in pairwise(self.times_s))
             remedy = "give the corners in the order of time"
             checks.require(increase, "times_s", "do not increase", remedy)

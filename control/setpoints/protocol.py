@@ -47,13 +47,9 @@ class SetpointChecks(Checks):
     def __init__(self, setpoint: Setpoint) -> None:
         super().__init__(type(setpoint).__name__, SetpointError, setpoint)
         self.unit = "m" if setpoint.quantity == "position" else "V"
-        self.require(
-            setpoint.quantity in ("position", "command"),
-            "quantity",
-            "is neither position nor command",
-            'give "position" (metres, closed loop) or "command" (volts, open loop)',
-            repr(setpoint.quantity),
-        )
+        is_known, shown = setpoint.quantity in ("position", "command"), repr(setpoint.quantity)
+        remedy = 'give "position" (metres, closed loop) or "command" (volts, open loop)'
+        self.require(is_known, "quantity", "is neither position nor command", remedy, shown)
 
     def finite(self, unit: str, **values: float) -> None:
         """Note a problem with each named value that is infinite or NaN; the message has `unit`."""

@@ -145,15 +145,9 @@ class ChirpFile(SetpointFile):
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return the setpoint."""
-        sweep = self.end_frequency - self.start_frequency
-        return Chirp(
-            self.mean.value,
-            self.amplitude.value,
-            self.start_frequency,
-            sweep / (self.sweep_time or context.duration_s),
-            self.phase,
-            context.quantity,
-        )
+        mean, amplitude, start = self.mean.value, self.amplitude.value, self.start_frequency
+        rate = (self.end_frequency - start) / (self.sweep_time or context.duration_s)
+        return Chirp(mean, amplitude, start, rate, self.phase, context.quantity)
 
 
 class StepsFile(SetpointFile):

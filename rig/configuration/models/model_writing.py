@@ -83,9 +83,7 @@ def _sections(model: Model) -> Iterator[str]:
 
 
 def section_lines(
-    own: Iterable[str],
-    effects: Mapping[str, Mapping[str, str]],
-    line: Callable[[str, str], str],
+    own: Iterable[str], effects: Mapping[str, Mapping[str, str]], line: Callable[[str, str], str]
 ) -> Iterator[str]:
     """Yield the lines of the sections `parameters` and `effects` of a model file.
 

@@ -65,10 +65,8 @@ class Physical(Field):
         above = reading.value > self.upper
         limit = Decimal(repr(self.upper if above else self.lower))
         shown = _show(limit / unit_factor(reading.unit, self.unit), reading.unit)
-        fitting = self._fitting(reading)
-        remedy = (
-            f"did you mean {fitting}?" if fitting else f"at {'most' if above else 'least'} {shown}"
-        )
+        fitting, end = self._fitting(reading), f"at {'most' if above else 'least'} {shown}"
+        remedy = f"did you mean {fitting}?" if fitting else end
         raise QuantityError(f"is {'above' if above else 'below'} {shown}", remedy)
 
     def _fitting(self, reading: Reading) -> str | None:

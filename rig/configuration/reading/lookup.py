@@ -124,10 +124,7 @@ def read_in(kind: Kind, item: Located | None, read: Callable[[Located], T | None
 
 
 def load(
-    kind: Kind,
-    reference: str | Path,
-    base: Path | None,
-    read: Callable[[Located], T | None],
+    kind: Kind, reference: str | Path, base: Path | None, read: Callable[[Located], T | None]
 ) -> T:
     """Return the object that a configuration describes, which is given by path or by name.
 

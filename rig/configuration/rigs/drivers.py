@@ -20,10 +20,10 @@ def read_drivers(item: Located) -> tuple[PlacedDriver, ...] | None:
     """
     if not isinstance(item.value, dict):
         item.refuse("is not a mapping", "write `name: {driver: ..., ...}` for each")
+        return None
     specs = [(_read_driver(name, section), section) for name, section in item.items()]
     drivers = tuple(PlacedDriver(spec, section) for spec, section in specs if spec is not None)
-    is_usable = isinstance(item.value, dict) and len(drivers) == len(specs)
-    return drivers if is_usable else None
+    return drivers if len(drivers) == len(specs) else None
 
 
 def _read_driver(name: str, section: Located) -> DriverSpec | None:

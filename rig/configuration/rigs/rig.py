@@ -204,10 +204,7 @@ def _read_plant(item: Located | None) -> Model | None:
 
 
 def _read_drivers(
-    root: Located,
-    file: RigFile | None,
-    loop: LoopSettings | None,
-    rungs: tuple[ChannelLimit, ...],
+    root: Located, file: RigFile | None, loop: LoopSettings | None, rungs: tuple[ChannelLimit, ...]
 ) -> tuple[DriverSpec, ...]:
     """Return the drivers of a hardware rig; () for a simulated rig, even if it inherits some.
 
