@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,7 +63,7 @@ class Located:
 
     def with_value(self, value: Any) -> "Located":
         """Return another value with the place and the name of this one."""
-        return replace(self, value=value)
+        return Located(value, self.place, self.name, self.sources)
 
     def completed_by(self, defaults: "Located | None") -> "Located":
         """Return a mapping with the entries of `defaults` for the keys that it does not have.
