@@ -31,7 +31,6 @@ from .reading import (
     read_options as read_options,
     shipped_config_dir as shipped_config_dir,
     show as show,
-    shown as shown,
     suggestion as suggestion,
 )
 from .rigs import (

@@ -30,7 +30,7 @@ def shipped_map(name: str) -> RegisterMap:
     """Return the register map of that name in `config/maps`."""
     sources = Sources()
     path = shipped_config_dir() / "maps" / f"{name}.yaml"
-    found = read_options(RegisterMap, sources.read_yaml(path), sources)
+    found = read_options(RegisterMap, sources.read_yaml(path))
     assert found is not None, sources.problems
     return found
 

@@ -169,7 +169,10 @@ def modbus_daq(_: Path) -> Iterator[Specimen]:
 
         thread.call(press)
 
-    register_map = read_map(shipped_config_dir() / "maps" / "io_node.yaml", Sources())
+    path = shipped_config_dir() / "maps" / "io_node.yaml"
+    root = Sources().read_yaml(path)
+    assert root is not None
+    register_map = read_map(root)
     assert isinstance(register_map, RegisterMap)
     options = ModbusDaqOptions("127.0.0.1", register_map, port, watchdog=0.1, timeout=PATIENCE_S)
     driver = ModbusDaq("daq", options)

@@ -142,7 +142,7 @@ def test_every_motion_keeps_to_the_limits_and_to_what_the_valve_delivers() -> No
     plans = [plan for campaign in campaigns for plan in plan_campaign(campaign, rig)]
     assert len(plans) == 12 + 10 + 10
     for plan in plans:
-        assert not plan.warnings, plan.name
+        assert not plan.warnings, plan.test.name
         assert plan.position_range_m[0] >= rig.limits.position_min_m
         assert plan.position_range_m[1] <= rig.limits.position_max_m
 
