@@ -5,9 +5,9 @@ from .errors import (
 )
 from .exporting import export as export
 from .formats import McapWriter as McapWriter, read_mcap as read_mcap, write_csv as write_csv
-from .mapping import Column as Column
 from .reading import (
     EXTENSIONS as EXTENSIONS,
+    Column as Column,
     read_measured as read_measured,
     read_recording as read_recording,
     read_sampling as read_sampling,

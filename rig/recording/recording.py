@@ -1,9 +1,10 @@
 """A recording in memory: equally long float64 channels over time, metadata and events."""
 
 import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,24 @@ REPLAY_CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", 
 """Channels that every filter needs; `spool_m` and all others are optional."""
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that happened at a time, s as in `time_s`: an injected fault, a trip, a note."""
+class Event(NamedTuple):
+    """Something that happened at a time, s as in `time_s`: an injected fault, a trip, a note.
+
+    JSON has it as a list of these three.
+    """
 
     time_s: float
     kind: str
     text: str
+
+
+def events_from(text: str | bytes) -> list[Event]:
+    """Return the events in a JSON text: a list of [time_s, kind, text].
+
+    Raises:
+        ValueError, TypeError: the text is not of this form.
+    """
+    return [Event(float(time_s), str(kind), str(what)) for time_s, kind, what in json.loads(text)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,12 +108,10 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
 def _path_problems(source: str, target: str) -> list[RecordingProblem]:
     problems = []
     if not Path(source).is_file():
-        problems.append(RecordingProblem(source, None, "file", "is no file", "", "check the path"))
+        problems.append(RecordingProblem(source, "file", "is no file", "check the path"))
     if not target.lower().endswith(".mcap"):
-        limit = "must end with .mcap"
-        problems.append(
-            RecordingProblem(target, None, "file", "not an MCAP name", limit, "rename it")
-        )
+        value, limit = "not an MCAP name", "must end with .mcap"
+        problems.append(RecordingProblem(target, "file", value, "rename it", limit))
     return problems + target_problems(target, may_replace=False)
 
 

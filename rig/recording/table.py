@@ -18,12 +18,12 @@ def row_number(row: int) -> int:
 
 @dataclass
 class Table:
-    """The columns that a reader found in a file, with the problems of cells it could not read.
+    """The columns that a reader found in a file, with the problems that were found in them so far.
 
     Attributes:
         path: the file.
         columns: name -> values, float64 of shape (n,).
-        problems: problems that the reader found.
+        problems: problems that the reader and the checks found.
         unreadable: column -> mask (n,) of cells that are NaN as they could not be read; the
             problems report these already. A column without such cells may be missing.
         line_of: returns the line, or the row's number, of row k (from 0), for messages.
@@ -46,3 +46,18 @@ class Table:
         """Return the mask (n,) of a column's cells that are reported as unreadable already."""
         found = self.unreadable.get(column)
         return np.zeros(len(self), dtype=np.bool_) if found is None else found
+
+    def report(
+        self, name: str, value: str, remedy: str, limit: str = "", row: int | None = None
+    ) -> None:
+        """Add a problem of a column, `name`, to the table's problems.
+
+        Args:
+            name: the column, or another field of the file.
+            value: what was found.
+            remedy: what is to be done about it.
+            limit: the limit that the value breaks; empty if there is none.
+            row: row (from 0) at which the problem is; None if it is of the whole column.
+        """
+        line = None if row is None else self.line_of(row)
+        self.problems.append(RecordingProblem(self.path, name, value, remedy, limit, line))

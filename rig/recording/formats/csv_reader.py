@@ -37,11 +37,11 @@ def read_csv(path: str) -> Table:
     names, problems = _header(path, text)
     kept = {name: names.index(name) for name in names if name}
     table = Table(path, {}, problems, line_of=_line_numbers(text))
+    columns: Sequence[FloatArray] | NDArray[np.float64]
     try:
         columns = _fast_columns(text, len(names))
     except pa.ArrowInvalid:
-        columns, unreadable, found = _careful_columns(path, text, names)
-        table.problems += found
+        columns, unreadable = _careful_columns(table, text, names)
         table.unreadable = {name: unreadable[index] for name, index in kept.items()}
     table.columns = {name: columns[index] for name, index in kept.items()}
     return table
@@ -74,27 +74,26 @@ def _header(path: str, text: bytes) -> tuple[list[str], list[RecordingProblem]]:
         line = _first_line(text).decode("utf-8-sig")
     except UnicodeDecodeError:
         remedy = "save the file as CSV in UTF-8"
-        raise RecordingError(
-            [RecordingProblem(path, 1, "header", "not text", "UTF-8 column names", remedy)]
-        ) from None
+        raise _bad_header(path, "not text", remedy, "UTF-8 column names") from None
     names = _cells(line)
     _refuse_other_delimiter(path, line, names)
     if all(_is_number(name) for name in names):
         limit = f"line 1 must name the columns: {', '.join(REPLAY_CHANNELS)}, ..."
-        raise RecordingError(
-            [RecordingProblem(path, 1, "header", "has numbers only", limit, "insert a header line")]
-        )
+        raise _bad_header(path, "has numbers only", "insert a header line", limit)
     problems = []
     for position, name in enumerate(names):
         if not name:
             remedy = "name the column or delete it (pandas: to_csv(index=False))"
-            problems.append(
-                RecordingProblem(path, 1, f"column {position + 1}", "has no name", "", remedy)
-            )
+            field, value = f"column {position + 1}", "has no name"
+            problems.append(RecordingProblem(path, field, value, remedy, line=1))
         elif name in names[:position]:
             value = f"columns {names.index(name) + 1} and {position + 1} have this name"
-            problems.append(RecordingProblem(path, 1, name, value, "", "rename or delete one"))
+            problems.append(RecordingProblem(path, name, value, "rename or delete one", line=1))
     return names, problems
+
+
+def _bad_header(path: str, value: str, remedy: str, limit: str) -> RecordingError:
+    return RecordingError([RecordingProblem(path, "header", value, remedy, limit, 1)])
 
 
 def _first_line(text: bytes) -> bytes:
@@ -110,8 +109,7 @@ def _refuse_other_delimiter(path: str, line: str, names: Sequence[str]) -> None:
         known = any(name in split for name in REPLAY_CHANNELS)
         if len(split) > len(names) and (known or len(names) == 1):
             remedy = "convert the delimiter to a comma (and decimal commas to points)"
-            value, limit = f"separated by {called}", "must be commas"
-            raise RecordingError([RecordingProblem(path, 1, "header", value, limit, remedy)])
+            raise _bad_header(path, f"separated by {called}", remedy, "must be commas")
 
 
 def _cells(line: str) -> list[str]:
@@ -163,37 +161,36 @@ def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
 
 
 def _careful_columns(
-    path: str, text: bytes, names: Sequence[str]
-) -> tuple[list[FloatArray], NDArray[np.bool_], list[RecordingProblem]]:
-    """Return the columns, a mask of unreadable cells, and the problems of those cells.
+    table: Table, text: bytes, names: Sequence[str]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the columns and a mask of unreadable cells; report the problems of those cells.
 
-    Each column has shape (n,), with NaN for unreadable cells; the mask has shape (n_columns, n).
+    Both have shape (n_columns, n); unreadable cells are NaN.
     """
-    problems: list[RecordingProblem] = []
-    rows: list[list[float]] = []
-    unreadable: list[list[bool]] = []
-    lines = text.splitlines()
+    rows: list[list[float | None]] = []
     wrong: dict[str, list[tuple[int, str]]] = {name: [] for name in names}
+    lines = text.splitlines()
     for number, raw in enumerate(lines[1:], 2):
         if not raw.strip():
             continue
-        cells = _cells(raw.decode("utf-8", errors="replace"))
+        row, cells = len(rows), _cells(raw.decode("utf-8", errors="replace"))
         if len(cells) != len(names):
-            problems.append(_ragged(path, number, len(cells), len(names), number == len(lines)))
-            rows.append([np.nan] * len(names))
-            unreadable.append([True] * len(names))
+            remedy = "complete or delete the line"
+            if number == len(lines):
+                remedy = "delete the line: the file was cut off in it"
+            limit = f"the header has {len(names)}"
+            table.report("row", f"{len(cells)} cells", remedy, limit, row)
+            rows.append([None] * len(names))
             continue
-        values = [_number(cell) for cell in cells]
-        for name, cell, value in zip(names, cells, values, strict=True):
+        rows.append([_number(cell) for cell in cells])
+        for name, cell, value in zip(names, cells, rows[row], strict=True):
             if value is None:
-                wrong[name].append((number, cell))
-        rows.append([np.nan if value is None else value for value in values])
-        unreadable.append([value is None for value in values])
+                wrong[name].append((row, cell))
     for name, found in wrong.items():
-        problems += _not_numbers(path, name, found, len(rows))
-    shape = (-1, len(names))
-    columns = np.ascontiguousarray(np.array(rows, dtype=np.float64).reshape(shape).T)
-    return list(columns), np.array(unreadable, dtype=np.bool_).reshape(shape).T, problems
+        _report_texts(table, name, found, len(rows))
+    columns = np.array(rows, dtype=np.float64).reshape(-1, len(names)).T
+    unreadable = np.array([[value is None for value in row] for row in rows], dtype=np.bool_)
+    return np.ascontiguousarray(columns), unreadable.reshape(-1, len(names)).T
 
 
 def _number(cell: str) -> float | None:
@@ -206,26 +203,14 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _ragged(path: str, line: int, cells: int, wanted: int, last: bool) -> RecordingProblem:
-    remedy = (
-        "delete the line: the file was cut off in it" if last else "complete or delete the line"
-    )
-    return RecordingProblem(path, line, "row", f"{cells} cells", f"the header has {wanted}", remedy)
-
-
-def _not_numbers(
-    path: str, name: str, found: Sequence[tuple[int, str]], n_rows: int
-) -> list[RecordingProblem]:
-    if not found:
-        return []
+def _report_texts(table: Table, name: str, found: Sequence[tuple[int, str]], n_rows: int) -> None:
+    """Report the cells of a column that are no numbers, by row and text, in a table of n rows."""
     limit = "every cell must be a number or empty"
-    if len(found) == n_rows:
-        line, cell = found[0]
-        value = f"text throughout ({cell[:40]!r}, ...)"
-        remedy = "delete the column or write numbers"
-        return [RecordingProblem(path, line, name, value, limit, remedy)]
     remedy = "write a number with a decimal point, or leave the cell empty"
-    return [
-        RecordingProblem(path, line, name, f"{cell[:40]!r} is not a number", limit, remedy)
-        for line, cell in found
-    ]
+    if found and len(found) == n_rows:
+        row, cell = found[0]
+        value = f"text throughout ({cell[:40]!r}, ...)"
+        table.report(name, value, "delete the column or write numbers", limit, row)
+        return
+    for row, cell in found:
+        table.report(name, f"{cell[:40]!r} is not a number", remedy, limit, row)

@@ -58,6 +58,10 @@ class McapStream:
     """An MCAP file that is being written; it is complete once `finish` has written the summary.
 
     Schemas, channels and metadata are written first, so that a file that was cut off has them.
+
+    Attributes:
+        file: the file. Its `flush` hands what is written to the operating system, and its `close`
+            leaves it without a summary unless `finish` was called.
     """
 
     def __init__(
@@ -65,39 +69,22 @@ class McapStream:
         path: Path,
         schemas: Sequence[Schema],
         channels: Sequence[Channel],
-        metadata: Sequence[Metadata],
+        metadata: Metadata,
     ) -> None:
         self._schemas = schemas
         self._channels = channels
-        self._metadata_indexes: list[MetadataIndex] = []
         self._chunk_indexes: list[ChunkIndex] = []
         self._counts = {channel.id: 0 for channel in channels}
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._position = 0
-        self._file = path.open("wb")
+        self.file: Final = path.open("wb")
         self._put(MCAP0_MAGIC)
         self._write([Header(profile="", library=f"rig.recording {LIBRARY_IDENTIFIER}")])
-        for record in metadata:
-            offset = self._position
-            self._write([record])
-            self._metadata_indexes.append(
-                MetadataIndex(offset=offset, length=self._position - offset, name=record.name)
-            )
+        offset = self._position
+        self._write([metadata])
+        self._metadata_index = MetadataIndex(offset, self._position - offset, metadata.name)
         self._write([*schemas, *channels])
-        self.flush()
-
-    @property
-    def closed(self) -> bool:
-        """Whether the file is closed."""
-        return self._file.closed
-
-    def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file as it is, without a summary unless `finish` was called."""
-        self._file.close()
+        self.file.flush()
 
     def write_chunk(self, content: bytes, indexes: Mapping[int, NDArray[Any]]) -> None:
         """Write Message records as one compressed chunk, followed by an index for each channel id.
@@ -107,18 +94,15 @@ class McapStream:
             indexes: channel id -> its index entries (n,), at least one.
         """
         times = np.concatenate([entries["log_time"] for entries in indexes.values()])
-        first_ns, last_ns = int(times.min()), int(times.max())
+        described: dict[str, Any] = {
+            "compression": "zstd",
+            "message_start_time": int(times.min()),
+            "message_end_time": int(times.max()),
+            "uncompressed_size": len(content),
+        }
         data = self._compressor.compress(content)
         start = self._position
-        chunk = Chunk(
-            compression="zstd",
-            data=data,
-            message_end_time=last_ns,
-            message_start_time=first_ns,
-            uncompressed_crc=zlib.crc32(content),
-            uncompressed_size=len(content),
-        )
-        self._write([chunk])
+        self._write([Chunk(data=data, uncompressed_crc=zlib.crc32(content), **described)])
         index_start = self._position
         offsets = {}
         for channel_id, entries in indexes.items():
@@ -129,13 +113,10 @@ class McapStream:
             ChunkIndex(
                 chunk_length=index_start - start,
                 chunk_start_offset=start,
-                compression=chunk.compression,
                 compressed_size=len(data),
-                message_end_time=last_ns,
                 message_index_length=self._position - index_start,
                 message_index_offsets=offsets,
-                message_start_time=first_ns,
-                uncompressed_size=len(content),
+                **described,
             )
         )
 
@@ -147,31 +128,23 @@ class McapStream:
             Opcode.CHANNEL: self._channels,
             Opcode.STATISTICS: [self._statistics()],
             Opcode.CHUNK_INDEX: self._chunk_indexes,
-            Opcode.METADATA_INDEX: self._metadata_indexes,
+            Opcode.METADATA_INDEX: [self._metadata_index],
         }
         start = self._position
         summary = b""
         offsets = []
         for opcode, records in groups.items():
             group = serialised(records)
-            offsets.append(
-                SummaryOffset(
-                    group_opcode=opcode,
-                    group_start=start + len(summary),
-                    group_length=len(group),
-                )
-            )
+            offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
-        footer = Footer(
-            summary_start=start, summary_offset_start=start + len(summary), summary_crc=0
-        )
+        footer = Footer(start, summary_offset_start=start + len(summary), summary_crc=0)
         summary += serialised(offsets)
         # The checksum covers the summary and the footer up to the checksum itself.
         footer.summary_crc = zlib.crc32(summary + serialised([footer])[:-4])
         self._put(summary + serialised([footer]) + MCAP0_MAGIC)
 
     def _put(self, data: bytes) -> None:
-        self._file.write(data)
+        self.file.write(data)
         self._position += len(data)
 
     def _write(self, records: Sequence[McapRecord]) -> None:
@@ -187,7 +160,7 @@ class McapStream:
             message_count=sum(self._counts.values()),
             message_end_time=max((chunk.message_end_time for chunk in chunks), default=0),
             message_start_time=min((chunk.message_start_time for chunk in chunks), default=0),
-            metadata_count=len(self._metadata_indexes),
+            metadata_count=1,
             schema_count=len(self._schemas),
         )
 

@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from rig.recording.errors import RecordingError
-from rig.recording.metadata import events_text
 from rig.recording.recording import Recording
 from rig.recording.units import unit_of
 
@@ -45,7 +44,7 @@ def write_mf4(recording: Recording, path: Path, name: str) -> None:
         for channel, values in recording.channels.items()
         if channel != "time_s"
     ]
-    comment = {"metadata": recording.metadata, "events": json.loads(events_text(recording.events))}
+    comment = {"metadata": recording.metadata, "events": recording.events}
     # asammdf appends a suffix of its own to any other name.
     written = path.with_suffix(".mf4")
     try:

@@ -132,7 +132,8 @@ def problems_of_channels(
     from rig.recording.table import Table
     from rig.recording.validation import problems_of
 
-    return problems_of(Table("run.csv", healthy.channels | changed), REPLAY_CHANNELS)
+    table = Table("run.csv", healthy.channels | changed)
+    return problems_of(table, REPLAY_CHANNELS, of_rig=True, longest_s=None)
 
 
 def test_time_that_goes_back_is_refused_at_the_line_where_it_does(
