@@ -8,7 +8,7 @@ from .decided import (
     confirmed_fault as confirmed_fault,
     no_decision as no_decision,
 )
-from .decision_post import prepare as prepare
+from .decision_post import post_decision as post_decision
 from .homing import (
     Homing as Homing,
     HomingError as HomingError,
@@ -25,6 +25,7 @@ from .interlocks import (
     LoopStoppedError as LoopStoppedError,
     StopRequestedError as StopRequestedError,
     TripError as TripError,
+    channel_name as channel_name,
     explain as explain,
     interlock as interlock,
     limit_table as limit_table,
@@ -84,7 +85,6 @@ from .wire import (
     course as course,
     orders as orders,
     pace as pace,
-    shared_memory as shared_memory,
     wire_channels as wire_channels,
     wire_memory as wire_memory,
     wire_ticks as wire_ticks,

@@ -7,9 +7,8 @@ before the word that counts it (`store_release`), so that a reader that sees the
 
 import mmap
 import os
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,9 +97,8 @@ _DECISION: Final = 1 + len(DECIDED)
 _RING_AT: Final = _WORDS + 2 * _SLOW + DECISIONS_KEPT * _DECISION
 
 
-@dataclass(frozen=True)
-class Board:
-    """The shared memory, mapped into this process.
+class Board(NamedTuple):
+    """The shared memory, mapped into this process; compiled code takes this tuple.
 
     Attributes:
         fd: descriptor to pass to child processes (`subprocess` pass_fds).

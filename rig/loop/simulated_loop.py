@@ -9,13 +9,13 @@ from control import COMMAND_LIMIT, POSITION_GAIN, raised_cosine
 from estimator.accounts import BLOCK_TICKS
 from estimator.filters import FilterMemory, FilterRun, compiled_filter
 from rig.channels import READINGS
-from rig.io import FAST_INPUTS, HomingSettings, SimulatedRig
+from rig.io import HomingSettings, SimulatedRig
 from rig.loop.interlocks import (
-    NO_CHANNEL,
     Action,
     Cause,
     Interlock,
     LoopStoppedError,
+    channel_name,
     held_position,
     interlock,
     limit_table,
@@ -112,18 +112,13 @@ class SimulatedLoop:
     @property
     def indicated(self) -> tuple[Cause, str]:
         """Cause and channel of the interlock's worst action so far; `Cause.NONE` if none."""
-        return Cause(int(self._guard.stopped[1])), self._channel
-
-    @property
-    def _channel(self) -> str:
-        channel = int(self._guard.stopped[2])
-        return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
+        _, cause, channel = self._guard.stopped.tolist()
+        return Cause(cause), channel_name(channel)
 
     @property
     def stopped(self) -> LoopStoppedError:
         """The error to raise for what stopped the loop: action, cause and channel."""
-        action, cause, _ = self._guard.stopped
-        return LoopStoppedError(Action(int(action)), Cause(int(cause)), self._channel)
+        return LoopStoppedError(Action(int(self._guard.stopped[0])), *self.indicated)
 
     def position(self) -> None:
         """Bring the ram to its start position by the position loop, along a raised cosine.
@@ -140,10 +135,7 @@ class SimulatedLoop:
         )
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
-        self._ticks(
-            0, setpoint, False, no_faults, rig.noise_apart(setpoint.size), rig.meters.copy(),
-            self._memory.copy(), Reaction.IGNORE,
-        )  # fmt: skip
+        self._run(setpoint, False, no_faults, apart=True)
         rig.start_clock(0.0)
         if self._is_stopped:
             self._held[0] = 0.0
@@ -197,32 +189,21 @@ class SimulatedLoop:
         row[0, READINGS_AT : READINGS_AT + len(READINGS)] = self._guard.inputs[: len(READINGS)]
         return row
 
-    def _run(self, setpoint: Array, open_loop: bool, faults: Array) -> Array:
-        """Run ticks of the test until something ends them, and return their rows."""
-        rig = self._rig
-        return self._ticks(
-            self._tick, setpoint, open_loop, faults, rig.noise(setpoint.size), rig.meters,
-            self._memory, self._on_fault,
-        )  # fmt: skip
+    def _run(self, setpoint: Array, open_loop: bool, faults: Array, apart: bool = False) -> Array:
+        """Run ticks until something ends them, and return their rows; see `simulated_ticks`.
 
-    def _ticks(
-        self,
-        first: int,
-        setpoint: Array,
-        open_loop: bool,
-        faults: Array,
-        noise: Array,
-        meters: Array,
-        memory: FilterMemory,
-        on_fault: int,
-    ) -> Array:
-        """Run ticks until something ends them, and return their rows; see `simulated_ticks`."""
-        rig = self._rig
+        Ticks that are `apart` come before the test: they have noise, meters and a filter of their
+        own, and the loop does not react to faults.
+        """
+        rig, memory, meters, on_fault = self._rig, self._memory, self._rig.meters, self._on_fault
+        if apart:
+            memory, meters, on_fault = memory.copy(), meters.copy(), int(Reaction.IGNORE)
+        noise = rig.noise_apart(setpoint.size) if apart else rig.noise(setpoint.size)
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
-            first,
+            self._tick,
             Ticks(setpoint, faults, noise),
-            Steering(open_loop, self._gain, self._limit, int(on_fault)),
+            Steering(open_loop, self._gain, self._limit, on_fault),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
                 rig.parameters, rig.sensors,

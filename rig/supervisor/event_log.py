@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from rig.configuration import Rig
-from rig.io import FAST_INPUTS
-from rig.loop import NO_CHANNEL, Board, RingReader, TripError, Word
+from rig.loop import Board, RingReader, TripError, Word, channel_name
 from rig.supervisor.processes import Driven, News, trips_of
 
 from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
@@ -27,8 +26,7 @@ _STEPS: Final = {
 
 def loop_channel(board: Board) -> str:
     """Return the name of the channel that the loop's action concerns; empty if it concerns none."""
-    channel = int(board.words[Word.ACTION_CHANNEL])
-    return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
+    return channel_name(int(board.words[Word.ACTION_CHANNEL]))
 
 
 class EventLog:

@@ -127,7 +127,6 @@ class Session:
             segment,
             start_position=test.start_position_m,
             settle_ticks=round(test.settle_s / TICK),
-            period_s=TICK,
             silence_s=self.rig.configured.loop.loop_silence,
         )
         self._test = HardwareTest(self, wire, test)

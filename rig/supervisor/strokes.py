@@ -96,7 +96,6 @@ class Strokes:
             segment,
             start_position=float(setpoint[0]),
             settle_ticks=round(RETURN_S / TICK),
-            period_s=TICK,
             silence_s=rig.configured.loop.loop_silence,
         )
         rows = []

@@ -30,9 +30,7 @@ _COUNTER: Final = FAST_INPUTS.index("device_counter")
 _ECHO: Final = FAST_INPUTS.index("device_echo")
 _OUTPUT: Final = FAST_INPUTS.index("device_command_V")
 
-_NONE, _INDICATE, _TRIP = int(Action.NONE), int(Action.INDICATE), int(Action.TRIP)
-_HOLD: Final = int(Action.HOLD)
-_RAMP_DOWN: Final = int(Action.RAMP_DOWN)
+_NONE, _INDICATE, _HOLD, _RAMP_DOWN, _TRIP = (int(action) for action in Action)
 _BAD_SAMPLES: Final = 3
 """Number of samples in a row, without a value or at a rail, after which a channel has failed."""
 _COMMANDS: Final = 4
@@ -87,11 +85,12 @@ class InterlockMemory(NamedTuple):
 
     def clear(self) -> None:
         """Reset the memory in place, with a latched trip, before the valve is enabled anew."""
-        for array, start in zip(self, _start(self.outside.size), strict=True):
+        for array, start in zip(self, interlock_memory(self.outside.size), strict=True):
             array[:] = start
 
 
-def _start(limits: int) -> InterlockMemory:
+def interlock_memory(limits: int) -> InterlockMemory:
+    """Return the memory of an interlock with so many limits before its first tick."""
     channels = len(FAST_INPUTS)
     return InterlockMemory(
         np.zeros(3, np.int64),
@@ -108,11 +107,6 @@ def _start(limits: int) -> InterlockMemory:
     )
 
 
-def interlock_memory(limits: LimitTable) -> InterlockMemory:
-    """Return the memory of an interlock before its first tick."""
-    return _start(limits.channel.size)
-
-
 class Interlock(NamedTuple):
     """The limits, tolerances and memory with which `judged_sample` judges."""
 
@@ -123,7 +117,7 @@ class Interlock(NamedTuple):
 
 def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
     """Return an interlock before its first tick."""
-    return Interlock(limits, tolerances, interlock_memory(limits))
+    return Interlock(limits, tolerances, interlock_memory(limits.channel.size))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

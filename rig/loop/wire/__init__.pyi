@@ -9,9 +9,7 @@ from .layout import (
     Integers as Integers,
     Left as Left,
     Pace as Pace,
-    course as course,
     pace as pace,
-    shared_memory as shared_memory,
     wire_channels as wire_channels,
     wire_memory as wire_memory,
 )
@@ -22,4 +20,5 @@ from .orders import (
     Open as Open,
     Opened as Opened,
     Segment as Segment,
+    course as course,
 )

@@ -71,7 +71,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         plan: plan of the driver, whose class has the exchange; see `rig.io.driver.Plan`.
         look: plan that reads the device and writes no output.
         memory: `WireMemory`, the same for all segments of a session; updated.
-        shared: arrays of the board, `SharedMemory`; updated.
+        shared: the board, `Board`; updated.
     """
     words, counts, outputs = shared.words, memory.counts, memory.outputs
     memory.handling[:] = nan
@@ -447,7 +447,7 @@ def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
         tick: number of the tick in the segment, -1 before its start.
         action: `Action` of the segment.
         memory: `WireMemory`, for the status inputs, which are NaN without an exchange.
-        shared: arrays of the board.
+        shared: the board.
         now: time on CLOCK_MONOTONIC in ns, by which slow values that are too old become NaN.
         pace: `Pace`, for the greatest age of slow values.
     """

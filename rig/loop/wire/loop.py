@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control import raised_cosine
-from rig.io import FAST_INPUTS
 from rig.loop.board import Board, Word
-from rig.loop.decision_post import DecisionPost
-from rig.loop.interlocks import NO_CHANNEL, Action, Cause, LoopStoppedError, TripError
+from rig.loop.decision_post import post_decision
+from rig.loop.interlocks import Action, Cause, LoopStoppedError, TripError, channel_name
 from rig.loop.ring import RingReader
 
 from .layout import Drive, wire_channels
@@ -54,7 +53,6 @@ class WireLoop:
         test: the test's segment, without its number, which this class chooses.
         start_position: position to which the ram is brought before, m; None leaves it where it is.
         settle_ticks: number of ticks in which it is brought there.
-        period_s: period of the loop.
         silence_s: silence of the loop process after which it counts as lost.
     """
 
@@ -66,17 +64,14 @@ class WireLoop:
         *,
         start_position: float | None,
         settle_ticks: int,
-        period_s: float,
         silence_s: float,
     ) -> None:
-        self._words = board.words
+        self._board, self._words = board, board.words
         self._ring = RingReader(board)
-        self._post = DecisionPost(board)
         self._process = process
         self._test = test
         self._start_position = start_position
         self._settle_ticks = settle_ticks
-        self._period_s = period_s
         self._silence_ns = round(1e9 * silence_s)
         self._number = 0
         self._rows: list[Array] = []
@@ -161,7 +156,7 @@ class WireLoop:
 
     def decided(self, row: Array) -> None:
         """Post a decision, a row of `DECIDED`, which rows written from then on contain."""
-        self._post.post(self._number, row)
+        post_decision(self._board, self._number, row)
 
     def safe_state(self) -> None:
         """Order the loop to hold the ram where it is; wait up to `ANSWER_S` until it does.
@@ -191,8 +186,7 @@ class WireLoop:
 
     def _order(self, segment: Segment) -> int:
         number = int(self._words[Word.SWITCH]) + 1
-        fresh = replace(segment, number=number)
-        self._process.send(fresh)
+        self._process.send(replace(segment, number=number))
         self._process.answer(ANSWER_S)
         return number
 
@@ -224,8 +218,7 @@ class WireLoop:
             action = Action.TRIP
         if action >= Action.HOLD:
             cause = Cause(int(words[Word.LOOP_TRIP]) or int(words[Word.ACTION_CAUSE]))
-            index = int(words[Word.ACTION_CHANNEL])
-            channel = "" if index == NO_CHANNEL else FAST_INPUTS[index]
+            channel = channel_name(int(words[Word.ACTION_CHANNEL]))
             raise LoopStoppedError(action, cause, channel)
         if self._is_silent():
             raise LoopStoppedError(Action.TRIP, Cause.LOOP_LOST)

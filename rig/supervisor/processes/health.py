@@ -7,8 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.io import FAST_INPUTS
-from rig.loop import NO_CHANNEL, Action, Board, Cause, Word, explain
+from rig.loop import Action, Board, Cause, Word, channel_name, explain
 
 from .safety_thread import trips_of
 
@@ -84,8 +83,7 @@ class Health:
 
     @property
     def _channel(self) -> str:
-        index = int(self._words[Word.ACTION_CHANNEL])
-        return "" if index == NO_CHANNEL else FAST_INPUTS[index]
+        return channel_name(int(self._words[Word.ACTION_CHANNEL]))
 
     def _trips(self) -> dict[str, Any]:
         """Return who tripped and why, in order of time, and which steps of the trip were confirmed.
