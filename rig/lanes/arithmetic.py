@@ -30,20 +30,19 @@ def _teach(function: Any, result: Any, arguments: tuple[Any, ...], emit: Emit) -
         arguments: numba type of each argument.
         emit: writes the instructions.
     """
-    kinds = tuple(type(argument) for argument in arguments)
 
     class Typed(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
-            if len(args) != len(kinds) or not any(isinstance(given, kinds) for given in args):
+            if len(args) != len(arguments) or not any(given in arguments for given in args):
                 return None
-            fit = all(isinstance(given, (*kinds, *NUMBERS)) for given in args)
+            fit = all(given in arguments or isinstance(given, NUMBERS) for given in args)
             return signature(result, *arguments) if fit else None
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return emit(builder, *args)
 
     infer_global(function)(Typed)
-    lower_builtin(function, *kinds)(lower)
+    lower_builtin(function, *arguments)(lower)
 
 
 def _instruction(name: str) -> Emit:

@@ -9,6 +9,7 @@ from numba.core import cgutils
 from .kinds import BITS, LANES, TRUTHS, VECTOR, in_all_lanes, intrinsic, lanes, truths
 
 ALIGNMENT: Final = 8
+_ALIGNED: Final = ir.Constant(ir.IntType(32), ALIGNMENT)
 _BYTE_ADDRESS: Final = ir.IntType(64)
 _POINTERS: Final = ir.VectorType(ir.PointerType(), LANES)
 
@@ -54,6 +55,14 @@ def _elements(context: Any, builder: Any, kind: Any, array: Any, rows: Any) -> A
     return builder.inttoptr(builder.add(addresses, offsets), _POINTERS)
 
 
+def _masked(builder: Any, name: str, result: Any, arguments: Any) -> Any:
+    """Emit a call of LLVM's function `llvm.masked.<name>` on lanes; return its result."""
+    kind = ir.FunctionType(result, [argument.type for argument in arguments])
+    name_of_vector = f"llvm.masked.{name}.v{LANES}f64.v{LANES}p0"
+    function = cgutils.get_or_insert_function(builder.module, kind, name_of_vector)
+    return builder.call(function, arguments)
+
+
 @intrinsic
 def gather(typing_context, array, rows):
     """Return lanes with element (rows[j], j) of a C-contiguous float64 array (n, LANES) in lane j.
@@ -63,13 +72,8 @@ def gather(typing_context, array, rows):
 
     def emit(context, builder, signature, arguments):
         pointers = _elements(context, builder, signature.args[0], *arguments)
-        kind = ir.FunctionType(VECTOR, [pointers.type, ir.IntType(32), TRUTHS, VECTOR])
-        name = f"llvm.masked.gather.v{LANES}f64.v{LANES}p0"
-        function = cgutils.get_or_insert_function(builder.module, kind, name)
-        everywhere = ir.Constant(TRUTHS, [1] * LANES)
-        nothing = ir.Constant(VECTOR, ir.Undefined)
-        alignment = ir.Constant(ir.IntType(32), ALIGNMENT)
-        return builder.call(function, [pointers, alignment, everywhere, nothing])
+        everywhere, nothing = ir.Constant(TRUTHS, [1] * LANES), ir.Constant(VECTOR, ir.Undefined)
+        return _masked(builder, "gather", VECTOR, [pointers, _ALIGNED, everywhere, nothing])
 
     return lanes(array, lanes), emit
 
@@ -82,12 +86,9 @@ def scatter(typing_context, array, rows, values, where):
     """
 
     def emit(context, builder, signature, arguments):
-        pointers = _elements(context, builder, signature.args[0], *arguments[:2])
-        kind = ir.FunctionType(ir.VoidType(), [VECTOR, pointers.type, ir.IntType(32), TRUTHS])
-        name = f"llvm.masked.scatter.v{LANES}f64.v{LANES}p0"
-        function = cgutils.get_or_insert_function(builder.module, kind, name)
-        alignment = ir.Constant(ir.IntType(32), ALIGNMENT)
-        builder.call(function, [arguments[2], pointers, alignment, arguments[3]])
+        array, rows, values, where = arguments
+        pointers = _elements(context, builder, signature.args[0], array, rows)
+        _masked(builder, "scatter", ir.VoidType(), [values, pointers, _ALIGNED, where])
         return context.get_dummy_value()
 
     return types.void(array, lanes, lanes, truths), emit
