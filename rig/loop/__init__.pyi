@@ -1,4 +1,5 @@
-from .board import RING_ROWS as RING_ROWS, Board as Board, Word as Word
+from .board import RING_ROWS as RING_ROWS, Board as Board, RingReader as RingReader, Word as Word
+from .clock import wakeup_lateness as wakeup_lateness
 from .cycle import guard as guard, judge as judge, sample_row as sample_row
 from .decided import (
     PRESENT as PRESENT,
@@ -15,7 +16,6 @@ from .homing import (
     HomingSample as HomingSample,
     Phase as Phase,
 )
-from .idle import wakeup_lateness as wakeup_lateness
 from .interlocks import (
     FULL as FULL,
     NO_CHANNEL as NO_CHANNEL,
@@ -55,7 +55,6 @@ from .reaction import (
     tolerating as tolerating,
 )
 from .realtime import Grant as Grant, RealTime as RealTime
-from .ring import RingReader as RingReader
 from .simulated_loop import (
     Motion as Motion,
     SimulatedLoop as SimulatedLoop,

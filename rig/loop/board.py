@@ -3,6 +3,7 @@
 It is anonymous (memfd), so that nothing is left of it however the processes end. Every word, every
 slow value and the ring have one writer each, which uses aligned 8-byte stores. A row is written
 before the word that counts it (`store_release`), so that a reader that sees the count sees the row.
+A `RingReader` reads every row once, in order, while the loop goes on writing.
 """
 
 import mmap
@@ -91,6 +92,9 @@ class Word(IntEnum):
     """Publisher: number of the row that it reads next, where a restarted publisher goes on."""
 
 
+_MARGIN: Final = 256
+"""Number of oldest rows that a reader counts as lost, as the loop may overwrite them meanwhile."""
+
 _WORDS: Final = 64
 _SLOW: Final = 64
 _DECISION: Final = 1 + len(DECIDED)
@@ -140,3 +144,58 @@ class Board(NamedTuple):
             floats[_WORDS + 2 * _SLOW : _RING_AT].reshape(DECISIONS_KEPT, _DECISION),
             floats[_RING_AT:].reshape(RING_ROWS, -1),
         )
+
+
+class RingReader:
+    """One reader of the ring, which does not disturb the loop or other readers.
+
+    It begins with the next row that is written.
+
+    Attributes:
+        lost: number of rows that were overwritten, or about to be, before they were read; a caller
+            may set it to 0.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._words, self._ring = board.words, board.ring
+        self._next = int(board.words[Word.ROWS])
+        self.lost = 0
+
+    def go_on_from(self, row: int) -> None:
+        """Read on from row number `row` of the session; rows that are overwritten count as lost."""
+        self._next = min(row, int(self._words[Word.ROWS]))
+
+    @property
+    def next_row(self) -> int:
+        """Number in the session of the row that is read next."""
+        return self._next
+
+    @property
+    def waiting(self) -> int:
+        """Number of rows that are written and not yet read, with those that are lost already."""
+        return int(self._words[Word.ROWS]) - self._next
+
+    def skip_to_end(self) -> None:
+        """Skip all rows written so far, so that the next row that is written is read next."""
+        self._next = int(self._words[Word.ROWS])
+
+    def take(self, most: int = RING_ROWS) -> Array:
+        """Return the rows that were not yet read, at most `most`, float64 (n, columns).
+
+        It does not wait: n is 0 if there is none. Rows that were overwritten before that, or may be
+        at any moment, are left out and counted in `lost`.
+        """
+        end = int(self._words[Word.ROWS])
+        oldest = end - RING_ROWS + _MARGIN
+        if self._next < oldest:
+            self.lost += oldest - self._next
+            self._next = oldest
+        end = min(end, self._next + most)
+        rows = self._ring[np.arange(self._next, end) % RING_ROWS]
+        self._next = end
+        return rows
+
+    def latest(self, count: int) -> Array:
+        """Return the last rows written, at most `count`; `take` still returns those unread."""
+        end = int(self._words[Word.ROWS])
+        return self._ring[np.arange(max(end - count, 0), end) % RING_ROWS]

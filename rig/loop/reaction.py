@@ -40,9 +40,7 @@ class Reaction(IntEnum):
     """The rig trips, as for any other cause."""
 
 
-_IGNORE: Final = int(Reaction.IGNORE)
-_TOLERATE: Final = int(Reaction.TOLERATE)
-_HOLD: Final = int(Reaction.HOLD)
+_IGNORE, _TOLERATE, _HOLD, _ = (int(reaction) for reaction in Reaction)
 _AT_S: Final = int(Decided.AT_S)
 _CONFIRMED: Final = int(Decided.CONFIRMED)
 _PRESENT: Final = int(Decided.PRESENT)

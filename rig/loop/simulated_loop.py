@@ -1,6 +1,6 @@
 """The loop on the simulated backend, which runs compiled ticks in batches of any length."""
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,7 @@ class Motion:
     settle_ticks: int
 
 
+@dataclass(eq=False, repr=False)
 class SimulatedLoop:
     """One test on a simulated rig, advanced any number of ticks at a time.
 
@@ -70,39 +71,34 @@ class SimulatedLoop:
         ValueError: setpoint and fault table differ in length.
     """
 
-    def __init__(
-        self,
-        rig: SimulatedRig,
-        motion: Motion,
-        memory: FilterMemory,
-        assumed: Parameters,
-        *,
-        gain: float = POSITION_GAIN,
-        limit: float = COMMAND_LIMIT,
-        on_fault: Reaction = Reaction.IGNORE,
-        interlock: Interlock | None = None,
-    ) -> None:
+    rig: SimulatedRig
+    motion: Motion
+    memory: FilterMemory
+    assumed: Parameters
+    _: KW_ONLY
+    gain: float = POSITION_GAIN
+    limit: float = COMMAND_LIMIT
+    on_fault: Reaction = Reaction.IGNORE
+    interlock: Interlock | None = None
+
+    def __post_init__(self) -> None:
+        motion, rig, assumed = self.motion, self.rig, self.assumed
         if motion.faults.shape != (motion.setpoint.size, len(NO_FAULT)):
             raise ValueError(
                 f"fault table {motion.faults.shape} does not fit {motion.setpoint.size} setpoints"
             )
-        self._rig = rig
-        self._motion = motion
-        self._memory = memory
-        self._assumed = assumed
-        self._gain, self._limit = gain, limit
         self._held = np.zeros(1)
         self._tick = 0
-        self._on_fault = int(on_fault)
         self._decided = no_decision()
         self._reaction = reaction_memory()
-        self._guard = guard(interlock or _no_interlock(rig, assumed), interlock is not None)
-        self.channels = row_channels(memory.filter.states, motion.open_loop)
+        judged = self.interlock is not None
+        self._guard = guard(self.interlock or _no_interlock(rig, assumed), judged)
+        self.channels = row_channels(self.memory.filter.states, motion.open_loop)
 
     @property
     def ticks_left(self) -> int:
         """Number of ticks still to run; at least 1 after a stop, so that `advance` can raise it."""
-        left = self._motion.setpoint.size - self._tick
+        left = self.motion.setpoint.size - self._tick
         return max(left, 1) if self._is_stopped else left
 
     @property
@@ -129,10 +125,8 @@ class SimulatedLoop:
         Raises:
             LoopStoppedError: the interlock stopped the motion.
         """
-        rig = self._rig
-        setpoint = raised_cosine(
-            rig.state[4], self._motion.start_position, self._motion.settle_ticks
-        )
+        rig = self.rig
+        setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
         self._run(setpoint, False, no_faults, apart=True)
@@ -154,7 +148,7 @@ class SimulatedLoop:
             raise self.stopped
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
-        motion = self._motion
+        motion = self.motion
         rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part])
         self._tick += len(rows)
         if self._is_stopped and not len(rows):
@@ -177,7 +171,7 @@ class SimulatedLoop:
         """The first command in V of a hold: of the ram where it is, or well within its limits."""
         position = self._guard.inputs[0]
         held = held_position(position, True, self._guard.interlock.limits)
-        return float(np.clip(self._gain * (held - position), -self._limit, self._limit))
+        return float(np.clip(self.gain * (held - position), -self.limit, self.limit))
 
     def last_sample(self) -> Array:
         """Return the sample that was judged last as a row, float64 (1, columns); the rest is NaN.
@@ -195,7 +189,7 @@ class SimulatedLoop:
         Ticks that are `apart` come before the test: they have noise, meters and a filter of their
         own, and the loop does not react to faults.
         """
-        rig, memory, meters, on_fault = self._rig, self._memory, self._rig.meters, self._on_fault
+        rig, memory, meters, on_fault = self.rig, self.memory, self.rig.meters, int(self.on_fault)
         if apart:
             memory, meters, on_fault = memory.copy(), meters.copy(), int(Reaction.IGNORE)
         noise = rig.noise_apart(setpoint.size) if apart else rig.noise(setpoint.size)
@@ -203,12 +197,12 @@ class SimulatedLoop:
         done = simulated_ticks(
             self._tick,
             Ticks(setpoint, faults, noise),
-            Steering(open_loop, self._gain, self._limit, on_fault),
+            Steering(open_loop, self.gain, self.limit, on_fault),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
                 rig.parameters, rig.sensors,
             ),
-            compiled_filter(memory, self._assumed),
+            compiled_filter(memory, self.assumed),
             self._decided,
             self._reaction,
             self._guard,
@@ -226,7 +220,7 @@ class SimulatedLoop:
         The motion's table of faults is changed in place.
         """
         self._held[0] = 0.0
-        self._motion.faults[self._tick :] = 0.0
+        self.motion.faults[self._tick :] = 0.0
 
 
 def _no_interlock(rig: SimulatedRig, assumed: Parameters) -> Interlock:

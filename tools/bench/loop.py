@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 
 from estimator.filters.registry import compiled_filter, start_memory
 from rig.configuration.rigs.rig import Rig, load_rig
-from rig.loop.board import Board, Word
+from rig.loop.board import Board, RingReader, Word
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
 from rig.loop.realtime import RealTime
-from rig.loop.ring import RingReader
 from rig.loop.wire.cycle import wire_ticks
 from rig.loop.wire.layout import Drive, pace, wire_memory
 from rig.loop.wire.orders import Segment, course

@@ -49,11 +49,8 @@ is off is smaller."""
 _COUNTERS: Final = 65536
 """Number of values of `host_counter`."""
 
-_NOT_SAMPLED: Final = 0
-_NOT_TAKEN: Final = 1
-_NOT_PUT_OUT: Final = 2
-_DISABLED: Final = 3
-_FORCED: Final = 4
+_NOT_SAMPLED, _NOT_TAKEN, _NOT_PUT_OUT, _DISABLED, _FORCED = range(5)
+"""Indices in `InterlockMemory.unconfirmed`."""
 
 
 class InterlockMemory(NamedTuple):
