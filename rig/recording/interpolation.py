@@ -58,11 +58,11 @@ class Interpolated:
 
 @dataclass(frozen=True)
 class _Course:
-    """The breaks of a channel's course: rows, ascending, and what they were found by."""
+    """The breaks of an interpolated channel's course: rows, ascending, and how many rows apart."""
 
     held: bool
     rows: NDArray[np.intp]
-    every: int = 0
+    every: int
 
 
 def _breaks(values: FloatArray, held: bool) -> tuple[NDArray[np.intp], float]:
@@ -82,20 +82,20 @@ def _breaks(values: FloatArray, held: bool) -> tuple[NDArray[np.intp], float]:
     return np.flatnonzero(bent > max(_BEND * count, rounding)) + 1, count
 
 
-def _course(values: FloatArray, held: bool) -> _Course:
-    """Return the breaks of values (n,), with their usual distance if they are interpolated."""
+def _course(values: FloatArray, held: bool) -> _Course | None:
+    """Return the breaks of values (n,) with their usual distance; None if not interpolated."""
     rows, count = _breaks(values, held)
     lengths = np.diff(rows)
     longer = lengths[lengths > 1]
     if len(longer) < LEAST or len(longer) < (1.0 - SINGLE) * len(lengths):
-        return _Course(held, rows)
+        return None
     after = rows[1:][lengths > 1]
     if held and np.median(np.abs(values[after] - values[after - 1])) < _STEP * count:
-        return _Course(held, rows)
+        return None
     counts = np.bincount(np.minimum(longer, 10_000))
     pairs = counts[:-1] + counts[1:]
     if pairs.max() < SHARE * len(longer):
-        return _Course(held, rows)
+        return None
     # Where a reading lies between two rows, the slope changes at both, and the second is left out.
     single = rows[np.concatenate([[True], lengths > 1])]
     return _Course(held, single, round(float(np.median(np.diff(single)))))
@@ -125,8 +125,7 @@ def without_interpolated(
     courses: dict[str, _Course] = {}
     for name in measured:
         values = channels[name][np.isfinite(channels[name])]
-        tried = [_course(values, held) for held in (True, False)]
-        found = next((course for course in tried if course.every), None)
+        found = _course(values, held=True) or _course(values, held=False)
         if found is not None:
             courses[name] = found
     if not courses:

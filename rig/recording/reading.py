@@ -41,11 +41,7 @@ def extension_of(path: str) -> str | None:
 
 
 def read_recording(
-    path: str | PathLike[str],
-    *,
-    required: Sequence[str] = REPLAY_CHANNELS,
-    columns: Mapping[str, Column] | None = None,
-    of_rig: bool = True,
+    path: str | PathLike[str], *, required: Sequence[str] = REPLAY_CHANNELS
 ) -> Recording:
     """Return the recording in a .mcap, .csv, .csv.gz or .parquet file, after checking it.
 
@@ -58,13 +54,11 @@ def read_recording(
     Args:
         path: the file.
         required: channels that the file must have, beside `time_s`.
-        columns: channel -> column of the file, for channels that have another name or unit there.
-        of_rig: whether values that no servo-hydraulic rig shows are refused.
 
     Raises:
         RecordingError: lists every problem of the file, each with remedy and, if it has one, line.
     """
-    return _checked(fspath(path), required, columns, of_rig, None)
+    return _checked(fspath(path), required, None, of_rig=True, longest_s=None)
 
 
 def read_measured(

@@ -131,19 +131,16 @@ def on_grid(recording: Recording, period: float, held: Sequence[str]) -> Recordi
     if same and all(np.isfinite(channels[name]).all() for name in held):
         return replace(recording, sampling=sampling)
     grid = _Grid(recording.time_s, own, period)
-    made = {"time_s": grid.time_s}
     lost = np.zeros(len(grid.time_s), dtype=np.bool_)
     for name in held:
-        made[name] = grid.held(channels[name])
         lost |= grid.unknown(channels[name])
+    made = {"time_s": grid.time_s}
     for name, values in channels.items():
-        if name not in made:
+        if name in held:
+            made[name] = grid.held(values)
+        elif name != "time_s":
             made[name] = np.where(lost, np.nan, grid.measured(values))
-    return replace(
-        recording,
-        channels={name: made[name] for name in channels},
-        sampling=sampling,
-    )
+    return replace(recording, channels=made, sampling=sampling)
 
 
 class _Grid:

@@ -12,22 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 import zstandard
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC
 from numpy.typing import NDArray
 
@@ -38,10 +25,10 @@ INDEX_ENTRY: Final = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 """An entry for one message in a chunk's index: its time (ns) and its offset in the chunk."""
 
 
-def serialised(records: Sequence[McapRecord]) -> bytes:
+def serialised(content: Sequence[records.McapRecord]) -> bytes:
     """Return the bytes of records, one after the other, as an MCAP file has them."""
     builder = RecordBuilder()
-    for record in records:
+    for record in content:
         record.write(builder)
     return builder.end()
 
@@ -67,22 +54,22 @@ class McapStream:
     def __init__(
         self,
         path: Path,
-        schemas: Sequence[Schema],
-        channels: Sequence[Channel],
-        metadata: Metadata,
+        schemas: Sequence[records.Schema],
+        channels: Sequence[records.Channel],
+        metadata: records.Metadata,
     ) -> None:
         self._schemas = schemas
         self._channels = channels
-        self._chunk_indexes: list[ChunkIndex] = []
+        self._chunk_indexes: list[records.ChunkIndex] = []
         self._counts = {channel.id: 0 for channel in channels}
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._position = 0
         self.file: Final = path.open("wb")
         self._put(MCAP0_MAGIC)
-        self._write([Header(profile="", library=f"rig.recording {LIBRARY_IDENTIFIER}")])
+        self._write([records.Header(profile="", library=f"rig.recording {LIBRARY_IDENTIFIER}")])
         offset = self._position
         self._write([metadata])
-        self._metadata_index = MetadataIndex(offset, self._position - offset, metadata.name)
+        self._metadata_index = records.MetadataIndex(offset, self._position - offset, metadata.name)
         self._write([*schemas, *channels])
         self.file.flush()
 
@@ -102,7 +89,7 @@ class McapStream:
         }
         data = self._compressor.compress(content)
         start = self._position
-        self._write([Chunk(data=data, uncompressed_crc=zlib.crc32(content), **described)])
+        self._write([records.Chunk(data=data, uncompressed_crc=zlib.crc32(content), **described)])
         index_start = self._position
         offsets = {}
         for channel_id, entries in indexes.items():
@@ -110,7 +97,7 @@ class McapStream:
             self._put(_message_index(channel_id, entries))
             self._counts[channel_id] += len(entries)
         self._chunk_indexes.append(
-            ChunkIndex(
+            records.ChunkIndex(
                 chunk_length=index_start - start,
                 chunk_start_offset=start,
                 compressed_size=len(data),
@@ -122,8 +109,8 @@ class McapStream:
 
     def finish(self) -> None:
         """Write the end of data, the summary and the footer."""
-        self._write([DataEnd(data_section_crc=0)])
-        groups: dict[Opcode, Sequence[McapRecord]] = {
+        self._write([records.DataEnd(data_section_crc=0)])
+        groups: dict[Opcode, Sequence[records.McapRecord]] = {
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
             Opcode.STATISTICS: [self._statistics()],
@@ -133,11 +120,11 @@ class McapStream:
         start = self._position
         summary = b""
         offsets = []
-        for opcode, records in groups.items():
-            group = serialised(records)
-            offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
+        for opcode, content in groups.items():
+            group = serialised(content)
+            offsets.append(records.SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
-        footer = Footer(start, summary_offset_start=start + len(summary), summary_crc=0)
+        footer = records.Footer(start, summary_offset_start=start + len(summary), summary_crc=0)
         summary += serialised(offsets)
         # The checksum covers the summary and the footer up to the checksum itself.
         footer.summary_crc = zlib.crc32(summary + serialised([footer])[:-4])
@@ -147,12 +134,12 @@ class McapStream:
         self.file.write(data)
         self._position += len(data)
 
-    def _write(self, records: Sequence[McapRecord]) -> None:
-        self._put(serialised(records))
+    def _write(self, content: Sequence[records.McapRecord]) -> None:
+        self._put(serialised(content))
 
-    def _statistics(self) -> Statistics:
+    def _statistics(self) -> records.Statistics:
         chunks = self._chunk_indexes
-        return Statistics(
+        return records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=self._counts,

@@ -50,10 +50,8 @@ class McapWriter(AbstractContextManager["McapWriter"]):
     Args:
         path: the file to make.
         channels: names of the channels, which are protobuf identifiers; the first is `time_s`.
-        metadata: values that JSON can hold; they are stored exactly.
-        start_ns: log time of time_s = 0 (ns since an epoch), stored as metadata["start_ns"]; if
-            None, the one in `metadata`, or 0.
-        overwrite: whether an existing file is replaced.
+        metadata: values that JSON can hold; they are stored exactly. The log time of time_s = 0 (ns
+            since an epoch) is the one with the key "start_ns", or 0.
 
     Raises:
         RecordingError: the file exists or its folder does not, or a channel name or metadata
@@ -65,15 +63,12 @@ class McapWriter(AbstractContextManager["McapWriter"]):
         path: str | PathLike[str],
         channels: Sequence[str],
         metadata: Mapping[str, Any] | None = None,
-        *,
-        start_ns: int | None = None,
-        overwrite: bool = False,
     ) -> None:
         self.path: Final = fspath(path)
-        given = dict(metadata or {}) | ({} if start_ns is None else {"start_ns": start_ns})
+        given = metadata or {}
         texts, problems = metadata_texts(self.path, given)
         problems += channel_problems(self.path, channels)
-        problems += target_problems(self.path, may_replace=overwrite)
+        problems += target_problems(self.path, may_replace=False)
         if problems:
             raise RecordingError(problems)
 

@@ -1,12 +1,16 @@
-"""CSV and gzipped CSV are read here, fast if all cells are numbers, else with line numbers."""
+"""CSV and gzipped CSV are read and written here, so that they read back bit for bit.
+
+They are read fast if all cells are numbers, else with line numbers for what is wrong.
+"""
 
 import csv
 import gzip
+import io
 import re
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import IO, Final, cast
 
 import numpy as np
 import pyarrow as pa
@@ -14,10 +18,11 @@ import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
 from rig.recording.errors import RecordingError, RecordingProblem
-from rig.recording.recording import REPLAY_CHANNELS, FloatArray
+from rig.recording.recording import REPLAY_CHANNELS, FloatArray, Recording
 from rig.recording.table import Table
 
 _GZIP_MAGIC: Final = b"\x1f\x8b"
+_GZIP_LEVEL: Final = 1
 _MISSING: Final = ("", "nan", "NaN", "NAN", "-nan")
 _DELIMITERS: Final = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 
@@ -214,3 +219,27 @@ def _report_texts(table: Table, name: str, found: Sequence[tuple[int, str]], n_r
         return
     for row, cell in found:
         table.report(name, f"{cell[:40]!r} is not a number", remedy, limit, row)
+
+
+def write_csv(recording: Recording, path: Path, *, compressed: bool) -> None:
+    """Write a recording's channels as CSV: a header line, then one row per sample.
+
+    Floats are written in their shortest exact form, NaN as an empty cell. The file is gzipped if
+    `compressed`. Metadata and events are not written.
+    """
+    with path.open("wb") as file:
+        if not compressed:
+            _write_text(recording, file)
+            return
+        # The gzip header has neither name nor time, so that equal recordings make equal files.
+        with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, mtime=0) as packed:
+            _write_text(recording, cast(IO[bytes], packed))
+
+
+def _write_text(recording: Recording, file: IO[bytes]) -> None:
+    header = io.StringIO(newline="")
+    csv.writer(header, lineterminator="\n").writerow(recording.channels)
+    file.write(header.getvalue().encode())
+    arrays = [pa.array(values, from_pandas=True) for values in recording.channels.values()]
+    table = pa.table(arrays, names=list(recording.channels))
+    pacsv.write_csv(table, file, pacsv.WriteOptions(include_header=False))
