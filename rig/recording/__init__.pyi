@@ -12,12 +12,7 @@ from .reading import (
     read_recording as read_recording,
     read_sampling as read_sampling,
 )
-from .recording import (
-    REPLAY_CHANNELS as REPLAY_CHANNELS,
-    Event as Event,
-    Recording as Recording,
-    content_hash as content_hash,
-)
+from .recording import REPLAY_CHANNELS as REPLAY_CHANNELS, Event as Event, Recording as Recording
 from .recovery import RecoverySummary as RecoverySummary, recover as recover
 from .sampling import Sampling as Sampling
 from .targets import replace_text as replace_text, replacing as replacing

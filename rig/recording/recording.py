@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -103,16 +102,11 @@ class Recording:
         It does not depend on the order of channels, on metadata, events or source. All NaN count as
         equal, and -0.0 differs from 0.0.
         """
-        return content_hash(self.channels)
-
-
-def content_hash(channels: Mapping[str, FloatArray]) -> str:
-    """Return the SHA-256 (hex) of channels (float64, (n,)), as `Recording.content_hash` does."""
-    digest = hashlib.sha256()
-    for name in sorted(channels):
-        values = channels[name]
-        digest.update(f"{name}\0{len(values)}\0".encode())
-        # The bits within a NaN are lost in text formats, so they must not enter the hash.
-        canonical = np.where(np.isnan(values), np.nan, values)
-        digest.update(np.ascontiguousarray(canonical, dtype="<f8").data)
-    return digest.hexdigest()
+        digest = hashlib.sha256()
+        for name in sorted(self.channels):
+            values = self.channels[name]
+            digest.update(f"{name}\0{len(values)}\0".encode())
+            # The bits within a NaN are lost in text formats, so they must not enter the hash.
+            canonical = np.where(np.isnan(values), np.nan, values)
+            digest.update(np.ascontiguousarray(canonical, dtype="<f8").data)
+        return digest.hexdigest()

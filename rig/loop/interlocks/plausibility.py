@@ -22,12 +22,6 @@ _SPOOL: Final = FAST_INPUTS.index("spool_m")
 _SUPPLY: Final = FAST_INPUTS.index("supply_pressure_Pa")
 _LOAD: Final = FAST_INPUTS.index("load_N")
 _NONE: Final = int(Cause.NONE)
-_JUMP: Final = int(Cause.ENCODER_JUMP)
-_FROZEN: Final = int(Cause.ENCODER_FROZEN)
-_AGAINST_FLOW: Final = int(Cause.POSITION_AGAINST_FLOW)
-_ABOVE_SUPPLY: Final = int(Cause.PRESSURE_ABOVE_SUPPLY)
-_CROSSED: Final = int(Cause.PRESSURES_CROSSED)
-_NOT_FOLLOWING: Final = int(Cause.SPOOL_NOT_FOLLOWING)
 
 _RELATIVE: Final = 1.0
 _HOMED: Final = 2.0
@@ -137,20 +131,21 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
         unsure_ticks = exchange_ticks + evidence[_EXCHANGE]
         timed = unsure_ticks <= min(evidence[_GAP], _UNTIMED_TICKS)
         if _jumped(step, unsure_ticks, tol, evidence):
-            cause, channel = _JUMP, _POSITION
+            cause, channel = Cause.ENCODER_JUMP.value, _POSITION
         elif timed and _against_flow(values, step, homed, tol, evidence):
             frozen = evidence[_STILL] >= evidence[_ACCOUNT]
-            cause, channel = (_FROZEN if frozen else _AGAINST_FLOW), _POSITION
+            cause = Cause.ENCODER_FROZEN.value if frozen else Cause.POSITION_AGAINST_FLOW.value
+            channel = _POSITION
         elif _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
-            cause, channel = _CROSSED, _PRESSURE_1
+            cause, channel = Cause.PRESSURES_CROSSED.value, _PRESSURE_1
         else:
             channel = _above_supply(p1, p2, values[_SUPPLY], tol, evidence)
-            cause = _NONE if channel == NO_CHANNEL else _ABOVE_SUPPLY
+            cause = _NONE if channel == NO_CHANNEL else Cause.PRESSURE_ABOVE_SUPPLY.value
         evidence[_X] = position
         if not timed:
             evidence[_P1], evidence[_P2] = p1, p2
     if cause == _NONE and fresh and _not_following(values[_SPOOL], tol, evidence):
-        cause, channel = _NOT_FOLLOWING, _SPOOL
+        cause, channel = Cause.SPOOL_NOT_FOLLOWING.value, _SPOOL
     if fresh:
         evidence[_GAP] = 0.0
         evidence[_EXCHANGE] = exchange_ticks
