@@ -9,7 +9,7 @@ import gc
 import os
 import struct
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final
 
@@ -43,10 +43,11 @@ class Grant:
     remedy: str = ""
 
 
-class RealTime(AbstractContextManager["RealTime"]):
+class RealTime(ExitStack):
     """All requests for the calling thread and its process; a context manager that undoes them.
 
-    The requests are made when the object is made. A refused one raises no error.
+    The requests are made when the object is made. A refused one raises no error. `close` undoes
+    what was granted, except the timer slack; repeated calls do no harm.
 
     Args:
         cpu: processor to which the thread is pinned; None leaves it to the kernel.
@@ -57,15 +58,17 @@ class RealTime(AbstractContextManager["RealTime"]):
     """
 
     def __init__(self, cpu: int | None, priority: int) -> None:
-        self._latency_fd: int | None = None
-        self._affinity = os.sched_getaffinity(0)
+        super().__init__()
+        affinity = os.sched_getaffinity(0)
+        self.callback(os.sched_setaffinity, 0, affinity)
+        self.callback(_leave_fifo)
         self.grants: tuple[Grant, ...] = ()
         if cpu is not None:
             self._ask(
                 f"processor {cpu}",
                 lambda: os.sched_setaffinity(0, {cpu}),
                 "the loop does not move to a cold cache",
-                f"name one of {', '.join(map(str, sorted(self._affinity)))} as loop: cpu",
+                f"name one of {', '.join(map(str, sorted(affinity)))} as loop: cpu",
             )
         if priority:
             self._ask(
@@ -95,20 +98,8 @@ class RealTime(AbstractContextManager["RealTime"]):
         # Objects that exist now are never garbage, so that the collector may ignore them.
         gc.collect()
         gc.freeze()
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Undo what was granted, except the timer slack; repeated calls do no harm."""
-        gc.unfreeze()
-        _libc.munlockall()
-        if self._latency_fd is not None:
-            os.close(self._latency_fd)
-            self._latency_fd = None
-        if os.sched_getscheduler(0) == _FIFO:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.sched_setaffinity(0, self._affinity)
+        self.callback(_libc.munlockall)
+        self.callback(gc.unfreeze)
 
     def _ask(self, name: str, request: Callable[[], object], why: str, remedy: str) -> None:
         """Make a request, and note the kernel's answer as a `Grant`."""
@@ -122,8 +113,13 @@ class RealTime(AbstractContextManager["RealTime"]):
     def _hold_latency(self) -> None:
         # This is in force as long as the file is open (Documentation/power/pm_qos_interface.rst).
         fd = os.open(_LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC)
-        self._latency_fd = fd
+        self.callback(os.close, fd)
         os.write(fd, struct.pack("i", 0))
+
+
+def _leave_fifo() -> None:
+    if os.sched_getscheduler(0) == _FIFO:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _checked(result: int) -> None:

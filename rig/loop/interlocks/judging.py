@@ -197,24 +197,17 @@ def judged_sample(tick, interlock):
     inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks, command, counter, driving, homed = tick
     limits, tol, memory = interlock
     sampled = fresh and _take(inputs, tol, memory)
-    action, cause, channel = _chain(driving, tol, memory)
-    if action < _TRIP:
-        action, cause, channel = _device(fresh, sampled, age_ticks, command, counter, tol, memory)
-    worse, why, where = _transducers(tol, memory)
-    if worse > action:
-        action, cause, channel = worse, why, where
+    worst = _chain(driving, tol, memory)
+    if worst[0] < _TRIP:
+        worst = _device(fresh, sampled, age_ticks, command, counter, tol, memory)
+    worst = _worse(worst, _transducers(tol, memory))
     held = command if memory.values[_ENABLED] != 0.0 else 0.0
     why, where = implausible(
         memory.trusted, sampled, elapsed_ticks, exchange_ticks, held, homed, tol, memory.evidence
     )
-    if action < _TRIP and why != _NONE:
-        action, cause, channel = _TRIP, why, where
-    worse, why, where = _unhomed(command, homed, tol, memory)
-    if worse > action:
-        action, cause, channel = worse, why, where
-    worse, why, where = _limits(homed, limits, memory)
-    if worse > action:
-        action, cause, channel = worse, why, where
+    worst = _worse(worst, (_TRIP if why != _NONE else _NONE, why, where))
+    worst = _worse(worst, _unhomed(command, homed, tol, memory))
+    action, cause, channel = _worse(worst, _limits(homed, limits, memory))
     if memory.latched[0] == _TRIP:
         return memory.latched[0], memory.latched[1], memory.latched[2]
     if not driving:
@@ -228,6 +221,12 @@ def judged_sample(tick, interlock):
 def check_sample(tick, interlock):
     """Return the result of `judged_sample`; this function is compiled once for all callers."""
     return judged_sample(tick, interlock)
+
+
+@inlined
+def _worse(found, other):
+    """Return the worse of two (action, cause, channel), the first one if they are equally bad."""
+    return other if other[0] > found[0] else found
 
 
 @inlined

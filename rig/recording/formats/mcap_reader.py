@@ -235,10 +235,8 @@ def _collect(file: IO[bytes], collector: SampleCollector) -> None:
     reader = SeekingReader(file)
     summary = reader.get_summary()
     assert summary is not None  # _check_summary has read it
-    for schema in summary.schemas.values():
-        collector.take(schema)
-    for channel in summary.channels.values():
-        collector.take(channel)
+    for record in (*summary.schemas.values(), *summary.channels.values()):
+        collector.take(record)
     if not collector.channels:
         raise ForeignSchemaError(f"no topic {SAMPLES_TOPIC}")
     for metadata in reader.iter_metadata():

@@ -49,6 +49,7 @@ class McapStream:
     Attributes:
         file: the file. Its `flush` hands what is written to the operating system, and its `close`
             leaves it without a summary unless `finish` was called.
+        counts: channel id -> number of messages that are written.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class McapStream:
         self._schemas = schemas
         self._channels = channels
         self._chunk_indexes: list[records.ChunkIndex] = []
-        self._counts = {channel.id: 0 for channel in channels}
+        self.counts = {channel.id: 0 for channel in channels}
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._position = 0
         self.file: Final = path.open("wb")
@@ -95,7 +96,7 @@ class McapStream:
         for channel_id, entries in indexes.items():
             offsets[channel_id] = self._position
             self._put(_message_index(channel_id, entries))
-            self._counts[channel_id] += len(entries)
+            self.counts[channel_id] += len(entries)
         self._chunk_indexes.append(
             records.ChunkIndex(
                 chunk_length=index_start - start,
@@ -142,9 +143,9 @@ class McapStream:
         return records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
-            channel_message_counts=self._counts,
+            channel_message_counts=self.counts,
             chunk_count=len(chunks),
-            message_count=sum(self._counts.values()),
+            message_count=sum(self.counts.values()),
             message_end_time=max((chunk.message_end_time for chunk in chunks), default=0),
             message_start_time=min((chunk.message_start_time for chunk in chunks), default=0),
             metadata_count=1,

@@ -77,8 +77,6 @@ class McapWriter(AbstractContextManager["McapWriter"]):
         self._records = self._layout.blank(CHUNK_SAMPLES, _SAMPLES_ID)
         self._pending = 0
         self._pending_events: list[Message] = []
-        self._samples = 0
-        self._events = 0
         names = {
             "channels": json.dumps(list(channels)),
             "units": json.dumps({name: unit_of(name) for name in channels}),
@@ -120,8 +118,8 @@ class McapWriter(AbstractContextManager["McapWriter"]):
             records = self._records[self._pending : self._pending + count]
             self._layout.set_values(records, rows[done : done + count])
             records["log_time"] = records["publish_time"] = log_times[done : done + count]
-            records["sequence"] = np.arange(self._samples, self._samples + count)
-            self._samples += count
+            first = self._stream.counts[_SAMPLES_ID] + self._pending
+            records["sequence"] = np.arange(first, first + count)
             self._pending += count
             done += count
             if self._pending == CHUNK_SAMPLES:
@@ -135,9 +133,8 @@ class McapWriter(AbstractContextManager["McapWriter"]):
         """
         log_time = int(self._log_times(np.array([time_s]))[0])
         data = json.dumps({"time_s": float(time_s), "kind": kind, "text": text}).encode()
-        message = Message(_EVENTS_ID, log_time, data, publish_time=log_time, sequence=self._events)
-        self._pending_events.append(message)
-        self._events += 1
+        number = self._stream.counts[_EVENTS_ID] + len(self._pending_events)
+        self._pending_events.append(Message(_EVENTS_ID, log_time, data, log_time, number))
 
     def flush(self) -> None:
         """End the present chunk, and hand all data so far to the operating system."""

@@ -35,12 +35,7 @@ def write_mf4(recording: Recording, path: Path, name: str) -> None:
         remedy = "pip install 'hydraulic-rig[mf4]', or choose .parquet or .csv"
         raise RecordingError.of_file(name, value, remedy, "MF4 needs it") from None
     signals = [
-        Signal(
-            samples=np.ascontiguousarray(values),
-            timestamps=recording.time_s,
-            name=channel,
-            unit=unit_of(channel),
-        )
+        Signal(np.ascontiguousarray(values), recording.time_s, name=channel, unit=unit_of(channel))
         for channel, values in recording.channels.items()
         if channel != "time_s"
     ]
