@@ -62,12 +62,8 @@ def _function(name: str) -> Emit:
 
 def _comparison(sign: str) -> Emit:
     """Return an `Emit` for a comparison by IEEE 754: with a NaN, only != is true."""
-
-    def emit(builder: Any, a: Any, b: Any) -> Any:
-        compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
-        return compare(sign, a, b)
-
-    return emit
+    compare = "fcmp_unordered" if sign == "!=" else "fcmp_ordered"
+    return lambda builder, a, b: getattr(builder, compare)(sign, a, b)
 
 
 def _extreme(sign: str) -> Emit:

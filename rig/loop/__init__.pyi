@@ -9,7 +9,6 @@ from .decided import (
     confirmed_fault as confirmed_fault,
     no_decision as no_decision,
 )
-from .decision_post import post_decision as post_decision
 from .homing import (
     Homing as Homing,
     HomingError as HomingError,
@@ -84,6 +83,7 @@ from .wire import (
     course as course,
     orders as orders,
     pace as pace,
+    post_decision as post_decision,
     wire_channels as wire_channels,
     wire_memory as wire_memory,
     wire_ticks as wire_ticks,

@@ -231,15 +231,10 @@ def _no_interlock(rig: SimulatedRig, assumed: Parameters) -> Interlock:
 
 def estimates_in(rows: Array, channels: tuple[str, ...], memory: FilterMemory) -> FilterRun:
     """Return the filter's estimates in a batch of rows, in the form that a detector takes."""
-    outputs = channels.index("innovation_position_m")
-    states = channels.index(f"est_{memory.filter.states[0]}")
-    return FilterRun(
-        memory.filter,
-        rows[:, 0],
-        rows[:, states : states + len(memory.filter.states)],
-        rows[:, outputs:states],
-        memory.dense_covariance,
-    )
+    outputs_at = channels.index("innovation_position_m")
+    first = channels.index(f"est_{memory.filter.states[0]}")
+    states, outputs = rows[:, first : first + len(memory.filter.states)], rows[:, outputs_at:first]
+    return FilterRun(memory.filter, rows[:, 0], states, outputs, memory.dense_covariance)
 
 
 def batch_ticks(first: bool) -> int:

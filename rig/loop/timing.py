@@ -12,15 +12,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-STAGES: Final = {
-    "wakeup": "from the time of the tick until the loop woke",
-    "tick_to_command": "from the time of the tick until the kernel had the frame with the command",
-    "exchange": "from the frame's making until the sample came",
-    "compute": "filter, interlock and record",
-    "tick_to_reply": "from the time of the tick until the sample came",
-    "period": "from one waking to the next",
-}
-"""The stages of a tick that are timed, by name, with their meanings, in the order of `Timing`."""
+STAGES: Final = ("wakeup", "tick_to_command", "exchange", "compute", "tick_to_reply", "period")
+"""The stages of a tick that are timed. From the time of the tick: `wakeup` until the loop woke,
+`tick_to_command` until the kernel had the frame with the command, `tick_to_reply` until the sample
+came. `exchange` is from the frame's making until the sample came, `compute` is filter, interlock
+and record, and `period` is from one waking to the next."""
 
 TIMING: Final = "timing"
 """Kind of the event that contains `Timing.summary` as JSON in a recording."""

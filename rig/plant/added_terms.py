@@ -58,10 +58,7 @@ FORMS: Final = ("1", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table
 """How a term depends on its quantity x. A wave is sin(2 pi x / at + by), a bump is
 exp(-((x - at) / by)^2), and a hinge is max(0, x - at). A table is linear between its knots, and
 constant beyond the first and the last."""
-WAVE: Final = FORMS.index("wave")
-BUMP: Final = FORMS.index("bump")
-HINGE: Final = FORMS.index("hinge")
-TABLE: Final = FORMS.index("table")
+*_, WAVE, BUMP, HINGE, TABLE = range(len(FORMS))
 POWERS: Final = (0, 1, 1, 2, 2, 0, 0, 1, 0)
 """Power of the quantity in each of `FORMS`, from which the unit of a term's size follows."""
 

@@ -13,7 +13,7 @@ from .layout import (
     wire_channels as wire_channels,
     wire_memory as wire_memory,
 )
-from .loop import WireLoop as WireLoop
+from .loop import WireLoop as WireLoop, post_decision as post_decision
 from .orders import (
     Close as Close,
     Closed as Closed,

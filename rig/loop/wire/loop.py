@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control import raised_cosine
-from rig.loop.board import Board, RingReader, Word
-from rig.loop.decision_post import post_decision
+from rig.loop.atomic import store_release
+from rig.loop.board import DECISIONS_KEPT, Board, RingReader, Word
 from rig.loop.interlocks import Action, Cause, LoopStoppedError, TripError, channel_name
 
 from .layout import Drive, wire_channels
@@ -41,6 +41,20 @@ class LoopProcess(Protocol):
 
 ANSWER_S: Final = 5.0
 """Longest time in s to get ready for a segment, and again to switch to it, for the loop process."""
+
+
+def post_decision(board: Board, segment: int, row: Array) -> None:
+    """Post a decision on a segment, a row of `DECIDED`; other segments ignore it.
+
+    Decisions have a ring of their own on the board. A decision is written before the word that
+    counts it (`store_release`). The loop never waits: it copies the newest decision, and then
+    checks by the count whether its place can have been written again meanwhile, which takes
+    seconds. If so, the loop ignores the copy and tries again at the next tick.
+    """
+    number = int(board.words[Word.DECISIONS]) + 1
+    place = board.decisions[number % DECISIONS_KEPT]
+    place[0], place[1:] = segment, row
+    store_release(board.words, Word.DECISIONS.value, number)
 
 
 @dataclass(eq=False, repr=False)
@@ -163,9 +177,8 @@ class WireLoop:
             ChildError: the loop did not take the order.
         """
         if self._words[Word.LOOP_TRIP] == 0 and not self._is_silent():
-            self._switch_to(
-                replace(self.test, drive=Drive.HOLD, open_loop=False, setpoint=np.empty(0))
-            )
+            nowhere = np.empty(0)
+            self._switch_to(replace(self.test, drive=Drive.HOLD, open_loop=False, setpoint=nowhere))
 
     def _take(self) -> None:
         rows = self._ring.take()

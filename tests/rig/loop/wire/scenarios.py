@@ -19,13 +19,13 @@ from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.loop.board import DECISIONS_KEPT, Board, Word
 from rig.loop.decided import DECIDED, Decided
-from rig.loop.decision_post import post_decision
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
 from rig.loop.reaction import Reaction
 from rig.loop.wire import cycle as wire_cycle, null_check
 from rig.loop.wire.layout import Count, Course, Drive, Found, Left, pace, wire_channels, wire_memory
+from rig.loop.wire.loop import post_decision
 from rig.loop.wire.orders import Segment, course
 from rig.plant import Model
 from rig.plant.integrator import TICK

@@ -57,7 +57,7 @@ from numba.core.dispatcher import Dispatcher
 from rig.configuration.campaigns.campaign import load_campaign
 from rig.loop.board import Board
 from rig.loop.decided import no_decision
-from rig.loop.decision_post import post_decision
+from rig.loop.wire.loop import post_decision
 from rig.runner import run_campaign
 from rig.runner.campaign.compiled_pieces import Needs
 from rig.runner.campaign.compiling import ON_HARDWARE, SIMULATED, load
