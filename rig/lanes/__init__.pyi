@@ -1,9 +1,11 @@
-from .alignment import align_stack as align_stack, aligned as aligned, empty_lanes as empty_lanes
 from .arithmetic import emit_function as emit_function
 from .arrays import in_lanes as in_lanes
 from .choosing import anywhere as anywhere, everywhere as everywhere, select as select
 from .kinds import LANES as LANES, intrinsic as intrinsic, lanes as lanes
 from .memory import (
+    align_stack as align_stack,
+    aligned as aligned,
+    empty_lanes as empty_lanes,
     gather as gather,
     load as load,
     load_fields as load_fields,

@@ -56,10 +56,6 @@ def emit_function(name: str, builder: Any, *args: Any) -> Any:
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, name_of_vector), args)
 
 
-def _function(name: str) -> Emit:
-    return partial(emit_function, name)
-
-
 def _comparison(sign: str) -> Emit:
     """Return an `Emit` for a comparison by IEEE 754: with a NaN, only != is true."""
     compare = "fcmp_unordered" if sign == "!=" else "fcmp_ordered"
@@ -89,12 +85,12 @@ _teach(operator.and_, truths, (truths, truths), _instruction("and_"))
 _teach(operator.or_, truths, (truths, truths), _instruction("or_"))
 _teach(operator.invert, truths, (truths,), _instruction("not_"))
 _teach(operator.neg, lanes, (lanes,), _instruction("fneg"))
-_teach(abs, lanes, (lanes,), _function("fabs"))
+_teach(abs, lanes, (lanes,), partial(emit_function, "fabs"))
 _teach(min, lanes, (lanes, lanes), _extreme("<"))
 _teach(max, lanes, (lanes, lanes), _extreme(">"))
-_teach(math.sqrt, lanes, (lanes,), _function("sqrt"))
-_teach(math.floor, lanes, (lanes,), _function("floor"))
-_teach(math.copysign, lanes, (lanes, lanes), _function("copysign"))
+_teach(math.sqrt, lanes, (lanes,), partial(emit_function, "sqrt"))
+_teach(math.floor, lanes, (lanes,), partial(emit_function, "floor"))
+_teach(math.copysign, lanes, (lanes, lanes), partial(emit_function, "copysign"))
 
 
 @overload(np.sqrt, jit_options=INLINED)

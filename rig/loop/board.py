@@ -152,32 +152,28 @@ class RingReader:
     It begins with the next row that is written.
 
     Attributes:
+        next_row: number in the session of the row that is read next.
         lost: number of rows that were overwritten, or about to be, before they were read; a caller
             may set it to 0.
     """
 
     def __init__(self, board: Board) -> None:
         self._words, self._ring = board.words, board.ring
-        self._next = int(board.words[Word.ROWS])
+        self.next_row = int(board.words[Word.ROWS])
         self.lost = 0
 
     def go_on_from(self, row: int) -> None:
         """Read on from row number `row` of the session; rows that are overwritten count as lost."""
-        self._next = min(row, int(self._words[Word.ROWS]))
-
-    @property
-    def next_row(self) -> int:
-        """Number in the session of the row that is read next."""
-        return self._next
+        self.next_row = min(row, int(self._words[Word.ROWS]))
 
     @property
     def waiting(self) -> int:
         """Number of rows that are written and not yet read, with those that are lost already."""
-        return int(self._words[Word.ROWS]) - self._next
+        return int(self._words[Word.ROWS]) - self.next_row
 
     def skip_to_end(self) -> None:
         """Skip all rows written so far, so that the next row that is written is read next."""
-        self._next = int(self._words[Word.ROWS])
+        self.next_row = int(self._words[Word.ROWS])
 
     def take(self, most: int = RING_ROWS) -> Array:
         """Return the rows that were not yet read, at most `most`, float64 (n, columns).
@@ -187,12 +183,12 @@ class RingReader:
         """
         end = int(self._words[Word.ROWS])
         oldest = end - RING_ROWS + _MARGIN
-        if self._next < oldest:
-            self.lost += oldest - self._next
-            self._next = oldest
-        end = min(end, self._next + most)
-        rows = self._ring[np.arange(self._next, end) % RING_ROWS]
-        self._next = end
+        if self.next_row < oldest:
+            self.lost += oldest - self.next_row
+            self.next_row = oldest
+        end = min(end, self.next_row + most)
+        rows = self._ring[np.arange(self.next_row, end) % RING_ROWS]
+        self.next_row = end
         return rows
 
     def latest(self, count: int) -> Array:

@@ -162,16 +162,14 @@ class SimulatedLoop:
         and `stopped` is that trip.
         """
         left = 1.0 - np.arange(round(RAMP_S / TICK)) / round(RAMP_S / TICK)
-        command = self._holding_command if self._guard.stopped[0] == Action.HOLD else self._held[0]
+        command = self._held[0]
+        if self._guard.stopped[0] == Action.HOLD:
+            # A hold begins with the command of the ram where it is, or well within its limits.
+            position = self._guard.inputs[0]
+            held = held_position(position, True, self._guard.interlock.limits)
+            command = float(np.clip(self.gain * (held - position), -self.limit, self.limit))
         self._guard = self._guard._replace(ends_from=int(Action.TRIP))
         return self._run(command * left, True, np.tile(NO_FAULT, (left.size, 1)))
-
-    @property
-    def _holding_command(self) -> float:
-        """The first command in V of a hold: of the ram where it is, or well within its limits."""
-        position = self._guard.inputs[0]
-        held = held_position(position, True, self._guard.interlock.limits)
-        return float(np.clip(self.gain * (held - position), -self.limit, self.limit))
 
     def last_sample(self) -> Array:
         """Return the sample that was judged last as a row, float64 (1, columns); the rest is NaN.

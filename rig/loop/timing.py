@@ -105,11 +105,8 @@ class Timing:
 
     def summary(self) -> dict[str, Any]:
         """Return the statistics of all rows so far by stage, as JSON values; times in s."""
-        return {
-            "ticks": self.ticks,
-            "missed": self.missed,
-            "stages": {name: stage.summary() for name, stage in self.stages.items()},
-        }
+        stages = {name: stage.summary() for name, stage in self.stages.items()}
+        return {"ticks": self.ticks, "missed": self.missed, "stages": stages}
 
 
 def in_short(summary: Mapping[str, Any]) -> str:

@@ -1,13 +1,15 @@
-"""The catalogue of effects that may be switched on in a model, with the parameters of each.
+"""The catalogue of effects that may be switched on in a model, and models of one rig.
 
 Each effect is neutral at its parameters' defaults, so that a model with it contains the simpler
 model as a special case. Simulation, filters and gap workflow share the catalogue. Some effects add
 a term; others shift a parameter that every rig has, and are neutral at the model's present value.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+from .added_terms import AddedTerm
 from .parameters import NOMINAL, Parameters, quantities
 
 _QUANTITIES: Final = quantities()
@@ -91,9 +93,13 @@ def _knob(name: str, field: str, span: _Span | None = None, **options: Any) -> E
     return EffectParameter(name, field, lower, upper, **options)
 
 
+def _effect(name: str, equation: str, source: str, *knobs: EffectParameter) -> PlantEffect:
+    return PlantEffect(name, equation, source, knobs)
+
+
 def _added(name: str, equation: str, source: str, span: _Span | None = None) -> PlantEffect:
     """Return an effect with one knob, "value", for a parameter that has the effect's name."""
-    return PlantEffect(name, equation, source, (_knob("value", name, span),))
+    return _effect(name, equation, source, _knob("value", name, span))
 
 
 def _shift(
@@ -101,7 +107,7 @@ def _shift(
 ) -> PlantEffect:
     """Return an effect with one knob, "value", that shifts a parameter which every rig has."""
     knob = _knob("value", field, span, shift=True, followed_by=followed_by)
-    return PlantEffect(name, equation, source, (knob,))
+    return _effect(name, equation, source, knob)
 
 
 def _leak(name: str, equation: str) -> PlantEffect:
@@ -148,15 +154,13 @@ _EFFECTS: Final = (
         (5e6, 2.5e7),
     ),
     _added("supply_droop", "p_s = p_s0 - R_s q_s^2", "Merritt 1967, ch. 3", (0.0, 2e13)),
-    PlantEffect(
+    _effect(
         "supply_ripple",
         "p_s + A_r sin(2 pi f_r t + phi_r) at the valve",
         "Merritt 1967, ch. 3: flow pulses of the pump's pistons",
-        (
-            _knob("amplitude", "supply_ripple", (0.0, 1e6)),
-            _knob("frequency", "supply_ripple_frequency", (5.0, 400.0)),
-            _knob("phase", "supply_ripple_phase"),
-        ),
+        _knob("amplitude", "supply_ripple", (0.0, 1e6)),
+        _knob("frequency", "supply_ripple_frequency", (5.0, 400.0)),
+        _knob("phase", "supply_ripple_phase"),
     ),
     _added("return_back_pressure", "p_e = p_e0 + R_e q_e^2", "Merritt 1967, ch. 3", (0.0, 2e13)),
     # Friction
@@ -188,26 +192,22 @@ _EFFECTS: Final = (
     _leak("external_leakage_1", "q_el1 = k_el1 sqrt(p1 - p_e) + k_lin (p1 - p_e)"),
     _leak("external_leakage_2", "q_el2 = k_el2 sqrt(p2 - p_e) + k_lin (p2 - p_e)"),
     # Environment
-    PlantEffect(
+    _effect(
         "spring_load",
         "F_r = K_spring max(0, x_a - x_c)",
         "sections 6.1, 7.1.1 and 7.2",
-        (
-            _knob("stiffness", "spring_stiffness", (0.0, 1e6)),
-            _knob("contact", "spring_contact", (0.0, 0.6)),
-        ),
+        _knob("stiffness", "spring_stiffness", (0.0, 1e6)),
+        _knob("contact", "spring_contact", (0.0, 0.6)),
     ),
     _added("constant_force", "F_r + F_0", "eq. 6.8: a weight, or a load held", (-5e3, 5e3)),
     _added("payload_mass", "(m_a + m_p) dv/dt", "eq. 2.6", (0.0, 500.0)),
-    PlantEffect(
+    _effect(
         "end_stop",
         "K_stop delta max(0, 1 + chi v) at depth delta beyond x_low, x_high",
         "Hunt and Crossley 1975; the stroke's ends, where nothing stops the ram before",
-        (
-            _knob("stiffness", "stop_stiffness", (1e6, 6e7), shift=True),
-            _knob("low", "stop_low", (-0.1, 0.6)),
-            _knob("high", "stop_high", (0.0, 5.0)),
-        ),
+        _knob("stiffness", "stop_stiffness", (1e6, 6e7), shift=True),
+        _knob("low", "stop_low", (-0.1, 0.6)),
+        _knob("high", "stop_high", (0.0, 5.0)),
     ),
     # Transducers
     _added("pressure_1_bias", "reading + b_1", "zero of a transducer", (-1e6, 1e6)),
@@ -236,3 +236,42 @@ REMEMBERING: Final = (
     "position_backlash",
 )
 """Fields of effects whose memory is outside the plant's state (`command_path`, `transducers`)."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model of one rig.
+
+    Attributes:
+        name: name of the model.
+        parameters: parameters of the rig, SI, with the terms that the plant holds.
+        effects: names of the effects switched on.
+        provenance: where the model comes from.
+        discovered: terms that the plant cannot hold (`rig.plant.is_held`); simulator and filters
+            ignore them.
+    """
+
+    name: str = "nominal"
+    parameters: Parameters = Parameters()
+    effects: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    discovered: tuple[AddedTerm, ...] = ()
+
+    def with_effect(self, name: str, **values: float) -> "Model":
+        """Return a copy of this model with an effect of the catalogue switched on.
+
+        An effect that shifts a parameter which every rig has is given the new value itself, not a
+        difference (`bulk_modulus`: beta). `coulomb_level` also changes the stiction in proportion,
+        and `stiction_level` the stiction alone; of the two, it must therefore be set last.
+
+        Args:
+            name: name of the effect.
+            **values: SI value of each of its knobs to set, by the knob's name; the other knobs stay
+                as they are, and ranges are not checked.
+
+        Raises:
+            KeyError: the effect, or one of its knobs, is not in the catalogue.
+        """
+        parameters = CATALOGUE[name].applied(self.parameters, **values)
+        effects = self.effects if name in self.effects else (*self.effects, name)
+        return replace(self, parameters=parameters, effects=effects)

@@ -57,9 +57,5 @@ def _write_sidecar(recording: Recording, path: Path) -> None:
     if not recording.metadata and not recording.events:
         path.unlink(missing_ok=True)
         return
-    content = {
-        "sha256": recording.content_hash(),
-        "metadata": recording.metadata,
-        "events": recording.events,
-    }
-    replace_text(path, json.dumps(content, indent=1) + "\n")
+    content = {"sha256": recording.content_hash(), "metadata": recording.metadata}
+    replace_text(path, json.dumps(content | {"events": recording.events}, indent=1) + "\n")

@@ -14,9 +14,8 @@ import numpy as np
 from . import formats
 from .errors import RecordingError
 from .interpolation import without_interpolated
-from .recording import REPLAY_CHANNELS, Recording, events_from
+from .recording import REPLAY_CHANNELS, Recording, Table, events_from
 from .sampling import LONGEST_S, SAMPLE_PERIOD_S, Sampling, on_grid, sampling_of
-from .table import Table
 from .validation import problems_of
 
 EXTENSIONS: Final = (".mcap", ".csv", ".csv.gz", ".parquet")

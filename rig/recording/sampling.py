@@ -74,7 +74,8 @@ class Sampling:
 def sampling_of(time_s: FloatArray, grid: float | None = None) -> Sampling:
     """Return how rows at ascending times (n,), s, were sampled, for a grid of samples, s.
 
-    Without a grid it is `grid_for` the rows.
+    Without a grid it is one on which the rows are placed well: that of even rows. Uneven ones,
+    whose times matter, get a finer grid: 1 ms, or a 20th of their period if that is longer.
     """
     period, steps = period_of(time_s), np.diff(time_s)
     gaps = steps > GAP * period
@@ -83,19 +84,10 @@ def sampling_of(time_s: FloatArray, grid: float | None = None) -> Sampling:
     around = time_s - time_s.mean()
     late = around - number * float(number @ around / (number @ number))
     even = bool(np.all(np.abs(late) <= _JITTER * period))
-    made = Sampling(period, 0.0, even, int(gaps.sum()), float((steps[gaps] - period).sum()))
-    return replace(made, grid=grid_for(made) if grid is None else grid)
-
-
-def grid_for(rows: Sampling) -> float:
-    """Return the period of the samples, s, on which rows are placed well.
-
-    It is that of even rows. Uneven ones, whose times matter, get a finer grid: 1 ms, or a 20th of
-    their period if that is longer.
-    """
-    if rows.even or rows.period <= SAMPLE_PERIOD_S:
-        return rows.period
-    return max(SAMPLE_PERIOD_S, float(f"{rows.period / FINER:.2g}"))
+    if grid is None:
+        finer = max(SAMPLE_PERIOD_S, float(f"{period / FINER:.2g}"))
+        grid = period if even or period <= SAMPLE_PERIOD_S else finer
+    return Sampling(period, grid, even, int(gaps.sum()), float((steps[gaps] - period).sum()))
 
 
 def period_of(time_s: FloatArray) -> float:

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import RecordingProblem
-from .recording import FloatArray
+from .recording import FloatArray, Table
 from .sampling import GAP, PERIOD_TOLERANCE, SAMPLE_PERIOD_S, SHORTEST_S, period_of
-from .table import Table
 from .units import CONVERSIONS
 
 LONGEST_GAP_S: Final = 600.0
@@ -35,16 +34,12 @@ _ALIASES: Final = {
     "p2": "pressure_2_Pa",
 }
 
-_STROKE: Final = (10.0, "m", "looks like mm: divide by 1000")
-_PRESSURE: Final = (1e8, "Pa", "find out the sensor's scale")
+_PRESSURES: Final = ("pressure_1_Pa", "pressure_2_Pa", "supply_pressure_Pa")
 _SPANS: Final = {
-    "position_m": _STROKE,
-    "setpoint_m": _STROKE,
+    **dict.fromkeys(("position_m", "setpoint_m"), (10.0, "m", "looks like mm: divide by 1000")),
     "spool_m": (0.01, "m", "looks like mm (divide by 1000) or um (divide by 1e6)"),
     "command_V": (50.0, "V", "looks like mV (divide by 1000) or a percentage"),
-    "pressure_1_Pa": _PRESSURE,
-    "pressure_2_Pa": _PRESSURE,
-    "supply_pressure_Pa": _PRESSURE,
+    **dict.fromkeys(_PRESSURES, (1e8, "Pa", "find out the sensor's scale")),
 }
 """Channel -> its largest plausible magnitude, the unit of that, and a remedy for larger values."""
 # A rig under pressure exceeds this in some chamber at some time, also if sensor noise is 30 kPa.
@@ -83,8 +78,8 @@ def problems_of(
         for name in _SPANS:
             if name in table.columns:
                 _check_magnitude(table, name)
-        _check_pressures(table, ["pressure_1_Pa", "pressure_2_Pa"])
-        _check_pressures(table, ["supply_pressure_Pa"])
+        _check_pressures(table, _PRESSURES[:2])
+        _check_pressures(table, _PRESSURES[2:])
     for name in required:
         if name in table.columns:
             _check_values(table, name, longest_s is not None and name != "time_s")

@@ -17,11 +17,8 @@ from rig.plant import inlined
 
 from .check_tolerances import Tolerances
 from .ladder import NO_CHANNEL, Action, Cause, LimitTable
-from .plausibility import implausible, no_evidence
+from .plausibility import POSITION, PRESSURE_1, PRESSURE_2, implausible, no_evidence
 
-_POSITION: Final = FAST_INPUTS.index("position_m")
-_PRESSURE_1: Final = FAST_INPUTS.index("pressure_1_Pa")
-_PRESSURE_2: Final = FAST_INPUTS.index("pressure_2_Pa")
 _ESTOP: Final = FAST_INPUTS.index("estop_closed")
 _ENABLED: Final = FAST_INPUTS.index("valve_enabled")
 _WATCHDOG: Final = FAST_INPUTS.index("watchdog_tripped")
@@ -129,7 +126,7 @@ def allowed_command(command, homed, tol, memory):
     if homed:
         return command
     command = min(max(command, -tol.unhomed_command_V), tol.unhomed_command_V)
-    load_pressure = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
+    load_pressure = memory.values[PRESSURE_1] - memory.values[PRESSURE_2]
     if not load_pressure * command > 0.0:
         return command
     pushed = abs(load_pressure) / tol.unhomed_load_pressure_Pa
@@ -148,7 +145,7 @@ def held_position(position, homed, limits):
     if not homed:
         return position
     for i in range(limits.channel.size):
-        if limits.channel[i] == _POSITION and limits.action[i] >= _HOLD:
+        if limits.channel[i] == POSITION and limits.action[i] >= _HOLD:
             back = limits.hysteresis[i] + _INWARD_M
             if position < limits.low[i]:
                 position = limits.low[i] + back
@@ -296,7 +293,7 @@ def _transducers(tol, memory):
     """Judge each channel by itself: it must have a value, be within its range, and not freeze."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     if memory.values[_ENCODER_FAULT] == 1.0:
-        worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, _POSITION
+        worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, POSITION
     for i in range(memory.values.size):
         memory.trusted[i] = memory.values[i]
         found = _NONE
@@ -309,7 +306,7 @@ def _transducers(tol, memory):
         if found != _NONE:
             memory.trusted[i] = np.nan
             # Without these three the ram cannot be held, or its chambers cannot be protected.
-            needed = i in (_POSITION, _PRESSURE_1, _PRESSURE_2)
+            needed = i in (POSITION, PRESSURE_1, PRESSURE_2)
             action = _TRIP if needed else _RAMP_DOWN
             if action > worst:
                 worst, cause, channel = action, found, i
@@ -321,14 +318,14 @@ def _unhomed(command, homed, tol, memory):
     """Judge command and load pressure of a ram that is not homed, which may meet its stroke end."""
     if homed:
         return _NONE, _NONE, NO_CHANNEL
-    force = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
+    force = memory.values[PRESSURE_1] - memory.values[PRESSURE_2]
     # Only a command that raises the load pressure counts: the opposite one relieves trapped oil.
     pushes = abs(force) > tol.unhomed_load_pressure_Pa and force * command > 0.0
     memory.unconfirmed[_FORCED] = memory.unconfirmed[_FORCED] + 1 if pushes else 0
     if abs(command) > tol.unhomed_command_V + tol.command_V:
         return _TRIP, Cause.NOT_HOMED.value, NO_CHANNEL
     if memory.unconfirmed[_FORCED] > tol.confirm_ticks:
-        return _TRIP, Cause.HOMING_FORCE.value, _PRESSURE_1 if force > 0.0 else _PRESSURE_2
+        return _TRIP, Cause.HOMING_FORCE.value, PRESSURE_1 if force > 0.0 else PRESSURE_2
     return _NONE, _NONE, NO_CHANNEL
 
 
@@ -342,7 +339,7 @@ def _limits(homed, limits, memory):
         back = limits.hysteresis[i] if memory.active[i] else 0.0
         below = value < limits.low[i] + back
         above = value > limits.high[i] - back
-        if (where == _POSITION and not homed) or not (below or above):
+        if (where == POSITION and not homed) or not (below or above):
             memory.outside[i] = memory.active[i] = 0
             continue
         memory.outside[i] += 1

@@ -219,9 +219,7 @@ class WireLoop:
     def _check(self) -> None:
         """Raise `LoopStoppedError` if the loop has stopped the motion, or is silent."""
         words = self._words
-        action = Action(int(words[Word.ACTION]))
-        if words[Word.LOOP_TRIP]:
-            action = Action.TRIP
+        action = Action.TRIP if words[Word.LOOP_TRIP] else Action(int(words[Word.ACTION]))
         if action >= Action.HOLD:
             cause = Cause(int(words[Word.LOOP_TRIP]) or int(words[Word.ACTION_CAUSE]))
             channel = channel_name(int(words[Word.ACTION_CHANNEL]))

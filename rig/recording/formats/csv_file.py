@@ -9,6 +9,7 @@ import io
 import re
 import zlib
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import IO, Final, cast
 
@@ -18,8 +19,7 @@ import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
 from rig.recording.errors import RecordingError, RecordingProblem
-from rig.recording.recording import REPLAY_CHANNELS, FloatArray, Recording
-from rig.recording.table import Table
+from rig.recording.recording import REPLAY_CHANNELS, FloatArray, Recording, Table
 
 _GZIP_MAGIC: Final = b"\x1f\x8b"
 _GZIP_LEVEL: Final = 1
@@ -134,15 +134,13 @@ def _line_numbers(text: bytes) -> Callable[[int], int]:
 
     The lines are counted when the function is first called.
     """
-    numbers: list[int] = []
 
-    def line_of(row: int) -> int:
-        if not numbers:
-            lines = text.splitlines()[1:]
-            numbers.extend(number for number, line in enumerate(lines, 2) if line.strip())
-        return numbers[row]
+    @cache
+    def numbers() -> list[int]:
+        lines = text.splitlines()[1:]
+        return [number for number, line in enumerate(lines, 2) if line.strip()]
 
-    return line_of
+    return lambda row: numbers()[row]
 
 
 def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
@@ -154,13 +152,10 @@ def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
     keys = [str(position) for position in range(n_columns)]
     if not text[len(_first_line(text)) :].strip():
         return [np.empty(0) for _ in keys]
-    table = pacsv.read_csv(
-        pa.BufferReader(text),
-        read_options=pacsv.ReadOptions(column_names=keys, skip_rows=1, use_threads=False),
-        convert_options=pacsv.ConvertOptions(
-            column_types={key: pa.float64() for key in keys}, null_values=list(_MISSING)
-        ),
-    )
+    kinds = {key: pa.float64() for key in keys}
+    read = pacsv.ReadOptions(column_names=keys, skip_rows=1, use_threads=False)
+    convert = pacsv.ConvertOptions(column_types=kinds, null_values=list(_MISSING))
+    table = pacsv.read_csv(pa.BufferReader(text), read_options=read, convert_options=convert)
     # The columns are copied, as pyarrow's own buffers are read-only.
     return [np.array(table[key].to_numpy(), dtype=np.float64) for key in keys]
 

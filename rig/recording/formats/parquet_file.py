@@ -13,8 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rig.recording.errors import RecordingError
-from rig.recording.recording import Recording, events_from
-from rig.recording.table import Table
+from rig.recording.recording import Recording, Table, events_from
 from rig.recording.units import unit_of
 
 _METADATA: Final = b"rig.metadata"
@@ -32,12 +31,9 @@ def write_parquet(recording: Recording, path: Path) -> None:
     schema = pa.schema(columns, metadata=texts)
     arrays = [pa.array(values) for values in recording.channels.values()]
     # Split byte streams put similar exponents side by side; dictionaries do not pay with noise.
+    table = pa.table(arrays, schema=schema)
     pq.write_table(
-        pa.table(arrays, schema=schema),
-        path,
-        compression="zstd",
-        use_dictionary=False,
-        use_byte_stream_split=True,
+        table, path, compression="zstd", use_dictionary=False, use_byte_stream_split=True
     )
 
 

@@ -128,8 +128,7 @@ def test_a_jitter_of_a_third_of_a_step_is_no_gap(healthy: Recording) -> None:
 def problems_of_channels(
     healthy: Recording, changed: dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]
 ) -> list[RecordingProblem]:
-    from rig.recording.recording import REPLAY_CHANNELS
-    from rig.recording.table import Table
+    from rig.recording.recording import REPLAY_CHANNELS, Table
     from rig.recording.validation import problems_of
 
     table = Table("run.csv", healthy.channels | changed)
