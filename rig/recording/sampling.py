@@ -140,9 +140,8 @@ class _Grid:
 
     def __init__(self, rows_s: FloatArray, own: float, period: float) -> None:
         self.rows_s, self.own, self.period = rows_s, own, period
-        places = np.floor((rows_s - rows_s[0]) / period + 0.5).astype(np.int64)
-        self._places = places
-        self.time_s = rows_s[0] + period * np.arange(int(places[-1]) + 1)
+        self._places = np.floor((rows_s - rows_s[0]) / period + 0.5).astype(np.int64)
+        self.time_s = rows_s[0] + period * np.arange(int(self._places[-1]) + 1)
 
     def measured(self, values: FloatArray) -> FloatArray:
         """Return readings (n,) as samples (m,), each moved to its sample by its rate of change."""

@@ -42,7 +42,6 @@ def read_csv(path: str) -> Table:
     names, problems = _header(path, text)
     kept = {name: names.index(name) for name in names if name}
     table = Table(path, {}, problems, line_of=_line_numbers(text))
-    columns: Sequence[FloatArray] | NDArray[np.float64]
     try:
         columns = _fast_columns(text, len(names))
     except pa.ArrowInvalid:
@@ -162,10 +161,10 @@ def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
 
 def _careful_columns(
     table: Table, text: bytes, names: Sequence[str]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[list[FloatArray], NDArray[np.bool_]]:
     """Return the columns and a mask of unreadable cells; report the problems of those cells.
 
-    Both have shape (n_columns, n); unreadable cells are NaN.
+    Each column has shape (n,), with NaN for unreadable cells; the mask has shape (n_columns, n).
     """
     rows: list[list[float | None]] = []
     wrong: dict[str, list[tuple[int, str]]] = {name: [] for name in names}
@@ -190,7 +189,7 @@ def _careful_columns(
         _report_texts(table, name, found, len(rows))
     columns = np.array(rows, dtype=np.float64).reshape(-1, len(names)).T
     unreadable = np.array([[value is None for value in row] for row in rows], dtype=np.bool_)
-    return np.ascontiguousarray(columns), unreadable.reshape(-1, len(names)).T
+    return list(np.ascontiguousarray(columns)), unreadable.reshape(-1, len(names)).T
 
 
 def _number(cell: str) -> float | None:
