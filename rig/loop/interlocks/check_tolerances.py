@@ -135,23 +135,18 @@ def tolerances(
         command_limit_V: greatest command of either sign.
     """
     deviation = sigmas(period_s)
-    noise = {
-        "pressure_1_Pa": sensors.pressure_noise,
-        "pressure_2_Pa": sensors.pressure_noise,
-        "spool_m": sensors.spool_noise,
-        "supply_pressure_Pa": sensors.supply_pressure_noise,
-        "load_N": sensors.load_noise,
-    }
     # An empty chamber reads the low end of its range; only beyond it is a transducer broken.
     span = sensors.pressure_max - sensors.pressure_min
-    pressure_range = (sensors.pressure_min - 0.05 * span, sensors.pressure_max)
-    ranges = ENDS | {
-        "pressure_1_Pa": pressure_range,
-        "pressure_2_Pa": pressure_range,
-        "supply_pressure_Pa": pressure_range,
-        "spool_m": (-sensors.spool_range, sensors.spool_range),
-        "load_N": (-inf, sensors.load_max),
+    pressures = (sensors.pressure_min - 0.05 * span, sensors.pressure_max)
+    # Channel -> its noise and the ends of its range.
+    known = {name: (0.0, *ends) for name, ends in ENDS.items()} | {
+        "pressure_1_Pa": (sensors.pressure_noise, *pressures),
+        "pressure_2_Pa": (sensors.pressure_noise, *pressures),
+        "supply_pressure_Pa": (sensors.supply_pressure_noise, *pressures),
+        "spool_m": (sensors.spool_noise, -sensors.spool_range, sensors.spool_range),
+        "load_N": (sensors.load_noise, -inf, sensors.load_max),
     }
+    sheets = [known.get(name, (0.0, -inf, inf)) for name in FAST_INPUTS]
     repeats = frozen_samples(period_s)
     conductance = valve_conductance(par)
     drop = par.supply_pressure - par.return_pressure
@@ -165,10 +160,10 @@ def tolerances(
         period_s=period_s,
         stale_ticks=ticks(stale_s),
         required=np.array([int(name in fitted) for name in FAST_INPUTS], np.int64),
-        range_low=np.array([ranges.get(name, (-inf, inf))[0] for name in FAST_INPUTS]),
-        range_high=np.array([ranges.get(name, (-inf, inf))[1] for name in FAST_INPUTS]),
+        range_low=np.array([low for _, low, _ in sheets]),
+        range_high=np.array([high for _, _, high in sheets]),
         frozen_samples=np.array(
-            [repeats if noise.get(name, 0.0) > 0.0 else 0 for name in FAST_INPUTS], np.int64
+            [repeats if noise > 0.0 else 0 for noise, _, _ in sheets], np.int64
         ),
         count_m=sensors.position_resolution,
         jump_speed_m_per_s=_SPEED_MARGIN * speed,
