@@ -328,7 +328,6 @@ class ConnectedRig:
             self.segment(Drive.TRACK, **changes),
             start_position=start_position,
             settle_ticks=round(settle_s / TICK),
-            period_s=TICK,
             silence_s=self.configured.loop.loop_silence,
         )
 

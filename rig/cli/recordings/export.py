@@ -40,7 +40,7 @@ def _export_run(run: Path, out: Path, extension: str) -> int:
 
     recordings = read_run(run).recordings
     if not recordings:
-        raise RecordingError([RecordingProblem(str(run), None, "run", "has no recording", "", "")])
+        raise RecordingError([RecordingProblem(str(run), "run", "has no recording", "")])
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -31,6 +31,7 @@ from rig.loop import (
     Board,
     Drive,
     Reaction,
+    Segment,
     course,
     guard,
     interlock,
@@ -38,11 +39,10 @@ from rig.loop import (
     limit_table,
     no_decision,
     pace,
-    prepare,
+    post_decision,
     react,
     reaction_memory,
     sample_row,
-    shared_memory,
     tolerances,
     tolerating,
     wire_channels,
@@ -158,7 +158,9 @@ def _detector(needs: Needs) -> None:
 
 def _decisions(needs: Needs) -> None:
     """Compile how a decision is posted to the loop."""
-    prepare()
+    board = Board.create(1)
+    post_decision(board, 0, no_decision())
+    os.close(board.fd)
 
 
 def _loop(needs: Needs) -> None:
@@ -170,7 +172,7 @@ def _loop(needs: Needs) -> None:
     period_s = 1.0 / rig.loop.rate
     board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
     wire_ticks(
-        course(_NEVER, np.empty(0), Drive.NULL),
+        course(Segment(_NEVER, Drive.NULL, memory, model.parameters)),
         compiled_filter(memory, model.parameters),
         interlock(
             limit_table(rig.ladder, period_s),
@@ -184,7 +186,7 @@ def _loop(needs: Needs) -> None:
         driver.plan(),
         driver.look_plan(),
         wire_memory(),
-        shared_memory(board),
+        board,
     )  # fmt: skip
     os.close(board.fd)
 

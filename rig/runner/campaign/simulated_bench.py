@@ -66,7 +66,7 @@ class SimulatedBench:
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> McapWriter:
         """Return the writer of a test's recording."""
-        return McapWriter(path, channels, metadata, start_ns=time.time_ns())
+        return McapWriter(path, channels, {**metadata, "start_ns": time.time_ns()})
 
 
 def truth_of(rig: Rig, test: CampaignTest) -> Model:

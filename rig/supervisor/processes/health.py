@@ -7,8 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.io import FAST_INPUTS
-from rig.loop import NO_CHANNEL, Action, Board, Cause, Word, explain
+from rig.loop import Action, Board, Cause, Word, channel_name, explain
 
 Array = NDArray[np.float64]
 
@@ -63,8 +62,7 @@ def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
 
 def loop_channel(board: Board) -> str:
     """Return the name of the channel that the loop's action concerns; empty if it concerns none."""
-    channel = int(board.words[Word.ACTION_CHANNEL])
-    return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
+    return channel_name(int(board.words[Word.ACTION_CHANNEL]))
 
 
 def stage_times(rows: Array, channels: Sequence[str]) -> dict[str, dict[str, float]]:

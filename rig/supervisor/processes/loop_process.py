@@ -12,6 +12,7 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -39,7 +40,6 @@ from rig.loop import (
     course,
     interlock,
     pace,
-    shared_memory,
     wire_memory,
     wire_ticks,
 )
@@ -188,22 +188,9 @@ class LoopProcess:
         self._offset_m = segment.offset_m
         if segment.homed is not None:
             self._words[Word.HOMED] = segment.homed
-        planned = course(
-            number,
-            segment.setpoint,
-            segment.drive,
-            open_loop=segment.open_loop,
-            gain=segment.gain,
-            limit=segment.limit,
-            on_fault=segment.on_fault,
-            offset=segment.offset_m,
-            valve_enable=segment.valve_enable,
-            reset_lamp=segment.reset_lamp,
-            rearm=segment.rearm,
-        )
         return Left(
             wire_ticks(
-                planned,
+                course(replace(segment, number=number)),
                 compiled_filter(segment.memory, segment.assumed),
                 self._interlock,
                 self._pace,
@@ -211,7 +198,7 @@ class LoopProcess:
                 self._driver.plan(),
                 self._driver.look_plan(),
                 self._memory,
-                shared_memory(self._board),
+                self._board,
             )
         )
 

@@ -109,9 +109,8 @@ class Recorder:
         self._ring.skip_to_end()
         self._segment, self._written, self._due = order.segment, 0, -1
         self._segment_column = order.channels.index("segment")
-        self._writer = McapWriter(
-            order.path, order.channels, order.metadata, start_ns=order.start_ns
-        )
+        metadata = {**order.metadata, "start_ns": order.start_ns}
+        self._writer = McapWriter(order.path, order.channels, metadata)
         # A file that is cut off right after this has at least the metadata of its test.
         self._writer.flush()
         self._pipe.send(order.segment)

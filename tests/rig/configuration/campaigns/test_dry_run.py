@@ -10,7 +10,7 @@ from rig.configuration import ConfigError
 from rig.configuration.campaigns.dry_run import valve_speed
 from rig.configuration.checking import CheckReport, check
 from rig.configuration.reading.lookup import FOLDERS
-from rig.plant.model import Model
+from rig.plant.effects import Model
 from rig.plant.parameters import NOMINAL
 from rig.plant.simulation import simulate
 

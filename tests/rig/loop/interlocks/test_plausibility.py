@@ -221,7 +221,7 @@ def run(
     tick, cause, channel = _interlocked(
         motion.setpoint, motion.open_loop, faults, every, exchange, stall, in_exchange,
         FAULTS.index(fault), at, rig.state, par or rig.parameters, rig.sensors, rig.noise(ticks),
-        limits, tol, interlock_memory(limits), peak,
+        limits, tol, interlock_memory(limits.channel.size), peak,
     )  # fmt: skip
     return Outcome(
         tick, Cause(cause), FAST_INPUTS[channel] if channel >= 0 else "", Evidence(*peak)

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.loop.board import RING_ROWS, Board, Word
+from rig.loop.board import RING_ROWS, Board, RingReader, Word
 from rig.loop.interlocks.ladder import Cause
-from rig.loop.ring import RingReader
 from rig.recording import read_recording, recover
 from rig.supervisor.processes.child import Child, ChildError
 from rig.supervisor.processes.recorder import (
