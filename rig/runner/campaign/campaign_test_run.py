@@ -1,11 +1,13 @@
 """Runs one test of a campaign on a bench, records it, and judges it."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from estimator.filters import start_memory
 from estimator.leaks import Detector, DetectorFactory, PatternDetector
@@ -32,12 +34,59 @@ from .injection import Injection
 from .judging import Judge
 from .operator_requests import Desk, Request
 from .pacing import LIVE_TICKS, Pacer
-from .phases import CLEANUP_S, Deadline, Phase
 from .stopping import StopFlag
 from .suspending import Suspenders
 
+CLEANUP_S: Final = 60.0
+"""How long cleaning up may take, s. On hardware the ramp and the answers of loop and recorder, each
+with a limit of its own, add up to 35 s."""
 
-@dataclass
+
+class Phase(StrEnum):
+    """The phase that a test is in."""
+
+    SETUP = "setup"
+    """The runner makes the detector, the filter and the loop."""
+    POSITIONING = "positioning"
+    """The ram moves to its start position and comes to rest there."""
+    SETTLE = "settle"
+    """If the run is paced, the runner waits for the rest of the settling time."""
+    INJECT = "inject"
+    """The bypass valves move to their first positions, and the faults are scheduled."""
+    MAIN = "main"
+    """The test's motion runs, and is recorded and judged."""
+    CLEANUP = "cleanup"
+    """All faults are removed, the ram is stopped or held, and the recording is closed."""
+
+
+class Deadline:
+    """Calls a function if cleaning up takes too long.
+
+    Args:
+        seconds: how long cleaning up may take.
+        overdue: is called once, from a thread of its own, because the main thread may hang.
+    """
+
+    def __init__(self, seconds: float, overdue: Callable[[], None]) -> None:
+        self._seconds = seconds
+        self._overdue = overdue
+        self._timer: threading.Timer | None = None
+
+    def start(self) -> None:
+        """Start the time, unless it runs already."""
+        if self._timer is None:
+            self._timer = threading.Timer(self._seconds, self._overdue)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def cancel(self) -> None:
+        """Stop the time, because everything is cleaned up."""
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()
+
+
+@dataclass(kw_only=True)
 class Setting:
     """The objects that all tests of one campaign share while they run.
 
@@ -48,8 +97,6 @@ class Setting:
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
         deadline: limits how long cleaning up after a test may take.
-        enters: is called with each phase that a test enters, and the file name of its recording in
-            the phase `MAIN`, None in the others.
     """
 
     campaign: Campaign
@@ -64,8 +111,23 @@ class Setting:
     desk: Desk
     suspenders: Suspenders
     detector: DetectorFactory | None = None
-    deadline: Deadline = field(default_factory=lambda: Deadline(CLEANUP_S, lambda: None))
-    enters: Callable[[Phase, str | None], None] = lambda phase, recording: None
+    deadline: Deadline = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.deadline = Deadline(CLEANUP_S, self.cleans_up_too_long)
+
+    def cleans_up_too_long(self) -> None:
+        """End the process, because cleaning up takes longer than `CLEANUP_S`."""
+        raise NotImplementedError
+
+    def enters(self, phase: Phase, recording: str | None = None) -> None:
+        """Note the phase that the present test enters.
+
+        Args:
+            phase: the phase.
+            recording: file name of the test's recording in the phase `MAIN`, None in the others.
+        """
+        raise NotImplementedError
 
 
 class _InterruptedError(Exception):
@@ -146,26 +208,8 @@ def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
         setting.deadline.start()
         # A full disk must not keep the rig from being made safe.
         with suppress(OSError):
-            setting.enters(Phase.CLEANUP, None)
+            setting.enters(Phase.CLEANUP)
         loop.safe_state()
-
-
-class _Observed:
-    """A writer that passes rows and events on to another writer, and events also to the observer.
-
-    It has the method `timing` if the other writer has it.
-    """
-
-    def __init__(self, writer: Writer, observer: Observer) -> None:
-        self._writer = writer
-        self._observer = observer
-        self.write = writer.write
-        if isinstance(writer, Timed):
-            self.timing = writer.timing
-
-    def event(self, time_s: float, kind: str, text: str) -> None:
-        self._writer.event(time_s, kind, text)
-        self._observer.test_event(time_s, kind, text)
 
 
 class _RunningTest:
@@ -176,6 +220,7 @@ class _RunningTest:
         self._setting = setting
         self._test = test
         self._recording = recording
+        self._writer: Writer
         self._recorded = False
         self._ticks = 0
         self._verdict = ""
@@ -200,20 +245,29 @@ class _RunningTest:
         setting, test = self._setting, self._test
         with _left_safe(setting, self._loop):
             setting.pacer.start()
-            setting.enters(Phase.POSITIONING, None)
+            setting.enters(Phase.POSITIONING)
             self._loop.position()
-            setting.enters(Phase.SETTLE, None)
+            setting.enters(Phase.SETTLE)
             setting.pacer.wait_until(test.settle_s)
             if setting.stop.requested:
                 return Status.ABORTED
             self._go_on()
-            setting.enters(Phase.INJECT, None)
+            setting.enters(Phase.INJECT)
             self._loop.inject()
             setting.enters(Phase.MAIN, self._recording)
-            # The right context is left first: the valve is at null before the recording is closed.
-            with self._writer() as writer, _left_safe(setting, self._loop):
-                self._drive(writer)
-                self._timing = writer.timing() if isinstance(writer, Timed) else None
+            channels = self._loop.channels
+            metadata = metadata_of(
+                setting.campaign, setting.rig, test, self._learning, channels, setting.provenance
+            )
+            path = setting.directory / self._recording
+            with setting.bench.writer(path, channels, metadata) as self._writer:
+                self._recorded = True
+                setting.observer.test_runs(channels, getattr(self._loop, "number", None))
+                # The valve is at null before the recording is closed.
+                with _left_safe(setting, self._loop):
+                    self._drive()
+                    if isinstance(self._writer, Timed):
+                        self._timing = self._writer.timing()
         if self._loop.ticks_left:
             return Status.ABORTED
         if setting.references.is_reference(test):
@@ -268,68 +322,54 @@ class _RunningTest:
             return PatternDetector(campaign.false_alarms_per_day, self._learning.baseline)
         return campaign.detector()
 
-    @contextmanager
-    def _writer(self) -> Iterator[Writer]:
-        setting, channels = self._setting, self._loop.channels
-        metadata = metadata_of(
-            setting.campaign, setting.rig, self._test, self._learning, channels, setting.provenance
-        )
-        path = setting.directory / self._recording
-        with setting.bench.writer(path, channels, metadata) as writer:
-            self._recorded = True
-            setting.observer.test_runs(channels, getattr(self._loop, "number", None))
-            yield _Observed(writer, setting.observer)
-
-    def _drive(self, writer: Writer) -> None:
-        writer.event(0.0, "test_begin", self._test.name)
+    def _drive(self) -> None:
+        self._event(0.0, "test_begin", self._test.name)
         try:
             while self._loop.ticks_left and not self._setting.stop.requested:
                 self._go_on()
-                self._run_batch(writer)
+                self._run_batch()
             self._judge.finish()
-            self._note_verdict(writer)
-        except TripError as error:
-            writer.event(self._last_s, "trip", str(error))
-            raise
-        except _InterruptedError as error:
-            writer.event(self._last_s, str(error.status), str(error))
+            self._note_verdict()
+        except (TripError, _InterruptedError) as error:
+            kind = "trip" if isinstance(error, TripError) else str(error.status)
+            self._event(self._last_s, kind, str(error))
             raise
         except Exception as error:
-            writer.event(self._last_s, "error", f"{type(error).__name__}: {error}")
+            self._event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
         if self._loop.ticks_left:
-            writer.event(self._last_s, "abort", f"stopped by {self._setting.stop.reason}")
+            self._event(self._last_s, "abort", f"stopped by {self._setting.stop.reason}")
         else:
-            writer.event(self._last_s, "test_end", self._verdict)
+            self._event(self._last_s, "test_end", self._verdict)
 
-    def _run_batch(self, writer: Writer) -> None:
+    def _run_batch(self) -> None:
         pacer = self._setting.pacer
         ticks = self._judge.ticks_due
         live = pacer.live or self._setting.bench.live
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
-        writer.write(rows)
+        self._writer.write(rows)
         self._setting.observer.test_rows(rows)
         for event in (*self._injection.take(rows), *self._reactions.take(rows)):
-            writer.event(*event)
-        if self._judge.take(rows):
-            self._report_loop()
-            self._note_verdict(writer)
+            self._event(*event)
+        if self._judge.take(rows) and self._judge.decision is not None:
+            self._loop.decided(self._decisions.row(self._last_s, self._judge.decision))
+            self._note_verdict()
         for note in self._setting.desk.take_notes():
-            writer.event(self._last_s, "note", f"{note.who}: {note.text}")
+            self._event(self._last_s, "note", note)
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
 
-    def _report_loop(self) -> None:
-        decision = self._judge.decision
-        assert decision is not None
-        self._loop.decided(self._decisions.row(self._last_s, decision))
+    def _event(self, time_s: float, kind: str, text: str) -> None:
+        """Write an event to the recording, and tell the observer of it."""
+        self._writer.event(time_s, kind, text)
+        self._setting.observer.test_event(time_s, kind, text)
 
-    def _note_verdict(self, writer: Writer) -> None:
+    def _note_verdict(self) -> None:
         decision = self._judge.decision
         if decision is not None and decision.verdict != self._verdict:
             self._verdict = decision.verdict
-            writer.event(self._last_s, "verdict", self._verdict)
+            self._event(self._last_s, "verdict", self._verdict)
 
     @property
     def _last_s(self) -> float:

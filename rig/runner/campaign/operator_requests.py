@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
@@ -15,6 +14,8 @@ LONGEST_TEST: Final = 500
 _PATIENCE_S: Final = 5.0
 
 Write = Callable[..., object]
+Changed = Callable[[bool, Sequence[str]], None]
+"""Takes whether a pause is requested, and the reasons why conditions hold the campaign."""
 
 
 class Request(StrEnum):
@@ -42,20 +43,6 @@ class RefusedError(ValueError):
     """Raised for a request that is not carried out; the message says why."""
 
 
-@dataclass(frozen=True)
-class Note:
-    """A text that an operator wrote.
-
-    Attributes:
-        who: name of the operator.
-        text: the text, on one line; if it came with a request other than NOTE, that request stands
-            before it.
-    """
-
-    who: str
-    text: str
-
-
 class Desk:
     """Takes operators' requests from any thread, and keeps them for the campaign's thread.
 
@@ -74,15 +61,20 @@ class Desk:
         self._statuses: dict[int, str] = {}
         self._held: Sequence[str] = ()
         self._attention: list[str] = []
-        self._notes: list[Note] = []
+        self._notes: list[str] = []
         self._paused = False
         self._interruption: Request | None = None
-        self._changed: Callable[[bool, Sequence[str]], None] = lambda pausing, held: None
+        self._changed: Changed
 
     # -- the campaign's thread --------------------------------------------------------------------
 
     def open(
-        self, names: Sequence[str], statuses: Mapping[int, str], write: Write, stop: StopFlag
+        self,
+        names: Sequence[str],
+        statuses: Mapping[int, str],
+        write: Write,
+        stop: StopFlag,
+        changed: Changed = lambda pausing, held: None,
     ) -> None:
         """Begin to take requests.
 
@@ -93,19 +85,12 @@ class Desk:
                 only called while the desk is locked.
             stop: the campaign's flag, on which the desk requests a stop when an operator asks to
                 ABORT.
+            changed: is called from any thread after each PAUSE or RESUME, and when the reasons for
+                a hold change; they are empty if no condition holds the campaign.
         """
         with self._lock:
             self._names, self._statuses = names, dict(statuses)
-            self._write, self._stop = write, stop
-
-    def on_change(self, changed: Callable[[bool, Sequence[str]], None]) -> None:
-        """Let a function be called after each PAUSE or RESUME, and when reasons for a hold change.
-
-        Args:
-            changed: takes whether a pause is requested, and the reasons why conditions hold the
-                campaign, empty if none does. It may be called from any thread.
-        """
-        self._changed = changed
+            self._write, self._stop, self._changed = write, stop, changed
 
     def close(self) -> None:
         """Refuse all requests, and write nothing to the journal, from now on."""
@@ -176,8 +161,11 @@ class Desk:
         """
         return self._interruption
 
-    def take_notes(self) -> list[Note]:
-        """Return the operators' notes, and the texts of other requests, since the last call."""
+    def take_notes(self) -> list[str]:
+        """Return the operators' notes since the last call, as "OPERATOR: TEXT", on one line each.
+
+        The texts of other requests are among them, as "OPERATOR: REQUEST: TEXT".
+        """
         with self._lock:
             notes, self._notes = self._notes, []
         return notes
@@ -298,7 +286,7 @@ class Desk:
     def _obey(self, request: Request, who: str, text: str, index: int | None) -> None:
         running = index is not None and index == self._present
         if text:
-            self._notes.append(Note(who, f"{request}: {text}" if request != "note" else text))
+            self._notes.append(f"{who}: {text if request == 'note' else f'{request}: {text}'}")
         match request:
             case Request.PAUSE | Request.RESUME:
                 self._paused = request is Request.PAUSE

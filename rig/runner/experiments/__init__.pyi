@@ -12,7 +12,7 @@ from .friction_results import (
     revised_model as revised_model,
 )
 from .gap_closing import CHANNELS as CHANNELS, ROUNDS as ROUNDS, close_gap as close_gap
-from .gap_plan import (
+from .gap_motions import (
     Programme as Programme,
     motions_campaign as motions_campaign,
     room_of as room_of,

@@ -16,7 +16,7 @@ from faults import Campaign, CampaignTest
 from rig.configuration import Rig, valve_speed
 from rig.plant import Model
 
-from .parts import part_campaign, part_test
+from .parts import part_campaign, part_test, stroke_of
 
 PLACES: Final = 10
 """Number of positions along the stroke at which break-aways are measured (section 3.1)."""
@@ -36,8 +36,6 @@ far."""
 LOOP_RAMP_S: Final = 80.0
 """Duration of a ramp of the setpoint up, down, and back, s."""
 
-_MARGIN_M: Final = 0.02
-"""Distance of the motions from the limits of the stroke, m; the ram overshoots by less."""
 _SINE_S: Final = 60.0
 _SINE_AMPLITUDE_M: Final = 0.2
 _SINE_HZ: Final = 0.5
@@ -66,7 +64,7 @@ def sliding_campaign(
         speeds: constant speeds, as shares of that greatest speed.
         seed: sets the noise of a simulated rig.
     """
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     fastest = valve_speed(assumed.parameters, rig.limits.command_V)
     amplitude = min(_SINE_AMPLITUDE_M, 0.5 * (high - low))
     middle = 0.5 * (low + high)
@@ -117,7 +115,7 @@ def strokes_of(rig: Rig, assumed: Model, share: float) -> tuple[Stroke, ...]:
         share: the speed as a share of the greatest one, such as one of `SPEEDS`.
     """
     fastest = valve_speed(assumed.parameters, rig.limits.command_V)
-    return strokes_at(share * fastest, *_room(rig))[1]
+    return strokes_at(share * fastest, *stroke_of(rig))[1]
 
 
 def places_of(rig: Rig, null_V: float, count: int = PLACES) -> tuple[float, ...]:  # noqa: N803
@@ -131,7 +129,7 @@ def places_of(rig: Rig, null_V: float, count: int = PLACES) -> tuple[float, ...]
         null_V: command at which the ram rests, V.
         count: number of positions.
     """
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     off = null_V / rig.gain_V_per_m
     ends = low + max(-off, 0.0), high - max(off, 0.0)
     return tuple(float(place) for place in np.linspace(*ends, count))
@@ -180,7 +178,7 @@ def closed_loop_campaign(
     an overlap or underlap of the spool. After the break-away the ram follows the setpoint. The
     arguments are those of `break_away_campaign`.
     """
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     reach = _loop_reach(rig, assumed)
     off = null_V / rig.gain_V_per_m
     # Setpoint and ram both stay within the limits, in both directions.
@@ -208,7 +206,7 @@ def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
 
 def _loop_reach(rig: Rig, assumed: Model) -> float:
     """Return how far a ramp of the setpoint goes each way, m, at most a twelfth of the stroke."""
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     reach = LOOP_SPEED / valve_speed(assumed.parameters, 1.0) / rig.gain_V_per_m
     return min(reach, (high - low) / 12.0)
 
@@ -216,11 +214,6 @@ def _loop_reach(rig: Rig, assumed: Model) -> float:
 def _up_and_down(middle: float, reach: float, period_s: float, quantity: Quantity) -> Polyline:
     corners = tuple(share * period_s for share in (0.0, 0.25, 0.75, 1.0))
     return Polyline(corners, (middle, middle + reach, middle - reach, middle), quantity)
-
-
-def _room(rig: Rig) -> tuple[float, float]:
-    limits = rig.limits
-    return limits.position_min_m + _MARGIN_M, limits.position_max_m - _MARGIN_M
 
 
 def _test(name: str, setpoint: Setpoint, duration_s: float, start: float) -> CampaignTest:

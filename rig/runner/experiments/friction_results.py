@@ -108,11 +108,7 @@ def revised_model(experiment: FrictionExperiment, directory: Path, started: str)
 
 def _estimates(estimates: Mapping[str, FrictionEstimate]) -> dict[str, Any]:
     return {
-        name: {
-            "value": each.value,
-            "standard_error": each.standard_error,
-            "unit": each.unit,
-        }
+        name: {key: getattr(each, key) for key in ("value", "standard_error", "unit")}
         for name, each in estimates.items()
     }
 

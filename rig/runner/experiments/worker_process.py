@@ -51,18 +51,6 @@ class Worker(Protocol):
         """
 
 
-def at_once(
-    waits: Callable[[], None],
-    said: Said,
-    function: Callable[Concatenate[Said, P], T],
-    *args: P.args,
-    **kwargs: P.kwargs,
-) -> T:
-    """Return the result of a function that is called in this process, after one call of `waits`."""
-    waits()
-    return function(said, *args, **kwargs)
-
-
 def apart(
     waits: Callable[[], None],
     said: Said,

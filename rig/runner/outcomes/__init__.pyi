@@ -1,5 +1,5 @@
 from .decision_rows import DecisionRows as DecisionRows
-from .figures import figures_of as figures_of
+from .figures import Figure as Figure, figures_of as figures_of
 from .friction import (
     FrictionWatch as FrictionWatch,
     change_figures as change_figures,
@@ -24,7 +24,7 @@ from .outcome import (
     Status as Status,
     TestOutcome as TestOutcome,
 )
-from .outcome_record import outcome_of as outcome_of, record_of as record_of
+from .outcome_record import jsonable as jsonable, outcome_of as outcome_of, record_of as record_of
 from .reactions import Reactions as Reactions
 from .recorded import (
     account_detector_of as account_detector_of,

@@ -35,6 +35,9 @@ class DecisionRows:
         Raises:
             ValueError: the verdict is none of `VERDICT_CODES`.
         """
+        if decision.verdict not in VERDICT_CODES:
+            known = f"a detector may decide on {', '.join(VERDICT_CODES)}"
+            raise ValueError(f"verdict {decision.verdict!r} is not known; {known}")
         if decision.verdict != self._verdict:
             self._verdict, self._held_since_s = decision.verdict, time_s
         is_fault = decision.verdict not in _NO_FAULT
@@ -43,7 +46,7 @@ class DecisionRows:
         return np.array(
             [
                 time_s,
-                _code(decision.verdict),
+                VERDICT_CODES.index(Verdict(decision.verdict)),
                 float(held or any(decision.present_leaks)),
                 *(decision.probabilities.get(name, np.nan) for name in PROBABLE),
                 np.nan if flow is None else flow,
@@ -52,10 +55,3 @@ class DecisionRows:
             ],
             np.float64,
         )
-
-
-def _code(verdict: str) -> int:
-    if verdict not in VERDICT_CODES:
-        known = ", ".join(VERDICT_CODES)
-        raise ValueError(f"verdict {verdict!r} is not known; a detector may decide on {known}")
-    return VERDICT_CODES.index(Verdict(verdict))

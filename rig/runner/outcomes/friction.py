@@ -1,5 +1,6 @@
 """Identifies friction from the samples of a test, and converts it for `results.json`."""
 
+from dataclasses import asdict
 from typing import Any
 
 from estimator.filters import DEFAULT_FILTER, FilterRun
@@ -67,15 +68,7 @@ def model_spring(model: Model) -> Spring:
 def friction_figures(curve: FrictionCurve) -> dict[str, Any]:
     """Return a friction curve as JSON-able values in SI; other programs rely on the keys."""
     return {
-        **{
-            name: {
-                "value": estimate.value,
-                "standard_error": estimate.standard_error,
-                "unit": estimate.unit,
-                "needs": estimate.needs,
-            }
-            for name, estimate in curve.estimates.items()
-        },
+        **{name: asdict(estimate) for name, estimate in curve.estimates.items()},
         "slowest_m_per_s": curve.slowest,
         "fastest_m_per_s": curve.fastest,
         "strokes": curve.strokes,

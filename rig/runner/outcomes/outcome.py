@@ -63,7 +63,8 @@ class Attempt:
     Attributes:
         number: of the attempt, counted from 1.
         status: how it ended.
-        phase: the `rig.runner.campaign.phases.Phase` in which it ended; empty if it ran to its end.
+        phase: the phase in which it ended, as `Phase` in `rig.runner.campaign.campaign_test_run`;
+            empty if it ran to its end.
         message: why it ended.
         at: when it was begun, UTC, ISO 8601.
         recording: file name of its recording; None if there is none.

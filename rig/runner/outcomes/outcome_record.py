@@ -1,7 +1,7 @@
-"""Converts an outcome to the JSON of the journal, and back to exactly the same outcome."""
+"""Converts an outcome to plain values for JSON, and those of the journal back to the outcome."""
 
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -15,7 +15,7 @@ from .outcome import TestOutcome
 
 def record_of(outcome: TestOutcome) -> dict[str, Any]:
     """Return an outcome as JSON-able values; floats stay exact, NaN and infinity become text."""
-    content: dict[str, Any] = _plain(outcome)
+    content: dict[str, Any] = jsonable(outcome, repr)
     return content
 
 
@@ -29,19 +29,26 @@ def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
     return outcome
 
 
-def _plain(value: Any) -> Any:
+def jsonable(value: Any, lacking: Callable[[float], str | None] = lambda number: None) -> Any:
+    """Return a value with its dataclasses, arrays, mappings and sequences as JSON has them.
+
+    Args:
+        value: the value.
+        lacking: returns what stands for NaN and infinity, which JSON lacks; None if not given.
+    """
     if isinstance(value, Enum):
         return value.value
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        found = {field.name: getattr(value, field.name) for field in fields(value)}
+        return jsonable(found, lacking)
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return jsonable(value.tolist(), lacking)
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): jsonable(item, lacking) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [jsonable(item, lacking) for item in value]
     if isinstance(value, float):
-        return float(value) if isfinite(value) else repr(float(value))
+        return float(value) if isfinite(value) else lacking(float(value))
     return value
 
 

@@ -1,7 +1,7 @@
 """Finds in the loop's rows what the loop did about confirmed faults."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -76,8 +76,7 @@ class Reactions:
     def _change(self, row: Array) -> str:
         time_s, action = float(row[0]), int(row[self._action])
         if self._actions and self._actions[-1].until_s is None:
-            last = self._actions[-1]
-            self._actions[-1] = FaultAction(last.at_s, time_s, last.what)
+            self._actions[-1] = replace(self._actions[-1], until_s=time_s)
         if action == Reaction.IGNORE:
             return "back to proportional"
         what = _HOLDING if action == Reaction.HOLD else self._tolerating(row)

@@ -64,7 +64,9 @@ def metadata_of(
         "detector": {
             "filter": campaign.filter_name,
             "false_alarms_per_day": campaign.false_alarms_per_day,
-            "baseline_Pa": _plain_baseline(learning.baseline),
+            "baseline_Pa": None
+            if learning.baseline is None
+            else {key: getattr(learning.baseline, key).tolist() for key in _BASELINE},
             "baseline_from": learning.source,
             "baseline": None if campaign.baseline is None else content_of(campaign.baseline),
         },
@@ -149,9 +151,3 @@ def detector_of(
     if not fits:
         return None
     return PatternDetector(false_alarms_per_day, PatternBaseline(normal, thresholds))
-
-
-def _plain_baseline(baseline: PatternBaseline | None) -> dict[str, list[float]] | None:
-    if baseline is None:
-        return None
-    return {key: [float(value) for value in getattr(baseline, key)] for key in _BASELINE}

@@ -5,7 +5,6 @@ thresholds. These are learnt from healthy tests with the same setpoint and load;
 the detector learns from the first 15 s of the test itself.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -110,7 +109,7 @@ class HealthyReferences:
             return Learning(None, f"first {LEARNING_S:g} s of the test")
         innovations = [innovation for _, innovation in alike]
         baseline = learn_pattern(innovations, self.campaign.false_alarms_per_day)
-        return Learning(baseline, _listed(other.name for other, _ in alike))
+        return Learning(baseline, f"healthy tests: {', '.join(other.name for other, _ in alike)}")
 
     @property
     def _learns(self) -> bool:
@@ -123,12 +122,6 @@ def _are_alike(one: CampaignTest, other: CampaignTest) -> bool:
 
 def _unseeded(setpoint: Setpoint) -> Setpoint:
     """Return a setpoint with its seed set to zero, so that setpoints with other seeds are equal."""
-    if isinstance(setpoint, Pseudorandom):
-        return replace(setpoint, seed=0)
-    if isinstance(setpoint, Multisine) and setpoint.seed is not None:
+    if isinstance(setpoint, Pseudorandom | Multisine) and setpoint.seed is not None:
         return replace(setpoint, seed=0)
     return setpoint
-
-
-def _listed(names: Iterable[str]) -> str:
-    return f"healthy tests: {', '.join(names)}"

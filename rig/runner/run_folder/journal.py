@@ -9,7 +9,7 @@ import fcntl
 import json
 import os
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,16 +23,25 @@ _CHECKED: Final = b', "crc": "'
 _TAIL: Final = len(_CHECKED) + len('00000000"}')
 
 
-class JournalError(ValueError):
-    """A journal that cannot be used.
+class RunFolderError(ValueError):
+    """A run's folder, or a file in it, that cannot be used.
 
     Attributes:
         problems: the reasons, one line each.
     """
 
-    def __init__(self, problem: str) -> None:
-        self.problems = [problem]
-        super().__init__(problem)
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class JournalError(RunFolderError):
+    """A journal that cannot be used."""
+
+
+def reason_of(error: OSError) -> str:
+    """Return why a file cannot be used, in words of the system, in lower case."""
+    return (error.strerror or str(error)).lower()
 
 
 @dataclass(frozen=True)
@@ -63,8 +72,7 @@ def read_journal(path: Path) -> list[Entry]:
     Raises:
         JournalError: the journal cannot be read, or a valid line follows a damaged one.
     """
-    entries, _ = _read(path)
-    return entries
+    return _read(path)[0]
 
 
 def _read(path: Path) -> tuple[list[Entry], int]:
@@ -76,8 +84,8 @@ def _read(path: Path) -> tuple[list[Entry], int]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise JournalError(f"{path}: cannot be read: {reason}; give the folder of a run") from None
+        why = f"{path}: cannot be read: {reason_of(error)}; give the folder of a run"
+        raise JournalError(why) from None
     entries: list[Entry] = []
     whole = 0
     for line in content.splitlines(keepends=True):

@@ -33,10 +33,10 @@ class JournalState:
     attempts: dict[int, list[Attempt]] = field(default_factory=dict)
     skipped: set[int] = field(default_factory=set)
     history: list[Happening] = field(default_factory=list)
-    _open: dict[int, Attempt] = field(default_factory=dict)
-    """Latest attempt of each test that is not finished; moved to `attempts` when it runs again."""
-    _partial: dict[int, TestOutcome] = field(default_factory=dict)
-    """Outcomes of the attempts in `_open`; there is none after a kill."""
+    _open: dict[int, tuple[Attempt, TestOutcome | None]] = field(default_factory=dict)
+    """Latest attempt of each test that is not finished; moved to `attempts` when it runs again.
+
+    Its outcome is None after a kill."""
     _present: int | None = None
     _phase: str = ""
     _at: str = ""
@@ -100,10 +100,10 @@ class JournalState:
             index: of the test.
             not_run: the outcome to return if no attempt has ended, or if a further one runs now.
         """
-        known = self.finished.get(index) or self._partial.get(index)
+        known = self.finished.get(index)
         if known is None and index in self._open:
-            last = self._open[index]
-            known = replace(
+            last, known = self._open[index]
+            known = known or replace(
                 not_run, status=last.status, message=last.message, recording=last.recording
             )
         return replace(known or not_run, attempts=tuple(self.attempts.get(index, ())))
@@ -111,8 +111,7 @@ class JournalState:
     def _enters(self, entry: Entry) -> None:
         index = entry["test"]
         if entry["phase"] == "setup":
-            last = self._open.pop(index, None)
-            self._partial.pop(index, None)
+            last, _ = self._open.pop(index, (None, None))
             if last is not None:
                 kept = replace(last, recording=entry["kept"])
                 self.attempts.setdefault(index, []).append(kept)
@@ -124,17 +123,22 @@ class JournalState:
         self.skipped.discard(index)
         if outcome.is_finished:
             self._open.pop(index, None)
-            self._partial.pop(index, None)
             self.finished[index] = outcome
         else:
-            self._leave_open(index, outcome.status, outcome.message, outcome.recording)
-            self._partial[index] = outcome
+            self._leave_open(index, outcome.status, outcome.message, outcome.recording, outcome)
         self._present = None
 
-    def _leave_open(self, index: int, status: Status, message: str, recording: str | None) -> None:
-        number = self.number_of(index)
+    def _leave_open(
+        self,
+        index: int,
+        status: Status,
+        message: str,
+        recording: str | None,
+        outcome: TestOutcome | None = None,
+    ) -> None:
         phase = self._phase if index == self._present else ""
-        self._open[index] = Attempt(number, status, phase, message, self._at, recording)
+        number = self.number_of(index)
+        self._open[index] = Attempt(number, status, phase, message, self._at, recording), outcome
 
     def _interrupted(self, entry: Entry) -> None:
         """Note that the campaign is resumed; a test without an outcome counts as killed."""
@@ -154,15 +158,15 @@ class JournalState:
         if request == "skip":
             self.skipped.add(index)
         if request == "retry" and index in self.finished:
-            outcome = self._partial[index] = self.finished.pop(index)
-            self._leave_open(index, outcome.status, outcome.message, outcome.recording)
-        words = [request if request != "note" else ""]
-        if index is not None:
-            words.append(self.tests[index])
-        if entry["seen"]:
-            words.append("; ".join(entry["seen"]))
-        sentence = " ".join(word for word in words if word)
-        self._happened(entry, entry["who"], ": ".join(part for part in (sentence, text) if part))
+            last = self.finished.pop(index)
+            self._leave_open(index, last.status, last.message, last.recording, last)
+        words = (
+            "" if request == "note" else request,
+            "" if index is None else self.tests[index],
+            "; ".join(entry["seen"] or ()),
+        )
+        sentence = " ".join(filter(None, words))
+        self._happened(entry, entry["who"], ": ".join(filter(None, (sentence, text))))
 
     def _happened(self, entry: Entry, who: str, what: str) -> None:
         self.history.append(Happening(entry.at, who, what))
@@ -185,13 +189,13 @@ def stands_unfinished(standing: JournalState) -> bool:
     return standing.begun is not None and len(standing.finished) < len(standing.tests)
 
 
-def changes_of(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Return the versions that differ, as "NAME OLD -> NEW, ..."; empty if none does.
+def changes_of(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Return the values that differ, such as versions, as "NAME OLD -> NEW" each.
 
     An entry of `old` that `new` lacks is left out; one that `old` lacks is "None".
     """
-    return ", ".join(
-        f"{name} {old.get(name)} -> {version}"
-        for name, version in new.items()
-        if old.get(name) != version
-    )
+    return [
+        f"{name} {old.get(name)} -> {value}"
+        for name, value in new.items()
+        if old.get(name) != value
+    ]

@@ -6,7 +6,8 @@ be resumed.
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,29 +33,20 @@ def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
     YAML files are hashed by the values read from them, so that a change of a comment does not
     matter; other files (setpoints, baselines, calibrations) are hashed by their content.
     """
-    files = {
-        path: digest
-        for path, digest in campaign.source_files.items()
-        if Path(path).suffix not in _YAML
-    }
+    sources = campaign.source_files.items()
     meant = {
         "name": campaign.name,
         "tests": plain(campaign.tests),
         "filter": campaign.filter_name,
         "false_alarms_per_day": campaign.false_alarms_per_day,
         "conditions": plain(campaign.conditions),
-        "files": sorted(files.values()),
+        "files": sorted(digest for path, digest in sources if Path(path).suffix not in _YAML),
     }
     return {
         "campaign": _sha256(meant),
         "rig": _sha256(plain(rig)),
         "model": model_sha256(campaign.model),
     }
-
-
-def changed(kept: Mapping[str, Any], found: Mapping[str, str]) -> list[str]:
-    """Return the keys whose hash in the kept fingerprint is missing or is not that of `found`."""
-    return [part for part, digest in found.items() if kept.get(part) != digest]
 
 
 def _sha256(content: Any) -> str:
@@ -119,7 +111,8 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
         begun = state.begun
         if begun is None:
             raise ValueError("no begin")
-        other = changed(begun["fingerprint"], fingerprint(campaign, rig))
+        known, now = begun["fingerprint"], fingerprint(campaign, rig)
+        other = [part for part, digest in now.items() if known.get(part) != digest]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise JournalError(f"{folder / JOURNAL}: is not a campaign's journal ({error})") from None
     names = [test.name for test in campaign.tests]
@@ -187,19 +180,15 @@ def keep_attempt(recording: Path, number: int) -> str | None:
         return kept.name if kept.exists() else None
     try:
         read_mcap(str(recording))
-        is_whole = True
+        is_replaced = False
     except RecordingError:
-        is_whole = False
-    if not is_whole and (kept.exists() or _is_recovered(recording, kept)):
+        is_replaced = kept.exists()
+        if not is_replaced:
+            with suppress(RecordingError, OSError):
+                recover(recording, kept)
+                is_replaced = True
+    if is_replaced:
         recording.unlink()
     else:
         recording.replace(kept)
     return kept.name
-
-
-def _is_recovered(recording: Path, kept: Path) -> bool:
-    try:
-        recover(recording, kept)
-    except (RecordingError, OSError):
-        return False
-    return True

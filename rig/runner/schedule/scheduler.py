@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 from rig.configuration import Entry, Missed, Schedule
 from rig.runner.outcomes import EXIT_FAILED, EXIT_STOPPED
-from rig.runner.run_folder import Journal, file_stem
+from rig.runner.run_folder import Journal, file_stem, new_path
 
 from .additions import asked_of
 from .state import Job, ScheduleState, details_of, state_of
@@ -52,16 +52,12 @@ class Scheduler:
         schedule: the schedule to run.
         journal: the journal of the schedule's folder; its context has been entered.
         hands: carries out the scheduler's actions.
-        poll_s: longest time between two looks for requests while nothing runs, s.
 
     Attributes:
         state: the schedule's state by its journal.
     """
 
-    def __init__(
-        self, schedule: Schedule, journal: Journal, hands: Hands, poll_s: float = POLL_S
-    ) -> None:
-        self._poll_s = poll_s
+    def __init__(self, schedule: Schedule, journal: Journal, hands: Hands) -> None:
         self._schedule = schedule
         self._journal = journal
         self._hands = hands
@@ -92,7 +88,7 @@ class Scheduler:
 
         Returns:
             None if a job was run, also if its process was killed; else how long to wait until the
-            next call, s, at most `poll_s`.
+            next call, s, at most `POLL_S`.
         """
         self._collect()
         self._take_additions()
@@ -104,7 +100,7 @@ class Scheduler:
         times = [self._schedule.next_time(entry, now) for entry in self._schedule.entries]
         times += [job.not_before for job in self.state.queue]
         waits = [(time - now).total_seconds() for time in times if time is not None]
-        return max(0.0, min([*waits, self._poll_s]))
+        return max(0.0, min([*waits, POLL_S]))
 
     def _keep(self, kind: str, **details: Any) -> None:
         self.state.take(self._journal.write(kind, **details))
@@ -184,7 +180,8 @@ class Scheduler:
         return next(ready, None)
 
     def _run(self, job: Job, stopped: Callable[[], bool]) -> None:
-        folder = job.folder or self._folder_of(job)
+        new = new_path(self._schedule.folder, job.entry, self._hands.now())
+        folder = job.folder or str(new)
         again = " again" if job.folder else ""
         self._hands.say(f"{job.entry}: begun{again} in {folder}")
         self._keep("begun", id=job.id, folder=folder)
@@ -215,9 +212,7 @@ class Scheduler:
             return None
         later = self._hands.now() + timedelta(seconds=entry.retry_after_s)
         id_ = f"{job.id.partition('#')[0]}#{job.attempt + 1}"
-        return details_of(
-            replace(job, id=id_, attempt=job.attempt + 1, not_before=later, folder=None)
-        )
+        return details_of(replace(job, id=id_, attempt=job.attempt + 1, not_before=later))
 
     def _halt(self, job: Job, exit_code: int) -> str:
         """Return why the schedule halts after a run; empty if it goes on.
@@ -228,10 +223,3 @@ class Scheduler:
         if not self._schedule.halt or (exit_code != EXIT_STOPPED and exit_code >= 0):
             return ""
         return f"{job.entry} tripped or was stopped (exit code {exit_code})"
-
-    def _folder_of(self, job: Job) -> str:
-        stem = f"{file_stem(job.entry)}-{self._hands.now():%Y%m%dT%H%M%SZ}"
-        name, number = stem, 2
-        while (self._schedule.folder / name).exists():
-            name, number = f"{stem}-{number}", number + 1
-        return str(self._schedule.folder / name)

@@ -1,7 +1,7 @@
 """Derives the state of a schedule from its journal: jobs that wait, runs that ended, and a halt."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from typing import Any, Final
 
@@ -92,7 +92,12 @@ class ScheduleState:
                 self.taken.add(details["id"])
                 self.queue.append(_job(details))
             case "begun":
-                self._begin(details)
+                mine = next((job for job in self.queue if job.id == details["id"]), None)
+                if mine is not None:
+                    self.queue.remove(mine)
+                    self.present = replace(mine, folder=details["folder"])
+                elif self.present is not None:
+                    self.present = replace(self.present, resumes=self.present.resumes + 1)
             case "ended" if self.present is not None:
                 at = datetime.fromisoformat(entry.at)
                 self.history.append(Ended(self.present, int(details["exit_code"]), at))
@@ -104,26 +109,13 @@ class ScheduleState:
                 self.taken.add(str(details.get("id", "")))
                 self.halted = ""
 
-    def _begin(self, details: Any) -> None:
-        mine = [job for job in self.queue if job.id == details["id"]]
-        if mine:
-            self.queue.remove(mine[0])
-            self.present = replace(mine[0], folder=details["folder"])
-        elif self.present is not None:
-            self.present = replace(self.present, resumes=self.present.resumes + 1)
-
 
 def details_of(job: Job) -> dict[str, Any]:
     """Return a job as the details of a journal's entry, JSON-able, without folder and resumes."""
-    return {
-        "id": job.id,
-        "entry": job.entry,
-        "campaign": job.campaign,
-        "rig": job.rig,
-        "due": job.due.isoformat(),
-        "attempt": job.attempt,
-        "not_before": None if job.not_before is None else job.not_before.isoformat(),
-    }
+    later = None if job.not_before is None else job.not_before.isoformat()
+    details = asdict(job) | {"due": job.due.isoformat(), "not_before": later}
+    del details["folder"], details["resumes"]
+    return details
 
 
 def _job(details: Any) -> Job:

@@ -9,9 +9,9 @@ import pytest
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rigs.rig import Rig
 from rig.runner import CampaignOutcome, Status, run_campaign
+from rig.runner.campaign.campaign_test_run import CLEANUP_S, Deadline
 from rig.runner.campaign.operator_requests import Desk
-from rig.runner.campaign.phases import CLEANUP_S, Deadline
-from rig.runner.campaign.simulated_loop import SimulatedTest
+from rig.runner.campaign.simulated_bench import SimulatedTest
 from rig.runner.run_folder.journal import JOURNAL, read_journal
 
 MakeTest = Callable[..., CampaignTest]
@@ -54,7 +54,7 @@ class FakeTimer:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     FakeTimer.clock = FakeClock()
-    monkeypatch.setattr("rig.runner.campaign.phases.threading.Timer", FakeTimer)
+    monkeypatch.setattr("rig.runner.campaign.campaign_test_run.threading.Timer", FakeTimer)
     return FakeTimer.clock
 
 

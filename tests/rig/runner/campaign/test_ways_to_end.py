@@ -148,6 +148,8 @@ def end(
                 raise way.in_test
 
         with monkeypatch.context() as patch:
+            bench = Ending(rig, tmp_path, way, stop)
+            patch.setattr("rig.runner.campaign.campaign_run.bench_of", lambda *_: bench)
             if isinstance(way.in_test, OSError):
                 patch.setattr(McapWriter, "write", lambda *_: position(None))  # type: ignore[arg-type]
             elif way.in_test is not None:
@@ -160,10 +162,7 @@ def end(
             )
             outcome = None
             with suppress(DriverError):
-                outcome = run_campaign(
-                    campaign, rig, tmp_path, observer=listener, stop=stop,
-                    bench=Ending(rig, tmp_path, way, stop),
-                )  # fmt: skip
+                outcome = run_campaign(campaign, rig, tmp_path, observer=listener, stop=stop)
         return Ended(outcome, listener.told, tmp_path)
 
     return run

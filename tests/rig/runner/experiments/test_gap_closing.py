@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.gap.plant.additions import Addition
+from estimator.gap.plant.interface import Plant
 from estimator.gap.prediction.results import (
     Check,
     Discovered,
@@ -27,8 +28,13 @@ from rig.runner.campaign.simulated_bench import SimulatedBench
 from rig.runner.campaign.stopping import StopFlag
 from rig.runner.experiments import gap_closing
 from rig.runner.experiments.gap_closing import Question, close_gap
-from rig.runner.experiments.gap_motions import campaign_of, strokes
-from rig.runner.experiments.gap_plan import Programme, motions_campaign, room_of
+from rig.runner.experiments.gap_motions import (
+    Programme,
+    campaign_of,
+    motions_campaign,
+    room_of,
+    strokes,
+)
 from rig.runner.experiments.gap_results import gap_figures, rig_plant
 from rig.runner.experiments.parts import ExperimentStoppedError, Parts
 from rig.runner.experiments.worker_process import Said
@@ -37,12 +43,31 @@ from rig.runner.outcomes.observer import Observer
 RIG = load_rig("simulated")
 HIDDEN_S = 3e-3
 AMONG = ("command_delay", "valve_bandwidth", "pressure_1_bias")
+"""Names of the effects that are looked for where the whole catalogue would take too long."""
 BRIEF = Programme(
     fitted=(("small fast strokes", 5.0),),
     held=(("small steps", 4.0),),
     check=(("small steps", 5.0),),
     experiment_s=5.0,
 )
+
+
+def at_once(
+    waits: Callable[[], None],
+    said: Said,
+    function: Callable[..., Any],
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
+    """Compute in this process, as a worker."""
+    waits()
+    return function(said, *args, **kwargs)
+
+
+def among_few(*given: Any) -> Plant:
+    """Return the workflow's plant, of which only the effects `AMONG` are looked for."""
+    plant = rig_plant(*given)
+    return replace(plant, effects={name: plant.effects[name] for name in AMONG})
 
 
 def hiding(truth: Model) -> Rig:
@@ -56,9 +81,9 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> GapResult:
     # What the catalogue has is to be found here; what is discovered would only be a rival of it.
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(
-            gap_closing, "rig_plant", lambda *given: replace(rig_plant(*given), layout=None)
+            gap_closing, "rig_plant", lambda *given: replace(among_few(*given), layout=None)
         )
-        return close_gap(rig, Model(), folder, programme=BRIEF, among=AMONG)
+        return close_gap(rig, Model(), folder, worker=at_once, programme=BRIEF)
 
 
 def test_a_hidden_delay_is_named_and_its_gap_closed_without_help(closed: GapResult) -> None:
@@ -118,7 +143,7 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
 
     monkeypatch.setattr(gap_closing, "answer_to", answers)
     monkeypatch.setattr(gap_closing, "checked", checks)
-    found = close_gap(RIG, Model(), tmp_path, programme=BRIEF)
+    found = close_gap(RIG, Model(), tmp_path, worker=at_once, programme=BRIEF)
     assert asked == [["small_fast_strokes"], ["small_fast_strokes", "small_steps"]]
     first, second = found.rounds
     assert first.check is None
@@ -182,9 +207,12 @@ def _trip(_: SimulatedBench) -> None:
     raise TripError("tripped: the loop missed ticks")
 
 
-def test_a_model_that_lacks_nothing_is_left_after_one_round(tmp_path: Path) -> None:
+def test_a_model_that_lacks_nothing_is_left_after_one_round(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gap_closing, "rig_plant", among_few)
     brief = replace(BRIEF, fitted=(("small steps", 5.0),))
-    found = close_gap(hiding(Model()), Model(), tmp_path, programme=brief, among=AMONG)
+    found = close_gap(hiding(Model()), Model(), tmp_path, worker=at_once, programme=brief)
     assert found.verdict == "adequate"
     assert not found.effects
     assert len(found.rounds) == 1
@@ -194,7 +222,7 @@ def test_a_stop_ends_it_with_what_was_recorded(tmp_path: Path) -> None:
     stop = StopFlag()
     stop.request("SIGINT")
     with pytest.raises(ExperimentStoppedError):
-        close_gap(hiding(Model()), Model(), tmp_path, programme=BRIEF, stop=stop)
+        close_gap(hiding(Model()), Model(), tmp_path, worker=at_once, programme=BRIEF, stop=stop)
 
 
 @pytest.mark.parametrize("wanted", [Programme().fitted, Programme().held, Programme().check])
@@ -224,7 +252,7 @@ def test_a_round_is_the_last_where_the_check_leaves_nothing_but_chance(
 ) -> None:
     effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0, ())
     found = GapResult("missing_effect", [], [effect])
-    assert gap_closing._Closing._is_done(found, check) is done
+    assert gap_closing._Closing.is_done(found, check) is done
 
 
 def disturbance(place: str, *, in_model: bool) -> Discovered:
@@ -254,7 +282,7 @@ def test_a_round_is_the_last_where_nothing_more_is_discovered(
 ) -> None:
     discovered = [disturbance("flow, chamber 1", in_model=in_model)]
     found = GapResult("unknown_effect", [], discovered=discovered)
-    assert gap_closing._Closing._is_done(found, check) is done
+    assert gap_closing._Closing.is_done(found, check) is done
 
 
 def test_the_revised_model_has_what_was_discovered_in_the_rigs_equations_and_beside_them() -> None:

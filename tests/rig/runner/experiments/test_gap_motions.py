@@ -10,9 +10,9 @@ from rig.configuration.campaigns.campaign import load_campaign
 from rig.configuration.checking import check
 from rig.configuration.rigs.rig import load_rig
 from rig.plant import Model
-from rig.runner.experiments.gap_motions import MARGIN_M, campaign_of, sampled, strokes
-from rig.runner.experiments.gap_plan import room_of
+from rig.runner.experiments.gap_motions import campaign_of, room_of, sampled, strokes
 from rig.runner.experiments.gap_results import rig_plant
+from rig.runner.experiments.parts import MARGIN_M
 
 RIG = load_rig("simulated")
 LIBRARY = strokes(room_of(RIG), 1)
