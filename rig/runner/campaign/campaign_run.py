@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from estimator.leaks import DetectorFactory
-from faults import Campaign, CampaignTest
+from faults import Campaign
 from rig.configuration import Rig
 from rig.io import DriverError
 from rig.loop import StopRequestedError, TripError
@@ -48,7 +48,7 @@ from rig.runner.run_folder import (
 from rig.supervisor import Onlooker
 
 from .bench import Bench
-from .campaign_test_run import Phase, Setting, run_test
+from .campaign_test_run import Phase, Setting, not_run, run_test
 from .compiled_pieces import Needs
 from .compiling import ON_HARDWARE, SIMULATED, compile_for, load
 from .control_port import ControlPort
@@ -333,7 +333,7 @@ class _CampaignRun(Setting):
             desk.record("released", after_s=time.monotonic() - began)
 
     def _skip(self, index: int) -> None:
-        outcome = _not_run(self.campaign.tests[index])
+        outcome = not_run(self.campaign.tests[index])
         outcome = replace(outcome, status=Status.SKIPPED, message="skipped by an operator")
         self._ends(index, outcome)
         self.observer.test_skipped(outcome)
@@ -358,18 +358,14 @@ class _CampaignRun(Setting):
             sync(self.directory)
         self._ends(index, outcome)
         self.observer.test_ends(outcome)
-        self._count_suspensions(index, outcome)
+        if outcome.status is Status.INTERRUPTED and self.suspenders.interrupts:
+            self.suspended[index] += 1
+            if self.suspended[index] == MOST_SUSPENSIONS:
+                self.stop.request(f"{MOST_SUSPENSIONS} interruptions of {outcome.name}")
 
     def _ends(self, index: int, outcome: TestOutcome) -> None:
         self.desk.record("outcome", test=index, outcome=record_of(outcome))
         self.desk.ends(index, str(outcome.status), attention=outcome.status in _WANTS_ATTENTION)
-
-    def _count_suspensions(self, index: int, outcome: TestOutcome) -> None:
-        if outcome.status is not Status.INTERRUPTED or not self.suspenders.interrupts:
-            return
-        self.suspended[index] += 1
-        if self.suspended[index] == MOST_SUSPENSIONS:
-            self.stop.request(f"{MOST_SUSPENSIONS} interruptions of {outcome.name}")
 
     def enters(self, phase: Phase, recording: str | None = None) -> None:
         """Write to the journal that the present test enters a phase, unless it is in it already.
@@ -420,13 +416,9 @@ class _CampaignRun(Setting):
             false_alarms_per_day=campaign.false_alarms_per_day,
             started=state.begun["started"] if state.begun else "",
             tests=tuple(
-                state.outcome(index, _not_run(test)) for index, test in enumerate(campaign.tests)
+                state.outcome(index, not_run(test)) for index, test in enumerate(campaign.tests)
             ),
             provenance=self.provenance,
             history=tuple(state.history),
             ended_with=self.ended_with,
         )
-
-
-def _not_run(test: CampaignTest) -> TestOutcome:
-    return TestOutcome(test.name, str(test.expect), Status.NOT_RUN, test.seed, test.duration_s)

@@ -2,9 +2,9 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
@@ -29,7 +29,7 @@ from rig.runner.outcomes import (
 )
 from rig.runner.run_folder import log_error
 
-from .bench import Bench, Loop, Timed, Writer
+from .bench import Bench, Timed, Writer
 from .injection import Injection
 from .judging import Judge
 from .operator_requests import Desk, Request
@@ -59,33 +59,6 @@ class Phase(StrEnum):
     """All faults are removed, the ram is stopped or held, and the recording is closed."""
 
 
-class Deadline:
-    """Calls a function if cleaning up takes too long.
-
-    Args:
-        seconds: how long cleaning up may take.
-        overdue: is called once, from a thread of its own, because the main thread may hang.
-    """
-
-    def __init__(self, seconds: float, overdue: Callable[[], None]) -> None:
-        self._seconds = seconds
-        self._overdue = overdue
-        self._timer: threading.Timer | None = None
-
-    def start(self) -> None:
-        """Start the time, unless it runs already."""
-        if self._timer is None:
-            self._timer = threading.Timer(self._seconds, self._overdue)
-            self._timer.daemon = True
-            self._timer.start()
-
-    def cancel(self) -> None:
-        """Stop the time, because everything is cleaned up."""
-        timer, self._timer = self._timer, None
-        if timer is not None:
-            timer.cancel()
-
-
 @dataclass(kw_only=True)
 class Setting:
     """The objects that all tests of one campaign share while they run.
@@ -96,7 +69,6 @@ class Setting:
         detector: makes the detector of each test, in place of the filter's own; None for the own.
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
-        deadline: limits how long cleaning up after a test may take.
     """
 
     campaign: Campaign
@@ -111,10 +83,6 @@ class Setting:
     desk: Desk
     suspenders: Suspenders
     detector: DetectorFactory | None = None
-    deadline: Deadline = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.deadline = Deadline(CLEANUP_S, self.cleans_up_too_long)
 
     def cleans_up_too_long(self) -> None:
         """End the process, because cleaning up takes longer than `CLEANUP_S`."""
@@ -156,9 +124,12 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         recording: file name of its recording.
     """
     started = time.perf_counter()
+    # It calls from a thread of its own, because this one may hang while it cleans up.
+    deadline = threading.Timer(CLEANUP_S, setting.cleans_up_too_long)
+    deadline.daemon = True
     running, status, message = None, Status.ERROR, ""
     try:
-        running = _RunningTest(setting, test, recording)
+        running = _RunningTest(setting, test, recording, deadline)
         status = running.run()
     except _InterruptedError as error:
         status, message = error.status, str(error)
@@ -180,43 +151,29 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
             where = log_error(setting.directory, f"test {test.name}")
             message = f"{type(error).__name__}: {error} (traceback in {where})"
     finally:
-        setting.deadline.cancel()
+        deadline.cancel()
     if status == Status.ABORTED:
         message = f"stopped by {setting.stop.reason}"
-    outcome = TestOutcome(
-        name=test.name,
-        expect=str(test.expect),
-        status=status,
-        seed=test.seed,
-        duration_s=test.duration_s,
-        message=message,
-        wall_s=time.perf_counter() - started,
-        on_fault=test.on_fault,
+    wall_s = time.perf_counter() - started
+    outcome = replace(
+        not_run(test), status=status, message=message, wall_s=wall_s, on_fault=test.on_fault
     )
     return outcome if running is None else running.completed(outcome)
 
 
-@contextmanager
-def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
-    try:
-        yield
-    except _InterruptedError:
-        # The campaign goes on with another test: the ram is held, as at the end of any test.
-        loop.end_early()
-        raise
-    finally:
-        setting.deadline.start()
-        # A full disk must not keep the rig from being made safe.
-        with suppress(OSError):
-            setting.enters(Phase.CLEANUP)
-        loop.safe_state()
+def not_run(test: CampaignTest) -> TestOutcome:
+    """Return the outcome of a test that has not been run."""
+    return TestOutcome(test.name, str(test.expect), Status.NOT_RUN, test.seed, test.duration_s)
 
 
 class _RunningTest:
     """One test while it runs, with its results so far."""
 
-    def __init__(self, setting: Setting, test: CampaignTest, recording: str) -> None:
+    def __init__(
+        self, setting: Setting, test: CampaignTest, recording: str, deadline: threading.Timer
+    ) -> None:
         campaign = setting.campaign
+        self._deadline = deadline
         self._setting = setting
         self._test = test
         self._recording = recording
@@ -243,7 +200,7 @@ class _RunningTest:
             TripError: the rig tripped.
         """
         setting, test = self._setting, self._test
-        with _left_safe(setting, self._loop):
+        with self._left_safe():
             setting.pacer.start()
             setting.enters(Phase.POSITIONING)
             self._loop.position()
@@ -264,7 +221,7 @@ class _RunningTest:
                 self._recorded = True
                 setting.observer.test_runs(channels, getattr(self._loop, "number", None))
                 # The valve is at null before the recording is closed.
-                with _left_safe(setting, self._loop):
+                with self._left_safe():
                     self._drive()
                     if isinstance(self._writer, Timed):
                         self._timing = self._writer.timing()
@@ -275,6 +232,23 @@ class _RunningTest:
         decision = self._judge.decision
         expected = decision is not None and decision.verdict == test.expect
         return Status.PASSED if expected else Status.FAILED
+
+    @contextmanager
+    def _left_safe(self) -> Iterator[None]:
+        """Leave the rig safe when the context is left, in bounded time."""
+        try:
+            yield
+        except _InterruptedError:
+            # The campaign goes on with another test: the ram is held, as at the end of any test.
+            self._loop.end_early()
+            raise
+        finally:
+            if self._deadline.ident is None:
+                self._deadline.start()
+            # A full disk must not keep the rig from being made safe.
+            with suppress(OSError):
+                self._setting.enters(Phase.CLEANUP)
+            self._loop.safe_state()
 
     def _go_on(self) -> None:
         """Raise an error if the present test is to be ended early.
@@ -304,7 +278,7 @@ class _RunningTest:
             recording=self._recording if self._recorded else None,
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,
-            actions=self._reactions.actions,
+            actions=tuple(self._reactions.actions),
             friction=self._friction.curve,
             figures=figures_of(
                 self._judge.decision,

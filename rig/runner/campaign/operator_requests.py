@@ -48,6 +48,11 @@ class Desk:
 
     A request is written to the journal before it is answered. The campaign's thread looks for
     requests between two batches and between two tests.
+
+    Attributes:
+        paused: whether the campaign is to wait before its next test.
+        interruption: SKIP or RETRY if the present test is to be ended at once, else None; it stays
+            until the next test begins.
     """
 
     def __init__(self) -> None:
@@ -62,8 +67,8 @@ class Desk:
         self._held: Sequence[str] = ()
         self._attention: list[str] = []
         self._notes: list[str] = []
-        self._paused = False
-        self._interruption: Request | None = None
+        self.paused = False
+        self.interruption: Request | None = None
         self._changed: Changed
 
     # -- the campaign's thread --------------------------------------------------------------------
@@ -115,7 +120,7 @@ class Desk:
     def begins(self, index: int) -> None:
         """Note which test begins, by its index; `interruption` is None again."""
         with self._lock:
-            self._present, self._interruption = index, None
+            self._present, self.interruption = index, None
 
     def enters(self, phase: str) -> None:
         """Note the phase that the present test enters."""
@@ -146,20 +151,7 @@ class Desk:
                 self._attention += reasons
             changed, self._held = list(reasons) != list(self._held), reasons
         if changed:
-            self._changed(self._paused, self._held)
-
-    @property
-    def paused(self) -> bool:
-        """Whether the campaign is to wait before its next test."""
-        return self._paused
-
-    @property
-    def interruption(self) -> Request | None:
-        """SKIP or RETRY if the present test is to be ended at once, else None.
-
-        It stays until the next test begins.
-        """
-        return self._interruption
+            self._changed(self.paused, self._held)
 
     def take_notes(self) -> list[str]:
         """Return the operators' notes since the last call, as "OPERATOR: TEXT", on one line each.
@@ -212,7 +204,7 @@ class Desk:
                 reply += f", but the journal cannot be written: {error}"
             self._obey(request, who, text, index)
         if request in (Request.PAUSE, Request.RESUME):
-            self._changed(self._paused, self._held)
+            self._changed(self.paused, self._held)
         return reply
 
     def status(self) -> dict[str, Any]:
@@ -223,11 +215,11 @@ class Desk:
         """
         with self._lock:
             state = "running" if self._present is not None else "between tests"
-            if self._present is None and (self._paused or self._held):
-                state = "paused" if self._paused else "held"
+            if self._present is None and (self.paused or self._held):
+                state = "paused" if self.paused else "held"
             return {
                 "state": state if self._write is not None else "ended",
-                "pausing": self._paused,
+                "pausing": self.paused,
                 "held": list(self._held),
                 "test": None if self._present is None else self._names[self._present],
                 "phase": self._phase,
@@ -260,7 +252,7 @@ class Desk:
             case Request.PAUSE:
                 after = "" if self._present is None else f" after {self._names[self._present]}"
                 return f"pauses{after}; go on with resume"
-            case Request.RESUME if not self._paused:
+            case Request.RESUME if not self.paused:
                 raise RefusedError("the campaign is not paused")
             case Request.RESUME:
                 held = f", but is held: {'; '.join(self._held)}" if self._held else ""
@@ -289,13 +281,13 @@ class Desk:
             self._notes.append(f"{who}: {text if request == 'note' else f'{request}: {text}'}")
         match request:
             case Request.PAUSE | Request.RESUME:
-                self._paused = request is Request.PAUSE
+                self.paused = request is Request.PAUSE
             case Request.ABORT:
                 self._stop.request(f"{who}: {text}" if text else who)
             case Request.ACKNOWLEDGE:
                 self._attention.clear()
             case Request.SKIP | Request.RETRY if running:
-                self._interruption = request
+                self.interruption = request
             case Request.RETRY if index is not None:
                 del self._statuses[index]
 

@@ -222,29 +222,34 @@ def motion_of(test: CampaignTest) -> Motion:
     )
 
 
-def interlock_of(rig: Rig, assumed: Model) -> Interlock:
-    """Return the interlock that judges the samples of a simulated rig, as it does on hardware.
+def interlock_of(
+    rig: Rig, assumed: Model, fitted: frozenset[str] | None = None, period_s: float = TICK
+) -> Interlock:
+    """Return the interlock that judges the samples of a rig.
 
     Args:
-        rig: the simulated rig, with its limits.
+        rig: the rig, with its limits.
         assumed: the model with which the samples must agree.
+        fitted: channels of the transducers that the rig has; those of a simulated rig if not given.
+        period_s: time from one sample to the next, s.
     """
-    absent = {
-        "spool_m": not rig.has_spool_sensor,
-        "supply_pressure_Pa": not rig.has_supply_pressure_sensor,
-        "load_N": not rig.has_load_cell,
-    }
-    fitted = frozenset(name for name in READINGS if not absent.get(name, False))
+    if fitted is None:
+        has = {
+            "spool_m": rig.has_spool_sensor,
+            "supply_pressure_Pa": rig.has_supply_pressure_sensor,
+            "load_N": rig.has_load_cell,
+        }
+        fitted = frozenset(name for name in READINGS if has.get(name, True))
     judged = tolerances(
         assumed.parameters,
         rig.sensors,
         fitted,
-        TICK,
+        period_s,
         rig.loop.stale_limit,
         rig.homing or HomingSettings(),
         rig.limits.command_V,
     )
-    return interlock(limit_table(rig.ladder, TICK), judged)
+    return interlock(limit_table(rig.ladder, period_s), judged)
 
 
 def loop_of(

@@ -18,27 +18,25 @@ class StopFlag:
 
     It is a plain attribute without a lock: a signal handler interrupts a thread between any two
     steps, and would wait for ever for a lock that this very thread has.
+
+    Attributes:
+        reason: why the run has been asked to end; empty if it has not.
     """
 
     def __init__(self) -> None:
-        self._reason = ""
+        self.reason = ""
 
     def request(self, reason: str) -> None:
         """Ask the run to end; the first reason stays.
 
         An empty reason, as of an operator whose name is empty, becomes "somebody without a name".
         """
-        self._reason = self._reason or reason or _UNNAMED
+        self.reason = self.reason or reason or _UNNAMED
 
     @property
     def requested(self) -> bool:
         """Whether the run has been asked to end."""
-        return bool(self._reason)
-
-    @property
-    def reason(self) -> str:
-        """Why the run has been asked to end; empty if it has not."""
-        return self._reason
+        return bool(self.reason)
 
 
 @contextmanager

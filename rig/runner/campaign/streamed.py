@@ -139,7 +139,15 @@ class StreamedRun(Observer, Onlooker):
         self._inner.test_advances(time_s, decision)
         if decision is not None and decision is not self._decision:
             self._decision = decision
-            self.stream.send("decision", self._decided(time_s, decision))
+            interval = decision.interval_m3_per_s
+            content = asdict(decision) | {
+                "time_s": time_s,
+                "test": self._number,
+                "name": self._test.name if self._test else "",
+                "interval_m3_per_s": None if interval is None else list(interval),
+                "suspected": decision.suspected,
+            }
+            self.stream.send("decision", content)
         if time.monotonic() - self._progress_at >= PROGRESS_S:
             self._send_progress(time_s)
             if self._unlisted:
@@ -191,17 +199,6 @@ class StreamedRun(Observer, Onlooker):
                 verdict=outcome.decision.verdict if outcome.decision else "",
                 message=outcome.message,
             )
-
-    def _decided(self, time_s: float, decision: Decision) -> dict[str, Any]:
-        interval = decision.interval_m3_per_s
-        return {
-            **asdict(decision),
-            "time_s": time_s,
-            "test": self._number,
-            "name": self._test.name if self._test else "",
-            "interval_m3_per_s": None if interval is None else list(interval),
-            "suspected": decision.suspected,
-        }
 
     def _send_progress(self, time_s: float) -> None:
         self._progress_at = time.monotonic()

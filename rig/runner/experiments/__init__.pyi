@@ -1,15 +1,13 @@
 from .friction_experiment import (
     FrictionExperiment as FrictionExperiment,
+    experiment_figures as experiment_figures,
+    revised_model as revised_model,
     run_friction_experiment as run_friction_experiment,
 )
 from .friction_plan import (
     break_away_campaign as break_away_campaign,
     places_of as places_of,
     sliding_campaign as sliding_campaign,
-)
-from .friction_results import (
-    experiment_figures as experiment_figures,
-    revised_model as revised_model,
 )
 from .gap_closing import CHANNELS as CHANNELS, ROUNDS as ROUNDS, close_gap as close_gap
 from .gap_motions import (

@@ -17,8 +17,9 @@ from estimator.gap import Array, Motion
 from faults import Campaign
 from rig.configuration import Rig
 from rig.plant import TICK, Model
+from rig.runner.campaign import plain_test
 
-from .parts import part_campaign, part_test, stroke_of
+from .parts import part_campaign, stroke_of
 
 EXPERIMENT_S: Final = 20.0
 """Duration of a motion, s."""
@@ -159,7 +160,7 @@ def motions_campaign(name: str, wanted: Motions, rig: Rig, assumed: Model, seed:
     for (motion, duration_s), drawn in zip(wanted, map(int, seeds), strict=True):
         setpoint = strokes(room_of(rig), drawn)[motion].setpoint
         start = float(setpoint.sample(np.zeros(1))[0])
-        tests.append(part_test(motion, setpoint, duration_s, start, _SETTLE_S, drawn))
+        tests.append(plain_test(motion, setpoint, duration_s, start, _SETTLE_S, drawn))
     return part_campaign(name, "Motions of rig gap --live.", rig, assumed, tests)
 
 

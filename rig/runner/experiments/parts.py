@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from control import Setpoint
 from estimator.filters import DEFAULT_FILTER, FilterRun
 from estimator.leaks import Decision, Samples
 from faults import Campaign, CampaignTest, Verdict
@@ -22,34 +21,6 @@ MARGIN_M: Final = 0.02
 def stroke_of(rig: Rig) -> tuple[float, float]:
     """Return the lowest and the highest position, m, to which an experiment may move a ram."""
     return rig.limits.position_min_m + MARGIN_M, rig.limits.position_max_m - MARGIN_M
-
-
-def part_test(
-    name: str, setpoint: Setpoint, duration_s: float, start: float, settle_s: float, seed: int = 0
-) -> CampaignTest:
-    """Return a test of an experiment, without faults and without a detector's verdict.
-
-    Args:
-        name: name of the test.
-        setpoint: setpoint of the ram.
-        duration_s: duration of the test, s.
-        start: position at which the ram settles before the test, m.
-        settle_s: how long the ram settles there, s.
-        seed: sets the noise of a simulated rig.
-    """
-    return CampaignTest(
-        name=name,
-        test_name=name,
-        duration_s=duration_s,
-        start_position_m=start,
-        settle_s=settle_s,
-        setpoint=setpoint,
-        load=None,
-        faults=(),
-        expect=Verdict.INCONCLUSIVE,
-        repeat=1,
-        seed=seed,
-    )
 
 
 def part_campaign(

@@ -95,15 +95,16 @@ def residual_level(innovation: Array) -> Figure | None:
     return Figure(float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means))), "Pa")
 
 
+def litres_per_minute(flow: float | None) -> float | None:
+    """Return a flow in L/min that is given in m^3/s; None if it is None."""
+    return None if flow is None else to_litres_per_minute(flow)
+
+
 def _of_decision(decision: Decision) -> dict[str, Figure]:
     found = {}
     if decision.leak_m3_per_s is not None:
-        error = decision.leak_std_m3_per_s
-        found["leak"] = Figure(
-            to_litres_per_minute(decision.leak_m3_per_s),
-            None if error is None else to_litres_per_minute(error),
-            "L/min",
-        )
+        error = litres_per_minute(decision.leak_std_m3_per_s)
+        found["leak"] = Figure(to_litres_per_minute(decision.leak_m3_per_s), error, "L/min")
     if "bulk_modulus_Pa" in decision.details:
         error = decision.details.get("bulk_modulus_std_Pa")
         found["bulk_modulus"] = Figure(decision.details["bulk_modulus_Pa"], error, "Pa")

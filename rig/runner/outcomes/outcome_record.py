@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from math import isfinite
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from .outcome import TestOutcome
 
 def record_of(outcome: TestOutcome) -> dict[str, Any]:
     """Return an outcome as JSON-able values; floats stay exact, NaN and infinity become text."""
-    content: dict[str, Any] = jsonable(outcome, repr)
-    return content
+    return dict(jsonable(outcome, repr))
 
 
 def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
@@ -52,9 +51,7 @@ def jsonable(value: Any, lacking: Callable[[float], str | None] = lambda number:
     return value
 
 
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
+_hints: Final = cache(get_type_hints)
 
 
 def _made(kind: Any, value: Any) -> Any:
@@ -80,4 +77,4 @@ def _made(kind: Any, value: Any) -> Any:
         return kind(**{name: _made(hints[name], item) for name, item in value.items()})
     if isinstance(kind, type) and issubclass(kind, tuple):
         return kind(*value)
-    return kind(value) if kind in (float, bool, int, str) or isinstance(kind, type) else value
+    return kind(value) if isinstance(kind, type) else value

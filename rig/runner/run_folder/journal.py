@@ -94,12 +94,11 @@ def _read(path: Path) -> tuple[list[Entry], int]:
             break
         entries.append(entry)
         whole += len(line)
-    for line in content[whole:].splitlines(keepends=True):
-        if _entry(line) is not None:
-            raise JournalError(
-                f"{path}:{len(entries) + 1}: is damaged, and lines follow it, so that it was not a "
-                "kill; restore the file, or run anew with another --out"
-            )
+    if any(_entry(line) is not None for line in content[whole:].splitlines(keepends=True)):
+        raise JournalError(
+            f"{path}:{len(entries) + 1}: is damaged, and lines follow it, so that it was not a "
+            "kill; restore the file, or run anew with another --out"
+        )
     return entries, whole
 
 
@@ -115,10 +114,6 @@ def _entry(line: bytes) -> Entry | None:
         return Entry(content.pop("n"), content.pop("at"), content.pop("kind"), content)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
-
-
-def _utc_now() -> datetime:
-    return datetime.now(UTC)
 
 
 class Journal:
@@ -148,7 +143,7 @@ class Journal:
         folder: Path,
         *,
         resume: bool = False,
-        now: Callable[[], datetime] = _utc_now,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
         name: str = JOURNAL,
         busy: str = "",
     ) -> None:
@@ -165,7 +160,10 @@ class Journal:
     def __enter__(self) -> "Journal":
         self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
-            _lock(self._file, self._busy)
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise JournalError(self._busy) from None
             if self._resume:
                 self.entries, whole = _read(self._path)
                 self._number = len(self.entries)
@@ -237,10 +235,3 @@ def sync(path: Path) -> None:
         return
     finally:
         os.close(file)
-
-
-def _lock(file: int, busy: str) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        raise JournalError(busy) from None

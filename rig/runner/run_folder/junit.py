@@ -9,9 +9,14 @@ from junitparser.junitparser import FinalResult
 
 from estimator.leaks import Decision
 from rig.recording import replacing
-from rig.runner.outcomes import CampaignOutcome, InjectedFault, Status, TestOutcome, in_passing
-
-from .results import litres_per_minute
+from rig.runner.outcomes import (
+    CampaignOutcome,
+    InjectedFault,
+    Status,
+    TestOutcome,
+    in_passing,
+    litres_per_minute,
+)
 
 _NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold, not even escaped."""

@@ -15,6 +15,7 @@ from rig.runner.outcomes import (
     TestOutcome,
     friction_figures,
     jsonable,
+    litres_per_minute,
 )
 
 from .directory import SCHEMA
@@ -114,11 +115,6 @@ def leak_figures(decision: Decision) -> dict[str, Any]:
         "interval_L_per_min": None if interval is None else [*map(to_litres_per_minute, interval)],
         "leak_coefficient": decision.coefficient,
     }
-
-
-def litres_per_minute(flow: float | None) -> float | None:
-    """Return a flow in L/min that is given in m^3/s; None if it is None."""
-    return None if flow is None else to_litres_per_minute(flow)
 
 
 def coefficient_unit(fault: InjectedFault) -> str:

@@ -154,15 +154,17 @@ def end(
                 patch.setattr(McapWriter, "write", lambda *_: position(None))  # type: ignore[arg-type]
             elif way.in_test is not None:
                 patch.setattr(SimulatedLoop, "position", position)
-            if way.between is not None:
-                patch.setattr(Desk, "paused", True)
+            desk = Desk()
+            desk.paused = way.between is not None
             campaign = make_campaign(
                 make_test(duration_s=9.0, **way.expect),
                 make_test("second", duration_s=9.0, **way.expect),
             )
             outcome = None
             with suppress(DriverError):
-                outcome = run_campaign(campaign, rig, tmp_path, observer=listener, stop=stop)
+                outcome = run_campaign(
+                    campaign, rig, tmp_path, observer=listener, stop=stop, desk=desk
+                )
         return Ended(outcome, listener.told, tmp_path)
 
     return run

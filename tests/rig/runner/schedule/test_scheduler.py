@@ -13,8 +13,7 @@ from hypothesis import Phase, given, settings, strategies as st
 from rig.configuration.campaigns.schedule import MOST_TIMES, Entry, Missed, Schedule
 from rig.runner.run_folder.journal import Journal, JournalError
 from rig.runner.schedule.additions import ADDITIONS, add
-from rig.runner.schedule.scheduler import MOST_RESUMES, Scheduler
-from rig.runner.schedule.state import JOURNAL, Job, ScheduleState
+from rig.runner.schedule.scheduler import JOURNAL, MOST_RESUMES, Job, Scheduler, ScheduleState
 
 EVENING = datetime(2026, 11, 21, 20, 0, tzinfo=UTC)
 NIGHT = timedelta(hours=12)
