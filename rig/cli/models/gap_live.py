@@ -15,7 +15,16 @@ from rig.cli.rig_failures import require_possible_pace
 from rig.configuration import Rig
 from rig.plant import Model
 from rig.runner.campaign import Pace
-from rig.runner.experiments import ApartError, Programme, apart, close_gap, motions_campaign
+from rig.runner.experiments import (
+    CHECK,
+    EXPERIMENT_S,
+    FITTED,
+    HELD,
+    ApartError,
+    apart,
+    close_gap,
+    motions_campaign,
+)
 from rig.runner.run_folder import make_empty
 
 from .experiments import experiment, print_motions, rig_time
@@ -25,15 +34,14 @@ LONGEST: Final = "each experiment {:g} s more, with a check after it"
 
 def show_motions(rig: Rig, assumed: Model) -> int:
     """Print the motions of the first round as they would run, and move nothing; return 0."""
-    plan = Programme()
     campaigns = (
-        motions_campaign("held out", plan.held, rig, assumed, 1),
-        motions_campaign("round 1", plan.fitted, rig, assumed, 1),
-        motions_campaign("check", plan.check, rig, assumed, 501),
+        motions_campaign("held out", HELD, rig, assumed, 1),
+        motions_campaign("round 1", FITTED, rig, assumed, 1),
+        motions_campaign("check", CHECK, rig, assumed, 501),
     )
     click.echo(
         f"gap of {rig.name} to the model {assumed.name}: {rig_time(campaigns)} of rig time in "
-        f"one round; {LONGEST.format(plan.experiment_s)}"
+        f"one round; {LONGEST.format(EXPERIMENT_S)}"
     )
     for campaign in campaigns:
         click.echo(f"{campaign.name}:")

@@ -207,12 +207,9 @@ class _CampaignRun(Setting):
         recordings: file name of each test's recording.
         standing: state of the campaign according to its journal.
         journal: the journal, whose context has been entered.
-        overdue: is called if cleaning up takes too long.
         written_at: when the results were last written, s of the monotonic clock.
         refused: number of requests that were refused.
         suspended: how often conditions have interrupted each test, by the test's index.
-        present: index of the present test, or of the last one.
-        phase: its phase; None before the first test.
         ended_with: exit code of an event that ended the run outside its tests; None if none.
     """
 
@@ -220,12 +217,9 @@ class _CampaignRun(Setting):
     recordings: list[str]
     standing: JournalState
     journal: Journal
-    overdue: Callable[[], None]
     written_at: float = 0.0
     refused: int = 0
     suspended: Counter[int] = field(default_factory=Counter)
-    present: int = 0
-    phase: Phase | None = None
     ended_with: int | None = None
 
     def run(self, started: datetime, given: Mapping[str, Any]) -> None:
@@ -367,20 +361,6 @@ class _CampaignRun(Setting):
         self.desk.record("outcome", test=index, outcome=record_of(outcome))
         self.desk.ends(index, str(outcome.status), attention=outcome.status in _WANTS_ATTENTION)
 
-    def enters(self, phase: Phase, recording: str | None = None) -> None:
-        """Write to the journal that the present test enters a phase, unless it is in it already.
-
-        Args:
-            phase: the phase.
-            recording: file name of the test's recording in the phase `MAIN`, None in the others.
-        """
-        if phase is self.phase:
-            return
-        self.phase = phase
-        more = {"recording": recording} if recording else {}
-        self.desk.enters(phase)
-        self.desk.record("phase", test=self.present, phase=phase, durable=False, **more)
-
     def _keep(self, kind: str, *, durable: bool = True, **details: Any) -> None:
         self.standing.take(self.journal.write(kind, durable=durable, **details))
 
@@ -388,14 +368,6 @@ class _CampaignRun(Setting):
         self.refused += 1
         if self.refused <= _MOST_REFUSED:
             self.desk.record("refused", why=why, durable=False)
-
-    def cleans_up_too_long(self) -> None:
-        """Write to the journal that cleaning up takes too long, and call `overdue`."""
-        # The test may hang on the disk, so the process is ended even if nothing can be written.
-        try:
-            self.desk.record("overdue")
-        finally:
-            self.overdue()
 
     def write(self) -> None:
         """Write `results.json` and `junit.xml` with all outcomes so far."""

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -69,6 +69,9 @@ class Setting:
         detector: makes the detector of each test, in place of the filter's own; None for the own.
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
+        overdue: is called from another thread if cleaning up takes longer than `CLEANUP_S`.
+        present: index of the present test, or of the last one.
+        phase: its phase; None before the first test.
     """
 
     campaign: Campaign
@@ -82,20 +85,33 @@ class Setting:
     provenance: Mapping[str, Any]
     desk: Desk
     suspenders: Suspenders
+    overdue: Callable[[], None]
     detector: DetectorFactory | None = None
 
+    present: int = 0
+    phase: Phase | None = None
+
     def cleans_up_too_long(self) -> None:
-        """End the process, because cleaning up takes longer than `CLEANUP_S`."""
-        raise NotImplementedError
+        """Write to the journal that cleaning up takes too long, and call `overdue`."""
+        # The test may hang on the disk, so the process is ended even if nothing can be written.
+        try:
+            self.desk.record("overdue")
+        finally:
+            self.overdue()
 
     def enters(self, phase: Phase, recording: str | None = None) -> None:
-        """Note the phase that the present test enters.
+        """Write to the journal that the present test enters a phase, unless it is in it already.
 
         Args:
             phase: the phase.
             recording: file name of the test's recording in the phase `MAIN`, None in the others.
         """
-        raise NotImplementedError
+        if phase is self.phase:
+            return
+        self.phase = phase
+        more = {"recording": recording} if recording else {}
+        self.desk.enters(phase)
+        self.desk.record("phase", test=self.present, phase=phase, durable=False, **more)
 
 
 class _InterruptedError(Exception):
@@ -133,10 +149,9 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         status = running.run()
     except _InterruptedError as error:
         status, message = error.status, str(error)
-    except KeyboardInterrupt:
-        setting.stop.request("KeyboardInterrupt")
-        status = Status.ABORTED
-    except StopRequestedError:
+    except (KeyboardInterrupt, StopRequestedError) as error:
+        if isinstance(error, KeyboardInterrupt):
+            setting.stop.request("KeyboardInterrupt")
         status = Status.ABORTED
     except TripError as error:
         setting.stop.request("a trip")

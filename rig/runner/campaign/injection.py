@@ -86,7 +86,12 @@ class Injection:
             if fault.kind in LEAK_CHANNELS
         }
         self._time_s = -inf
-        self._coming = sorted(_events(faults), key=lambda event: event[0])
+        begins = [
+            (each.at_s, "fault_on", f"{each.kind}: {each.coefficient:.4g} (SI)") for each in faults
+        ]
+        ends = [(each.until_s, "fault_off", str(each.kind)) for each in faults]
+        events = (event for event in begins + ends if event[0] != inf)
+        self._coming = sorted(events, key=lambda event: event[0])
 
     def _flow_of(self, fault: Fault) -> _MeanFlow:
         truth, meter = LEAK_CHANNELS[fault.kind]
@@ -130,13 +135,3 @@ class Injection:
             for index, fault in enumerate(self._faults)
             if fault.at_s <= self._time_s + _INSTANT_S
         )
-
-
-def _events(faults: tuple[Fault, ...]) -> list[tuple[float, str, str]]:
-    begins = [
-        (fault.at_s, "fault_on", f"{fault.kind}: {fault.coefficient:.4g} (SI)") for fault in faults
-    ]
-    ends = [
-        (fault.until_s, "fault_off", str(fault.kind)) for fault in faults if fault.until_s != inf
-    ]
-    return begins + ends

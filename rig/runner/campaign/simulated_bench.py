@@ -39,39 +39,33 @@ _REPORTED: Final = round(2.0 / TICK)
 """Number of rows in a trip report: those of the last 2 s, as on hardware."""
 
 
+@dataclass
 class SimulatedTest:
     """A `Loop` on a simulated rig, which reports a trip in the same way as a rig on hardware.
 
-    Args:
+    Attributes:
         loop: the simulated loop, before its first tick.
         directory: folder of the run, to which a trip report is written.
         ladder: the limits of the loop's interlock, for a trip report.
         say: shows a line to the operator.
-
-    Attributes:
         channels: names of the rows' columns.
     """
 
-    def __init__(
-        self,
-        loop: SimulatedLoop,
-        directory: Path,
-        ladder: Sequence[ChannelLimit],
-        say: Callable[[str], None],
-    ) -> None:
-        self.channels = loop.channels
-        self._loop = loop
-        self._directory = directory
-        self._ladder = ladder
-        self._say = say
+    loop: SimulatedLoop
+    directory: Path
+    ladder: Sequence[ChannelLimit]
+    say: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self.channels = self.loop.channels
         self._indicated = Cause.NONE, ""
-        self._last = np.empty((0, len(loop.channels)))
+        self._last = np.empty((0, len(self.channels)))
         self._found = ""
 
     @property
     def ticks_left(self) -> int:
         """Number of the test's ticks that have not been run yet."""
-        return self._loop.ticks_left
+        return self.loop.ticks_left
 
     def position(self) -> None:
         """Move the ram to the test's start position, and wait until it has settled there.
@@ -80,9 +74,9 @@ class SimulatedTest:
             TripError: the interlock stopped the loop.
         """
         try:
-            self._loop.position()
+            self.loop.position()
         except LoopStoppedError as error:
-            self._last = self._loop.last_sample()
+            self._last = self.loop.last_sample()
             raise self._stopped(error) from None
         self._show_indicated()
 
@@ -111,7 +105,7 @@ class SimulatedTest:
                 trip on a fault.
         """
         try:
-            rows = self._loop.advance(ticks)
+            rows = self.loop.advance(ticks)
         except LoopStoppedError as error:
             raise self._stopped(error) from None
         self._last = np.concatenate([self._last, rows])[-_REPORTED:]
@@ -121,18 +115,18 @@ class SimulatedTest:
     def decided(self, row: Array) -> None:
         """Give the loop the detector's decision, a row of `rig.loop.decided.DECIDED`."""
         self._found = confirmed_fault(row)
-        self._loop.decided(row)
+        self.loop.decided(row)
 
     def safe_state(self) -> None:
         """Put the valve at null, and remove all injected faults."""
-        self._loop.safe_state()
+        self.loop.safe_state()
 
     def _show_indicated(self) -> None:
         """Show the operator what the interlock indicates, each time that it changes."""
-        indicated = self._loop.indicated
+        indicated = self.loop.indicated
         if indicated not in ((Cause.NONE, ""), self._indicated):
             sentence, remedy = explain(*indicated)
-            self._say(f"loop: {sentence}; {remedy}")
+            self.say(f"loop: {sentence}; {remedy}")
         self._indicated = indicated
 
     def _stopped(self, error: LoopStoppedError) -> TripError:
@@ -142,12 +136,12 @@ class SimulatedTest:
         at rest; a report is written only if it trips meanwhile.
         """
         if error.action is not Action.TRIP:
-            self._last = np.concatenate([self._last, self._loop.come_to_rest()])[-_REPORTED:]
-            if self._loop.stopped.action is not Action.TRIP:
+            self._last = np.concatenate([self._last, self.loop.come_to_rest()])[-_REPORTED:]
+            if self.loop.stopped.action is not Action.TRIP:
                 return TripError(str(error))
-        stopped = self._loop.stopped
+        stopped = self.loop.stopped
         at_ns = time.monotonic_ns()
-        self._loop.safe_state()
+        self.loop.safe_state()
         safe_ns = time.monotonic_ns()
         report = TripReport(
             trips={"loop": (stopped.cause, at_ns)},
@@ -156,9 +150,9 @@ class SimulatedTest:
             channels=self.channels,
             rows=self._last,
             channel=stopped.channel,
-            limits=self._ladder,
+            limits=self.ladder,
         )
-        return trip_error(report, kept_trip_report(report, self._directory, self._say))
+        return trip_error(report, kept_trip_report(report, self.directory, self.say))
 
 
 @dataclass

@@ -181,11 +181,10 @@ class StreamedRun(Observer, Onlooker):
     def test_rows(self, rows: Array) -> None:
         """Send rows of the present test if the rig is simulated; see `simulated` of the class."""
         self._inner.test_rows(rows)
-        if not self._simulated:
-            return
-        if self._feed is None:
-            self._feed = RowFeed(self.stream, self._channels, live=self._live)
-        self._feed.add(rows, self._number)
+        if self._simulated:
+            if self._feed is None:
+                self._feed = RowFeed(self.stream, self._channels, live=self._live)
+            self._feed.add(rows, self._number)
 
     def test_event(self, time_s: float, kind: str, text: str) -> None:
         """Send an event of the present test; `time_s` counts from the test's first sample."""

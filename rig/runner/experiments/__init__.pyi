@@ -11,7 +11,10 @@ from .friction_plan import (
 )
 from .gap_closing import CHANNELS as CHANNELS, ROUNDS as ROUNDS, close_gap as close_gap
 from .gap_motions import (
-    Programme as Programme,
+    CHECK as CHECK,
+    EXPERIMENT_S as EXPERIMENT_S,
+    FITTED as FITTED,
+    HELD as HELD,
     motions_campaign as motions_campaign,
     room_of as room_of,
 )

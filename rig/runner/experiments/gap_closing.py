@@ -42,7 +42,7 @@ from rig.recording import Recording, read_recording
 from rig.runner.campaign import Pace, StopFlag, bench_of
 from rig.runner.outcomes import EXIT_STOPPED, Observer
 
-from .gap_motions import EXPERIMENT_S, Motions, Programme, motions_campaign, room_of
+from .gap_motions import CHECK, EXPERIMENT_S, FITTED, HELD, Motions, motions_campaign, room_of
 from .gap_results import rig_plant, with_terms
 from .parts import ExperimentStoppedError, Parts
 from .worker_process import Said, Worker
@@ -63,18 +63,16 @@ class Question:
     Attributes:
         rig: the rig of the recordings.
         model: the model to be tested.
-        experiment_s: duration of a motion that distinguishes effects, s.
         wanted: what the revised model may hold of what is discovered.
     """
 
     rig: Rig
     model: Model
-    experiment_s: float = EXPERIMENT_S
     wanted: Wanted = field(default_factory=Wanted)
 
     def plant(self) -> Plant:
         """Return the rig with the model as the workflow's `Plant`."""
-        return rig_plant(self.model, self.rig.sensors, room_of(self.rig), self.experiment_s)
+        return rig_plant(self.model, self.rig.sensors, room_of(self.rig))
 
 
 def answer_to(
@@ -159,7 +157,6 @@ def close_gap(
     directory: Path,
     *,
     worker: Worker,
-    programme: Programme | None = None,
     rounds: int = ROUNDS,
     wanted: Wanted | None = None,
     pace: Pace | None = None,
@@ -178,7 +175,6 @@ def close_gap(
         given: the model to be tested.
         directory: an existing folder; each campaign gets a folder in it.
         worker: runs the computations; `apart` lets the rig be supervised meanwhile.
-        programme: the motions to run; the default programme if not given.
         rounds: greatest number of rounds, at least 1.
         wanted: what the model may hold of what is discovered; None for all but suspected leaks.
         pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
@@ -194,17 +190,16 @@ def close_gap(
         ApartError: the worker's process gave no result.
     """
     stop, observer = stop or StopFlag(), observer or Observer()
-    plan = programme or Programme()
-    question = Question(rig, given, plan.experiment_s, wanted or Wanted())
+    question = Question(rig, given, wanted or Wanted())
 
     def campaign(name: str, motions: Motions, number: int) -> Campaign:
         return motions_campaign(name, motions, rig, given, 1000 * seed + number)
 
-    first = campaign("held_out", plan.held, rounds)
+    first = campaign("held_out", HELD, rounds)
     bench = bench_of(first, rig, directory, observer, stop)
     with bench:
         parts = Parts(rig, directory, bench, pace, observer, stop)
-        return _Closing(question, plan, campaign, parts, worker).run(first, rounds)
+        return _Closing(question, campaign, parts, worker).run(first, rounds)
 
 
 @dataclass
@@ -213,7 +208,6 @@ class _Closing:
 
     Attributes:
         question: rig and model.
-        plan: the motions to run.
         campaign: returns a campaign of motions by its name; each number gives them other phases.
         parts: runs the campaigns; its bench is checked while the worker computes.
         worker: runs the computations.
@@ -225,7 +219,6 @@ class _Closing:
     """
 
     question: Question
-    plan: Programme
     campaign: Callable[[str, Motions, int], Campaign]
     parts: Parts
     worker: Worker
@@ -244,7 +237,7 @@ class _Closing:
         """
         asked, say = self.question, self.parts.observer.rig_tells
         self.held = list(self.parts.record(first).values())
-        why, motions = "to excite what the catalogue has", self.plan.fitted
+        why, motions = "to excite what the catalogue has", FITTED
         while True:
             number = len(self.rounds) + 1
             campaign = self.campaign(f"round_{number}", motions, number)
@@ -258,10 +251,10 @@ class _Closing:
             if experiment is not None and number < rounds:
                 effects = " from ".join(name.replace("_", " ") for name in experiment.effects)
                 why = f"to tell {effects}"
-                motions = ((_motion_of(experiment), self.plan.experiment_s),)
+                motions = ((_motion_of(experiment), EXPERIMENT_S),)
                 continue
             # New motions check the revised model, and are fitted to afterwards.
-            campaign = self.campaign(f"check_{number}", self.plan.check, 500 + number)
+            campaign = self.campaign(f"check_{number}", CHECK, 500 + number)
             fresh = list(self.parts.record(campaign).values())
             check, found = self.worker(self._wait, say, checked, asked, found, fresh, self.held)
             self.fitted += fresh
@@ -271,7 +264,7 @@ class _Closing:
                 break
             if self.is_done(found, check):
                 break
-            why, motions = "since the check was not adequate", self.plan.fitted
+            why, motions = "since the check was not adequate", FITTED
         found.rounds, found.ended_by = self.rounds, self.tripped
         return found
 

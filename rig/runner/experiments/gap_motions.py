@@ -21,8 +21,6 @@ from rig.runner.campaign import plain_test
 
 from .parts import part_campaign, stroke_of
 
-EXPERIMENT_S: Final = 20.0
-"""Duration of a motion, s."""
 _GREATEST_V: Final = 9.0
 """Greatest command that a step may cause by the loop's gain, V; effects cannot be distinguished
 while the command is limited to the valve's range."""
@@ -33,6 +31,20 @@ _ROUNDED: Final = 4
 
 Motions = tuple[tuple[str, float], ...]
 """Motions of the library to be run, each by its name and its duration in s."""
+
+FITTED: Final[Motions] = (
+    ("wide strokes", 25.0),
+    ("small steps", 15.0),
+    ("slow reversals", 20.0),
+    ("small fast strokes", 10.0),
+)
+"""The programme's motions to whose recordings the model is fitted."""
+HELD: Final[Motions] = (("wide strokes", 10.0), ("small steps", 10.0))
+"""Motions whose recordings are held out; they are run once, for all rounds."""
+CHECK: Final[Motions] = (("wide strokes", 20.0), ("small steps", 10.0))
+"""Motions on which a revised model is checked; each check runs them anew with other phases."""
+EXPERIMENT_S: Final = 20.0
+"""Duration of a motion that distinguishes effects, s."""
 
 
 @dataclass(frozen=True)
@@ -67,22 +79,19 @@ class Stroke:
         name: name of the motion in the library.
         about: description of the motion in words.
         setpoint: setpoint of the position, m.
-        duration_s: duration, s.
     """
 
     name: str
     about: str
     setpoint: Multisine | Pseudorandom
-    duration_s: float
 
 
-def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict[str, Stroke]:
+def strokes(room: Room, seed: int = 0) -> dict[str, Stroke]:
     """Return the library of motions, by their names.
 
     Args:
         room: the range in which the ram may move, with the gain by which steps are limited.
         seed: sets the phases or the random steps of the motions.
-        duration_s: duration of each motion, s.
     """
     middle, stroke = room.middle, room.part(1.0)
     step = min(0.16 * stroke, 0.5 * _GREATEST_V / room.gain)
@@ -113,35 +122,12 @@ def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict
         ("near the extended end", "quick strokes where chamber 2 is small",
          waves(room.high - near, 0.9 * near, 0.23, 0.71, 1.7)),
     )  # fmt: skip
-    return {name: Stroke(name, about, setpoint, duration_s) for name, about, setpoint in found}
+    return {name: Stroke(name, about, setpoint) for name, about, setpoint in found}
 
 
 def room_of(rig: Rig) -> Room:
     """Return the range in which experiments may move a rig's ram: its limits less a margin."""
     return Room(*stroke_of(rig), rig.gain_V_per_m)
-
-
-@dataclass(frozen=True)
-class Programme:
-    """The motions of the library that are run.
-
-    Attributes:
-        fitted: motions to whose recordings the model is fitted.
-        held: motions whose recordings are held out; they are run once, for all rounds.
-        check: motions on which a revised model is checked; each check runs them anew with other
-            phases.
-        experiment_s: duration of a motion that distinguishes effects, s.
-    """
-
-    fitted: Motions = (
-        ("wide strokes", 25.0),
-        ("small steps", 15.0),
-        ("slow reversals", 20.0),
-        ("small fast strokes", 10.0),
-    )
-    held: Motions = (("wide strokes", 10.0), ("small steps", 10.0))
-    check: Motions = (("wide strokes", 20.0), ("small steps", 10.0))
-    experiment_s: float = 20.0
 
 
 def motions_campaign(name: str, wanted: Motions, rig: Rig, assumed: Model, seed: int) -> Campaign:
@@ -164,25 +150,24 @@ def motions_campaign(name: str, wanted: Motions, rig: Rig, assumed: Model, seed:
     return part_campaign(name, "Motions of rig gap --live.", rig, assumed, tests)
 
 
-def motions(room: Room, pressure: float, duration_s: float = EXPERIMENT_S) -> tuple[Motion, ...]:
+def motions(room: Room, pressure: float) -> tuple[Motion, ...]:
     """Return the library of motions in the form that the search for an experiment takes.
 
     Args:
         room: the range in which the ram may move.
         pressure: pressure of both chambers at the start, Pa.
-        duration_s: duration of each motion, s.
     """
-    none = np.zeros((round(duration_s / TICK), 1))
+    none = np.zeros((round(EXPERIMENT_S / TICK), 1))
     pressures, spool = np.full((len(none), 2), pressure), none
     return tuple(
         Motion(
             stroke.name,
             stroke.about,
             none,
-            np.column_stack([sampled(stroke.setpoint, duration_s), pressures, spool]),
+            np.column_stack([sampled(stroke.setpoint, EXPERIMENT_S), pressures, spool]),
             campaign_of(stroke),
         )
-        for stroke in strokes(room, 1, duration_s).values()
+        for stroke in strokes(room, 1).values()
     )
 
 
@@ -209,7 +194,7 @@ def campaign_of(stroke: Stroke) -> dict[str, Any]:
             "upper": f"{setpoint.upper:g} m",
             "hold": [f"{setpoint.hold_min_s:g} s", f"{setpoint.hold_max_s:g} s"],
         }
-    test = {"name": stroke.name, "duration": f"{stroke.duration_s:g} s"}
+    test = {"name": stroke.name, "duration": f"{EXPERIMENT_S:g} s"}
     return {
         "name": f"gap {stroke.name}".replace(" ", "_"),
         "description": f"Experiment of rig gap: {stroke.about}.",

@@ -27,7 +27,7 @@ from rig.configuration import dump_model
 from rig.plant import CATALOGUE, DATA_SHEET, AddedTerm, Model, Parameters, SensorParameters
 from rig.runner.outcomes import git_state, model_sha256, versions
 
-from .gap_motions import EXPERIMENT_S, Room, motions
+from .gap_motions import Room, motions
 from .parts import MARGIN_M
 
 REVISED: Final = "revised"
@@ -50,7 +50,6 @@ def rig_plant(
     model: Model,
     sensors: SensorParameters = DATA_SHEET,
     room: Room | None = None,
-    experiment_s: float = EXPERIMENT_S,
 ) -> Plant:
     """Return a rig with a model as the gap workflow's `Plant`, whose `write` writes model files.
 
@@ -58,7 +57,6 @@ def rig_plant(
         model: the model to be tested.
         sensors: data sheet of the rig's transducers.
         room: range in which experiments may move the ram; the stroke less a margin if not given.
-        experiment_s: duration of an experiment, s.
     """
     par = model.parameters
     space = room or Room(par.stroke_min + MARGIN_M, par.stroke_max - MARGIN_M)
@@ -68,7 +66,7 @@ def rig_plant(
         plant,
         nominal={**plant.nominal, **slots_of(plant, model.discovered)},
         write=partial(_write_model, model),
-        motions=partial(motions, space, middle, experiment_s),
+        motions=partial(motions, space, middle),
         loop=((0, 0, space.gain),),
     )
 
@@ -333,14 +331,10 @@ def _free_run(run: FreeRun) -> dict[str, Any]:
         **_figures(run, "source", "channel"),
         "from_s": _plain(run.time_s[0]),
         "to_s": _plain(run.time_s[-1]),
-        "rms_before": _plain(_rms(run.before - run.measured)),
-        "rms_after": _plain(_rms(run.after - run.measured)),
+        "rms_before": _plain(np.sqrt(np.nanmean(np.square(run.before - run.measured)))),
+        "rms_after": _plain(np.sqrt(np.nanmean(np.square(run.after - run.measured)))),
         "unit": run.unit,
     }
-
-
-def _rms(errors: np.ndarray) -> float:
-    return float(np.sqrt(np.nanmean(np.square(errors))))
 
 
 def _gap(before: float, after: float) -> dict[str, Any]:

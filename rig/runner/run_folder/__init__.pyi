@@ -39,7 +39,6 @@ from .journal import (
     read_journal as read_journal,
     sync as sync,
 )
-from .journal_state import JournalState as JournalState, changes_of as changes_of
 from .junit import write_junit as write_junit
 from .results import (
     coefficient_unit as coefficient_unit,
@@ -48,7 +47,9 @@ from .results import (
     write_results as write_results,
 )
 from .resuming import (
+    JournalState as JournalState,
     begun_in as begun_in,
+    changes_of as changes_of,
     fingerprint as fingerprint,
     keep_attempt as keep_attempt,
     learn_again as learn_again,

@@ -181,10 +181,8 @@ def runs_below(folder: Path) -> Iterator[Run]:
     for path, folders, files in os.walk(folder):
         if RESULTS in files:
             folders.clear()
-            try:
+            with suppress(RunError):
                 found.append(read_run(Path(path)))
-            except RunError:
-                continue
     yield from sorted(found, key=lambda run: (run.started, run.folder))
 
 

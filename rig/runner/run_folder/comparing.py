@@ -9,7 +9,7 @@ from typing import Any, Final
 from rig.runner.outcomes import Figure
 
 from .archive import Run
-from .journal_state import changes_of
+from .resuming import changes_of
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,7 @@ class Compared:
     @property
     def difference(self) -> float | None:
         """Value of the candidate less that of the reference; None unless both are numbers."""
-        if isinstance(self.reference, str) or isinstance(self.candidate, str):
-            return None
-        if self.reference is None or self.candidate is None:
+        if isinstance(self.reference, str | None) or isinstance(self.candidate, str | None):
             return None
         return self.candidate - self.reference
 

@@ -136,22 +136,6 @@ def attempt_path(recording: Path, number: int) -> Path:
     return recording.with_name(f"{recording.stem}{ATTEMPT}{number}{recording.suffix}")
 
 
-def attempts_of(recordings: Iterable[Path]) -> list[Path]:
-    """Return the existing recordings of earlier attempts, sorted.
-
-    Args:
-        recordings: paths of the tests' recordings, all in one folder.
-    """
-    stems = {recording.stem: recording.parent for recording in recordings}
-    found = []
-    for folder in {*stems.values()}:
-        for file in folder.glob(f"*{ATTEMPT}*.mcap"):
-            stem, _, number = file.stem.rpartition(ATTEMPT)
-            if stem in stems and number.isdigit():
-                found.append(file)
-    return sorted(found)
-
-
 def file_stem(name: str) -> str:
     """Return a name as the stem of a file name, with at most 100 characters.
 
@@ -196,7 +180,13 @@ def files_of_run(path: Path) -> list[Path]:
         return []
     # The tests' names also lead to recordings that a killed run could not list in its results.
     recordings = [path / name for name in recording_names(tests)]
-    attempts = attempts_of(recordings)
+    stems = {recording.stem for recording in recordings}
+    attempts = [
+        file
+        for file in sorted(path.glob(f"*{ATTEMPT}*.mcap"))
+        for stem, _, number in [file.stem.rpartition(ATTEMPT)]
+        if stem in stems and number.isdigit()
+    ]
     found = [path / JOURNAL] if (path / JOURNAL).is_file() else []
     found += [file for file in (*recordings, *attempts) if file.is_file() and _is_ours(file)]
     found += [file for pattern in _SESSION_FILES for file in sorted(path.glob(pattern))]

@@ -328,8 +328,12 @@ class Scheduler:
         if exit_code < 0 and present.resumes < MOST_RESUMES:
             self._hands.say(f"{job.entry}: killed by signal {-exit_code}; goes on")
             return
+        halted = ""
+        if self._schedule.halt and (exit_code == EXIT_STOPPED or exit_code < 0):
+            # It tripped, was stopped or was killed: somebody should look at the rig first.
+            halted = f"{job.entry} tripped or was stopped (exit code {exit_code})"
         # One entry holds all three: a kill between two entries would lose a retry or a halt.
-        retry, halted = self._retry(job, exit_code), self._halt(job, exit_code)
+        retry = self._retry(job, exit_code)
         self._keep("ended", id=job.id, exit_code=exit_code, retry=retry, halted=halted)
         self._hands.say(f"{job.entry}: ended with exit code {exit_code}")
         problem = self._hands.after(present, exit_code)
@@ -347,13 +351,3 @@ class Scheduler:
         later = self._hands.now() + timedelta(seconds=entry.retry_after_s)
         id_ = f"{job.id.partition('#')[0]}#{job.attempt + 1}"
         return details_of(replace(job, id=id_, attempt=job.attempt + 1, not_before=later))
-
-    def _halt(self, job: Job, exit_code: int) -> str:
-        """Return why the schedule halts after a run; empty if it goes on.
-
-        It halts after a run that tripped, was stopped or was killed, unless the schedule's `halt`
-        is off, because somebody should look at the rig first.
-        """
-        if not self._schedule.halt or (exit_code != EXIT_STOPPED and exit_code >= 0):
-            return ""
-        return f"{job.entry} tripped or was stopped (exit code {exit_code})"

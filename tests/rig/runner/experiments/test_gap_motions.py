@@ -49,9 +49,9 @@ def test_another_seed_is_another_motion_of_the_same_kind() -> None:
 
 
 def test_the_workflow_gets_the_library_for_its_experiments() -> None:
-    plant = rig_plant(Model(), RIG.sensors, room_of(RIG), 6.0)
+    plant = rig_plant(Model(), RIG.sensors, room_of(RIG))
     assert [motion.name for motion in plant.motions()] == list(LIBRARY)
     for motion in plant.motions():
-        assert motion.inputs.shape == (6000, 1)
-        assert motion.course.shape == (6000, 4)
-        assert motion.campaign["tests"][0]["duration"] == "6 s"
+        assert motion.inputs.shape == (20_000, 1)
+        assert motion.course.shape == (20_000, 4)
+        assert motion.campaign["tests"][0]["duration"] == "20 s"
