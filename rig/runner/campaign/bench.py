@@ -8,15 +8,11 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from control import Setpoint
 from estimator.filters import FilterMemory
 from faults import CampaignTest, Verdict
 from rig.plant import Model
-
-Array = NDArray[np.float64]
+from rig.runner.outcomes import Array
 
 
 class Loop(Protocol):

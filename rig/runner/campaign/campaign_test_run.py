@@ -326,10 +326,9 @@ class _RunningTest:
         except Exception as error:
             self._event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
-        if self._loop.ticks_left:
-            self._event(self._last_s, "abort", f"stopped by {self._setting.stop.reason}")
-        else:
-            self._event(self._last_s, "test_end", self._verdict)
+        stopped = "abort", f"stopped by {self._setting.stop.reason}"
+        ended = stopped if self._loop.ticks_left else ("test_end", self._verdict)
+        self._event(self._last_s, *ended)
 
     def _run_batch(self) -> None:
         pacer = self._setting.pacer

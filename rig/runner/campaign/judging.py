@@ -3,13 +3,11 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.filters import FilterMemory
 from estimator.leaks import Decision, Detector, Found, Samples, first_held, found_in
 from rig.loop import batch_ticks, estimates_in
-
-Array = NDArray[np.float64]
+from rig.runner.outcomes import Array
 
 _SAMPLED: Final = (
     "time_s",

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.filters import FilterMemory
 from faults import CampaignTest, FaultSchedule
@@ -31,9 +30,8 @@ from rig.loop import (
 )
 from rig.plant import TICK, Model
 from rig.recording import McapWriter
+from rig.runner.outcomes import Array
 from rig.supervisor import Confirmation, Note, TripReport, kept_trip_report, trip_error
-
-Array = NDArray[np.float64]
 
 _REPORTED: Final = round(2.0 / TICK)
 """Number of rows in a trip report: those of the last 2 s, as on hardware."""
@@ -204,18 +202,6 @@ class SimulatedBench:
         return McapWriter(path, channels, metadata, start_ns=time.time_ns())
 
 
-def motion_of(test: CampaignTest) -> Motion:
-    """Return the setpoints and the faults of a test for every tick, as the loop runs them."""
-    ticks = round(test.duration_s / TICK)
-    return Motion(
-        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
-        open_loop=test.setpoint.quantity == "command",
-        faults=FaultSchedule(test.faults).table(ticks, TICK),
-        start_position=test.start_position_m,
-        settle_ticks=round(test.settle_s / TICK),
-    )
-
-
 def interlock_of(
     rig: Rig, assumed: Model, fitted: frozenset[str] | None = None, period_s: float = TICK
 ) -> Interlock:
@@ -274,9 +260,17 @@ def loop_of(
         load_cell=rig.has_load_cell,
         position=rest,
     )
+    ticks = round(test.duration_s / TICK)
+    motion = Motion(
+        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
+        open_loop=test.setpoint.quantity == "command",
+        faults=FaultSchedule(test.faults).table(ticks, TICK),
+        start_position=test.start_position_m,
+        settle_ticks=round(test.settle_s / TICK),
+    )
     return SimulatedLoop(
         simulated,
-        motion_of(test),
+        motion,
         memory,
         assumed.parameters,
         gain=rig.gain_V_per_m,

@@ -7,16 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import Observer, TestOutcome
+from rig.runner.outcomes import Array, Observer, TestOutcome
 from rig.supervisor import Onlooker, RowFeed, Stream
-
-Array = NDArray[np.float64]
 
 PROGRESS_S: Final = 0.1
 """Shortest time between two messages about the progress of a test, s."""

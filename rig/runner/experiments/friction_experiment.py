@@ -249,12 +249,6 @@ def revised_model(experiment: FrictionExperiment, directory: Path, started: str)
     fit, assumed = experiment.fit, experiment.assumed
     if fit is None:
         return None
-    revised = replace(
-        assumed,
-        name=f"{experiment.rig}-friction",
-        parameters=fit.parameters(assumed.parameters),
-        provenance={},
-    ).with_effect("friction_asymmetry", value=fit.values[PARAMETERS.index("friction_asymmetry")])
     provenance = {
         "made_by": "rig identify friction --rig",
         "rig": experiment.rig,
@@ -274,7 +268,13 @@ def revised_model(experiment: FrictionExperiment, directory: Path, started: str)
             for name in experiment.recordings
         },
     }
-    return replace(revised, provenance=provenance)
+    asymmetry = fit.values[PARAMETERS.index("friction_asymmetry")]
+    return replace(
+        assumed,
+        name=f"{experiment.rig}-friction",
+        parameters=fit.parameters(assumed.parameters),
+        provenance=provenance,
+    ).with_effect("friction_asymmetry", value=asymmetry)
 
 
 def _trend(trend: Trend) -> dict[str, Any]:

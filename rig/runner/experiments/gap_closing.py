@@ -122,14 +122,13 @@ def checked(
         gaps = channel_gaps(predictor, records, given, found.values, pool)
         before, after = mean_gap(gaps)
         grown = growth(predictor, records, given, found.values, pool)
+        written = gaps
         worse = why_worse(grown, (before, after), named=bool(found.effects))
         if worse is not None:
             named = " and ".join(effect.name for effect in found.effects)
             take_back(found, plant, f"{named or 'the refit'}, on the check", worse)
             found.discovered = [replace(each, in_model=False) for each in found.discovered]
             written = channel_gaps(predictor, records, given, given, pool)
-        else:
-            written = gaps
     seconds = sum(map(len, records)) * plant.period
     names = tuple(effect.name for effect in again.effects)
     scatter = float(np.mean([gap.scatter for gap in gaps]))
@@ -289,10 +288,8 @@ class _Closing:
         """
         known = {effect.name for effect in found.effects}
         known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
-        if not set(check.effects) <= known:
-            return False
         left_out = {each.where for each in found.discovered if not each.in_model}
-        if not set(check.discovered) <= left_out:
+        if not (set(check.effects) <= known and set(check.discovered) <= left_out):
             return False
         if check.discovered:
             return True

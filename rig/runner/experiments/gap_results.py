@@ -62,9 +62,14 @@ def rig_plant(
     space = room or Room(par.stroke_min + MARGIN_M, par.stroke_max - MARGIN_M)
     middle = 0.5 * (par.supply_pressure + par.return_pressure)
     plant = servo_actuator(model, sensors)
+    layout = plant.layout
+    assert layout is not None
+    # Terms of the model that neither its equations nor the slots can hold are left out.
+    added = [each for each in map(addition_of, model.discovered) if not layout.why_not(each)]
+    slots = layout.values([*layout.additions(plant.nominal), *added])
     return replace(
         plant,
-        nominal={**plant.nominal, **slots_of(plant, model.discovered)},
+        nominal={**plant.nominal, **slots},
         write=partial(_write_model, model),
         motions=partial(motions, space, middle),
         loop=((0, 0, space.gain),),
@@ -107,21 +112,6 @@ def _write_model(
     dump_model(Model(name, parameters, (*kept, *added), origin, others), path)
 
 
-def slots_of(plant: Plant, terms: Sequence[AddedTerm]) -> dict[str, float]:
-    """Return the values of all parameters that hold additions, those of the plant's model too.
-
-    Args:
-        plant: the rig as the workflow's plant, whose model holds terms already.
-        terms: at most `MOST_OTHERS` terms that the rig's equations cannot hold. Those that the
-            slots cannot hold either are left out.
-    """
-    layout = plant.layout
-    assert layout is not None
-    additions = [addition_of(term) for term in terms]
-    kept = [each for each in additions if not layout.why_not(each)]
-    return layout.values([*layout.additions(plant.nominal), *kept])
-
-
 def with_terms(
     values: Mapping[str, float], given: Sequence[AddedTerm] = ()
 ) -> tuple[Parameters, tuple[AddedTerm, ...]]:
@@ -149,11 +139,10 @@ def provenance_of(result: GapResult, command: tuple[str, ...] = ()) -> dict[str,
         result: result of the gap search.
         command: the command line; if empty, the key `command` is left out.
     """
-    origin: dict[str, Any] = {"command": list(command)} if command else {}
     told = answer(result)
     return {
         "written_by": "rig gap",
-        **origin,
+        **({"command": list(command)} if command else {}),
         **_some(told, ("verdict", "reasons")),
         "recordings": _recordings(result.identification),
         "holdout": _recordings(result.holdout),

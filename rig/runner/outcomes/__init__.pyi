@@ -1,4 +1,5 @@
 from .figures import (
+    Array as Array,
     Figure as Figure,
     figures_of as figures_of,
     litres_per_minute as litres_per_minute,

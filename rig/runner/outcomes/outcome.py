@@ -172,12 +172,9 @@ class TestOutcome:
 
         It is also None if the rig does not record the leak's flow.
         """
-        found, truth = self._found, self.truth
-        if found is None or truth is None:
-            return None
-        if found.leak_m3_per_s is None or truth.mean_flow_m3_per_s is None:
-            return None
-        return found.leak_m3_per_s - truth.mean_flow_m3_per_s
+        found = None if self._found is None else self._found.leak_m3_per_s
+        recorded = None if self.truth is None else self.truth.mean_flow_m3_per_s
+        return None if found is None or recorded is None else found - recorded
 
     @property
     def latency_s(self) -> float | None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.accounts import reference_flow
 from estimator.leaks import CONFIRMED_AFTER_S, Decision
@@ -13,7 +12,7 @@ from faults import Verdict, to_litres_per_minute
 from rig.loop import ACTED, PRESENT, PROBABLE, VERDICT_CODES, Reaction
 from rig.plant import LEAKS, Parameters
 
-Array = NDArray[np.float64]
+from .figures import Array
 
 EVENT: Final = "on_fault"
 _HOLDING: Final = "holding the ram"

@@ -118,8 +118,7 @@ def account_detector_of(
         known = baseline_of(baseline)
     except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
         return None
-    expected, model_error = known.nuisances, known.model_error
-    return OilAccountDetector(model, false_alarms_per_day, expected, model_error)
+    return OilAccountDetector(model, false_alarms_per_day, known.nuisances, known.model_error)
 
 
 def detector_of(

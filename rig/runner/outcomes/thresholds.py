@@ -8,7 +8,6 @@ the detector learns from the first 15 s of the test itself.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from control import Multisine, Pseudorandom, Setpoint
 from estimator.filters import DEFAULT_FILTER, THESIS_WINDOW, FilterRun
@@ -23,7 +22,7 @@ from estimator.leaks import (
 )
 from faults import Campaign, CampaignTest, Verdict
 
-Array = NDArray[np.float64]
+from .figures import Array
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import json
 import re
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
@@ -174,8 +174,7 @@ def files_of_run(path: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be read, so that it is not known whether the run wrote it.
     """
-    tests = _tests_of(path / RESULTS)
-    tests = _tests_begun(path) if tests is None else tests
+    tests = _tests_of(path)
     if tests is None:
         return []
     # The tests' names also lead to recordings that a killed run could not list in its results.
@@ -193,30 +192,24 @@ def files_of_run(path: Path) -> list[Path]:
     return found + [path / name for name in _OTHERS if (path / name).exists()]
 
 
-def _tests_of(results: Path) -> list[str] | None:
-    """Return the names of the tests in `results.json`; None if it is missing or not a run's.
+def _tests_of(folder: Path) -> list[str] | None:
+    """Return the names of a run's tests by its results, or by its journal if it has no results.
+
+    Without either, or if both are not a run's, the result is None. It is empty if the journal has
+    no entry yet.
 
     Raises:
-        OSError: the file is there and cannot be read.
+        OSError: `results.json` is there and cannot be read.
     """
-    try:
-        content = json.loads(results.read_bytes())
+    with suppress(FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
+        content = json.loads((folder / RESULTS).read_bytes())
         names = [str(test["name"]) for test in content["tests"]]
-        return names if content["schema"] == SCHEMA else None
-    except (FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
-        return None
-
-
-def _tests_begun(folder: Path) -> list[str] | None:
-    """Return the names of the tests in a folder's journal; None if there is no usable journal.
-
-    The list is empty if the journal has no entry yet.
-    """
-    try:
+        if content["schema"] == SCHEMA:
+            return names
+    with suppress(JournalError, TypeError):
         entries = read_journal(folder / JOURNAL)
         return [str(test) for test in entries[0]["tests"]] if entries else []
-    except (JournalError, TypeError):
-        return None
+    return None
 
 
 def _is_ours(file: Path) -> bool:

@@ -314,8 +314,7 @@ class Scheduler:
         return next(ready, None)
 
     def _run(self, job: Job, stopped: Callable[[], bool]) -> None:
-        new = new_path(self._schedule.folder, job.entry, self._hands.now())
-        folder = job.folder or str(new)
+        folder = job.folder or str(new_path(self._schedule.folder, job.entry, self._hands.now()))
         again = " again" if job.folder else ""
         self._hands.say(f"{job.entry}: begun{again} in {folder}")
         self._keep("begun", id=job.id, folder=folder)
