@@ -10,7 +10,7 @@ from typing import Any, Final
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import Array, Observer, TestOutcome
+from rig.runner.outcomes import Array, Observer, TestOutcome, named
 from rig.supervisor import Onlooker, RowFeed, Stream
 
 PROGRESS_S: Final = 0.1
@@ -76,9 +76,7 @@ class StreamedRun(Observer, Onlooker):
         self._inner.campaign_begins(campaign, directory, finished)
         self._campaign = {
             "status": "running",
-            "name": campaign.name,
-            "description": campaign.description,
-            "rig": campaign.rig_name,
+            **named(campaign, "name", "description", rig="rig_name"),
             "model": campaign.model.name,
             "filter": campaign.filter_name,
             "false_alarms_per_day": campaign.false_alarms_per_day,

@@ -34,7 +34,7 @@ from rig.configuration import Rig
 from rig.plant import Model
 from rig.recording import Recording
 from rig.runner.campaign import Pace, StopFlag, bench_of
-from rig.runner.outcomes import Observer, friction_figures, model_sha256, versions
+from rig.runner.outcomes import Observer, friction_figures, jsonable, model_sha256, named, versions
 
 from .friction_plan import (
     NULL,
@@ -179,60 +179,46 @@ def experiment_figures(experiment: FrictionExperiment) -> dict[str, Any]:
 
     A figure that is not known is None.
     """
-    level, fit = experiment.level, experiment.fit
+    level, fit, spring = experiment.level, experiment.fit, experiment.spring
     counted = steady_among(experiment.speeds, experiment.sliding)
-    return {
+    content = {
         "schema": SCHEMA,
         "rig": experiment.rig,
         "model": experiment.assumed.name,
         "identified": fit is not None,
         "parameters": fit
         and {
-            name: {key: getattr(each, key) for key in ("value", "standard_error", "unit")}
-            for name, each in fit.estimates.items()
+            name: named(estimate, "value", "standard_error", "unit")
+            for name, estimate in fit.estimates.items()
         },
-        "stiction_measured_N": None if fit is None else _number(fit.measured_stiction),
-        "stiction_measured_error_N": None if fit is None else _number(fit.measured_error),
-        "presliding_deficit_N": None if fit is None else _number(fit.deficit),
-        "disagreement_z": None if fit is None else _number(fit.disagreement),
-        "misfit": None if fit is None else _number(fit.misfit),
+        **named(fit, stiction_measured_N="measured_stiction"),
+        **named(fit, stiction_measured_error_N="measured_error", presliding_deficit_N="deficit"),
+        **named(fit, disagreement_z="disagreement", misfit="misfit"),
         "break_away": {
-            "places": level.places,
-            "level_N": _number(level.level),
-            "level_error_N": _number(level.level_error),
-            "offset_N": _number(level.offset),
-            "offset_error_N": _number(level.offset_error),
+            **named(level, "places", level_N="level", level_error_N="level_error"),
+            **named(level, offset_N="offset", offset_error_N="offset_error"),
             "level_trend": _trend(level.level_trend),
             "offset_trend": _trend(level.offset_trend),
             "all": [
-                {
-                    "direction": each.direction,
-                    "position_m": each.position,
-                    "force_N": each.force,
-                    "standard_error_N": each.standard_error,
-                    "creep_m_per_s": each.velocity,
-                    "taken_off": each.taken_off,
-                }
+                named(each, "direction", position_m="position", force_N="force")
+                | named(each, standard_error_N="standard_error", creep_m_per_s="velocity")
+                | {"taken_off": each.taken_off}
                 for found in experiment.places
                 for each in found
             ],
         },
         "constant_speed": [
-            {
-                "velocity_m_per_s": each.velocity,
-                "force_N": each.force,
-                "standard_error_N": each.standard_error,
-                "settled": each.settled,
-                "used": each in counted,
-            }
+            named(each, velocity_m_per_s="velocity", force_N="force")
+            | named(each, standard_error_N="standard_error", settled="settled")
+            | {"used": each in counted}
             for each in experiment.speeds
         ],
         "slowing_down": friction_figures(experiment.sliding),
         "null_command_V": experiment.null_V,
-        "spring_stiffness_N_per_m": experiment.spring.stiffness,
-        "spring_contact_m": experiment.spring.contact,
-        "recordings": list(experiment.recordings),
+        **named(spring, spring_stiffness_N_per_m="stiffness", spring_contact_m="contact"),
+        "recordings": experiment.recordings,
     }
+    return dict(jsonable(content))
 
 
 def revised_model(experiment: FrictionExperiment, directory: Path, started: str) -> Model | None:
@@ -261,7 +247,7 @@ def revised_model(experiment: FrictionExperiment, directory: Path, started: str)
             for name, estimate in fit.estimates.items()
             for value, error in [(estimate.value or 0.0, estimate.standard_error or 0.0)]
         },
-        "stiction_measured_N": _number(fit.measured_stiction),
+        "stiction_measured_N": jsonable(fit.measured_stiction),
         "break_away_places": experiment.level.places,
         "recordings": {
             name: hashlib.sha256((directory / name).read_bytes()).hexdigest()
@@ -278,13 +264,6 @@ def revised_model(experiment: FrictionExperiment, directory: Path, started: str)
 
 
 def _trend(trend: Trend) -> dict[str, Any]:
-    return {
-        "slope_N_per_m": _number(trend.slope),
-        "standard_error_N_per_m": _number(trend.standard_error),
-        "significant": bool(trend.significant),
+    return named(trend, slope_N_per_m="slope", standard_error_N_per_m="standard_error") | {
+        "significant": bool(trend.significant)
     }
-
-
-def _number(value: float) -> float | None:
-    """Return a figure as a float; None if it is NaN or infinite, as JSON has neither."""
-    return float(value) if abs(value) < float("inf") else None

@@ -25,7 +25,7 @@ from estimator.gap import (
 )
 from rig.configuration import dump_model
 from rig.plant import CATALOGUE, DATA_SHEET, AddedTerm, Model, Parameters, SensorParameters
-from rig.runner.outcomes import git_state, model_sha256, versions
+from rig.runner.outcomes import git_state, model_sha256, named, versions
 
 from .gap_motions import Room, motions
 from .parts import MARGIN_M
@@ -336,7 +336,7 @@ def _some(figures: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
 
 def _figures(source: object, *names: str) -> dict[str, Any]:
     """Return some attributes of an object by their names, as `_plain` values."""
-    return {name: _plain(getattr(source, name)) for name in names}
+    return {name: _plain(value) for name, value in named(source, *names).items()}
 
 
 def _plain(value: Any) -> Any:

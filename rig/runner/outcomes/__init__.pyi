@@ -28,7 +28,12 @@ from .outcome import (
     Status as Status,
     TestOutcome as TestOutcome,
 )
-from .outcome_record import jsonable as jsonable, outcome_of as outcome_of, record_of as record_of
+from .outcome_record import (
+    jsonable as jsonable,
+    named as named,
+    outcome_of as outcome_of,
+    record_of as record_of,
+)
 from .reactions import DecisionRows as DecisionRows, Reactions as Reactions
 from .recorded import (
     account_detector_of as account_detector_of,

@@ -28,6 +28,18 @@ def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
     return outcome
 
 
+def named(source: object, *names: str, **renamed: str) -> dict[str, Any]:
+    """Return attributes of an object, some under their own names and others under other keys.
+
+    Args:
+        source: the object; if it is None, all values are None.
+        names: names of attributes, which are also their keys.
+        renamed: names of further attributes, by their keys.
+    """
+    keys = {name: name for name in names} | renamed
+    return {key: None if source is None else getattr(source, name) for key, name in keys.items()}
+
+
 def jsonable(value: Any, lacking: Callable[[float], str | None] = lambda number: None) -> Any:
     """Return a value with its dataclasses, arrays, mappings and sequences as JSON has them.
 

@@ -16,6 +16,7 @@ from rig.runner.outcomes import (
     friction_figures,
     jsonable,
     litres_per_minute,
+    named,
 )
 
 from .directory import SCHEMA
@@ -35,18 +36,18 @@ def results(outcome: CampaignOutcome) -> dict[str, Any]:
     content = {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
-        **_named(outcome, "name", "description", "rig", "model", "filter", "false_alarms_per_day"),
-        **_named(outcome, "started", "exit_code", "counts"),
+        **named(outcome, "name", "description", "rig", "model", "filter", "false_alarms_per_day"),
+        **named(outcome, "started", "exit_code", "counts"),
         "tests": [_test(test) for test in outcome.tests],
-        **_named(outcome, "history", "provenance"),
+        **named(outcome, "history", "provenance"),
     }
     return dict(jsonable(content))
 
 
 def _test(test: TestOutcome) -> dict[str, Any]:
     return {
-        **_named(test, "name", "expect", "status", "message", "seed"),
-        **_named(test, "duration_s", "recorded_s", "wall_s", "recording"),
+        **named(test, "name", "expect", "status", "message", "seed"),
+        **named(test, "duration_s", "recorded_s", "wall_s", "recording"),
         "injected": [_fault(fault) for fault in test.injected],
         "found": None if test.decision is None else _decision(test, test.decision),
         "on_fault": {"asked": test.on_fault, "actions": test.actions},
@@ -54,13 +55,13 @@ def _test(test: TestOutcome) -> dict[str, Any]:
         "leak_error_L_per_min": litres_per_minute(test.leak_error_m3_per_s),
         "thresholds_from": test.thresholds_from,
         "friction": None if test.friction is None else friction_figures(test.friction),
-        **_named(test, "attempts", "figures"),
+        **named(test, "attempts", "figures"),
     }
 
 
 def _fault(fault: InjectedFault) -> dict[str, Any]:
     return {
-        **_named(fault, "kind", "at_s", "until_s", "coefficient"),
+        **named(fault, "kind", "at_s", "until_s", "coefficient"),
         "coefficient_unit": coefficient_unit(fault),
         "leak_L_per_min": litres_per_minute(fault.mean_flow_m3_per_s),
     }
@@ -68,19 +69,14 @@ def _fault(fault: InjectedFault) -> dict[str, Any]:
 
 def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
     return {
-        **_named(decision, "verdict", "onset_s"),
-        **_named(test, "detected_at_s", "latency_s"),
-        **_named(decision, "ended_s", "probabilities"),
+        **named(decision, "verdict", "onset_s"),
+        **named(test, "detected_at_s", "latency_s"),
+        **named(decision, "ended_s", "probabilities"),
         "present_leaks": dict(zip(LEAKS, decision.present_leaks, strict=True)),
         **leak_figures(decision),
-        **_named(decision, "statistic", "threshold", "details"),
+        **named(decision, "statistic", "threshold", "details"),
         "findings": findings(test.found),
     }
-
-
-def _named(source: object, *names: str) -> dict[str, Any]:
-    """Return some attributes of an object by their names, which are their keys in the file."""
-    return {name: getattr(source, name) for name in names}
 
 
 def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
@@ -92,11 +88,11 @@ def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
     return [
         {
             "verdict": str(each.decision.verdict),
-            **_named(each, "confirmed", "active"),
+            **named(each, "confirmed", "active"),
             "onset_s": each.decision.onset_s,
-            **_named(each, "detected_at_s", "ended_s"),
+            **named(each, "detected_at_s", "ended_s"),
             **leak_figures(each.decision),
-            **_named(each.decision, "statistic", "threshold"),
+            **named(each.decision, "statistic", "threshold"),
         }
         for each in found
     ]
