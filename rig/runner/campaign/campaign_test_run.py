@@ -284,23 +284,19 @@ class _RunningTest:
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return a copy of an outcome, completed by the results of the test so far."""
+        decision, curve = self._judge.decision, self._friction.curve
         return replace(
             outcome,
             injected=self._injection.injected,
-            decision=self._judge.decision,
+            decision=decision,
             detected_at_s=self._judge.detected_at_s,
             found=self._judge.found,
             recording=self._recording if self._recorded else None,
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,
             actions=tuple(self._reactions.actions),
-            friction=self._friction.curve,
-            figures=figures_of(
-                self._judge.decision,
-                self._detector.innovations,
-                self._friction.curve,
-                self._timing,
-            ),
+            friction=curve,
+            figures=figures_of(decision, self._detector.innovations, curve, self._timing),
         )
 
     def _chosen_detector(self) -> Detector:

@@ -101,9 +101,8 @@ def _write_model(
     kept = [name for name in parent.effects if name not in effects]
     added = [name for name in effects if name in CATALOGUE]
     parameters, others = with_terms(values, parent.discovered)
-    same_terms = sorted(others) == sorted(parent.discovered)
-    same = parameters == parent.parameters and not added and same_terms
-    revised = same or parent.name.endswith(f" {REVISED}")
+    same = parameters == parent.parameters and sorted(others) == sorted(parent.discovered)
+    revised = (same and not added) or parent.name.endswith(f" {REVISED}")
     name = parent.name if revised else f"{parent.name} {REVISED}"
     parents: dict[str, Any] = {"name": parent.name, "sha256": model_sha256(parent)}
     if parent.provenance:
