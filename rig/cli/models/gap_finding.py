@@ -35,9 +35,12 @@ from rig.report.gap import (
 )
 from rig.runner.campaign import Pace
 from rig.runner.experiments import (
+    CHECK,
+    EXPERIMENT_S,
+    FITTED,
+    HELD,
     ROUNDS,
     ApartError,
-    Programme,
     answer,
     apart,
     close_gap,
@@ -349,15 +352,14 @@ def _of_discovered(each: Discovered, how: str) -> tuple[str | Text, ...]:
 
 def _show_motions(rig: Rig, assumed: Model) -> int:
     """Print the motions of the first round as they would run, and move nothing; return 0."""
-    plan = Programme()
     campaigns = (
-        motions_campaign("held out", plan.held, rig, assumed, 1),
-        motions_campaign("round 1", plan.fitted, rig, assumed, 1),
-        motions_campaign("check", plan.check, rig, assumed, 501),
+        motions_campaign("held out", HELD, rig, assumed, 1),
+        motions_campaign("round 1", FITTED, rig, assumed, 1),
+        motions_campaign("check", CHECK, rig, assumed, 501),
     )
     click.echo(
         f"gap of {rig.name} to the model {assumed.name}: {rig_time(campaigns)} of rig time in "
-        f"one round; each experiment {plan.experiment_s:g} s more, with a check after it"
+        f"one round; each experiment {EXPERIMENT_S:g} s more, with a check after it"
     )
     for campaign in campaigns:
         click.echo(f"{campaign.name}:")

@@ -11,7 +11,12 @@ from rig.configuration.campaigns.dry_run import plan_campaign
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.plant import NOMINAL, Model
 from rig.runner.campaign.stopping import StopFlag
-from rig.runner.experiments.friction_experiment import FrictionExperiment, run_friction_experiment
+from rig.runner.experiments.friction_experiment import (
+    FrictionExperiment,
+    experiment_figures,
+    revised_model,
+    run_friction_experiment,
+)
 from rig.runner.experiments.friction_plan import (
     break_away_campaign,
     closed_loop_campaign,
@@ -19,7 +24,6 @@ from rig.runner.experiments.friction_plan import (
     sliding_campaign,
     strokes_at,
 )
-from rig.runner.experiments.friction_results import experiment_figures, revised_model
 from rig.runner.experiments.parts import ExperimentStoppedError
 from rig.runner.run_folder.directory import DirectoryError
 from tools.studies.friction_experiment import unknown_friction

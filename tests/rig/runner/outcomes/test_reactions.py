@@ -8,7 +8,7 @@ from estimator.leaks.detection import Decision
 from faults.verdict import Verdict
 from rig.loop.decided import DECIDED, VERDICT_CODES
 from rig.plant import FAULTS
-from rig.runner.outcomes.decision_rows import DecisionRows
+from rig.runner.outcomes.reactions import DecisionRows
 
 
 def named(row: object) -> dict[str, float]:
