@@ -1,7 +1,7 @@
 """Errors of requests that cannot be granted: the value, the rule that it breaks, and a remedy."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 
 class RequestProblem(NamedTuple):
@@ -42,20 +42,35 @@ class RequestError(ValueError):
 class Checks:
     """Collects the problems of one request, so that all are reported at once.
 
+    At the end of a `with` block without another error, `finish` is called.
+
     Args:
         where: what the checked values belong to (`RequestProblem.where`).
         error: class of the error that `finish` raises.
+        of: object that has the checked values as attributes; None if `require` is given them.
     """
 
-    def __init__(self, where: str, error: type[RequestError]) -> None:
-        self.where = where
-        self.error = error
+    def __init__(self, where: str, error: type[RequestError], of: object = None) -> None:
+        self.where, self.error, self.of = where, error, of
         self.problems: list[RequestProblem] = []
 
-    def require(self, granted: bool, field: str, value: object, limit: str, remedy: str) -> None:
-        """Note a problem with `field` if `granted` is false; `finish` raises it later."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self.finish()
+
+    def require(
+        self, granted: bool, field: str, limit: str, remedy: str, value: object = None
+    ) -> None:
+        """Note a problem with `field` if `granted` is false; `finish` raises it later.
+
+        Its value in the message is `value`, or else the attribute of that name.
+        """
         if not granted:
-            self.problems.append(RequestProblem(self.where, field, value, limit, remedy))
+            shown = getattr(self.of, field) if value is None else value
+            self.problems.append(RequestProblem(self.where, field, shown, limit, remedy))
 
     def finish(self) -> None:
         """Raise the error with all problems noted so far, if there are any."""

@@ -2,10 +2,11 @@ from .bypass import BypassValve as BypassValve
 from .campaign import (
     Campaign as Campaign,
     CampaignTest as CampaignTest,
+    Condition as Condition,
     OnFault as OnFault,
     SpringLoad as SpringLoad,
+    WhenUnmet as WhenUnmet,
 )
-from .conditions import Condition as Condition, WhenUnmet as WhenUnmet
 from .leakage import (
     linear_flow as linear_flow,
     square_root_flow as square_root_flow,

@@ -5,7 +5,7 @@ square-root orifice, q = k sqrt(dp), with coefficient k in m^3/(s Pa^0.5).
 """
 
 from dataclasses import dataclass
-from math import isfinite, pi, sqrt
+from math import inf, pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -85,22 +85,13 @@ class BypassValve:
     ball_bore_m: float = 6e-3
 
     def __post_init__(self) -> None:
-        checks = Checks(self.name, BypassError)
-        checks.require(
-            self.ball_travel_s >= 0.0 and isfinite(self.ball_travel_s),
-            "ball_travel_s",
-            self.ball_travel_s,
-            "is below 0 s or not finite",
-            "give the time from shut to open in seconds",
-        )
-        checks.require(
-            5e-4 <= self.ball_bore_m <= 0.1,
-            "ball_bore_m",
-            self.ball_bore_m,
-            "is not between 0.0005 m and 0.1 m",
-            "give the bore in metres",
-        )
-        checks.finish()
+        with Checks(self.name, BypassError, self) as checks:
+            is_time = 0.0 <= self.ball_travel_s < inf
+            remedy = "give the time from shut to open in seconds"
+            checks.require(is_time, "ball_travel_s", "is below 0 s or not finite", remedy)
+            is_bore = 5e-4 <= self.ball_bore_m <= 0.1
+            limit = "is not between 0.0005 m and 0.1 m"
+            checks.require(is_bore, "ball_bore_m", limit, "give the bore in metres")
 
     @property
     def ball_coefficient(self) -> float:
@@ -127,10 +118,9 @@ class BypassValve:
         Raises:
             BypassError: either is not between 0 and 1.
         """
-        checks = Checks(self.name, BypassError)
-        require_share(checks, "needle_opening", needle_opening)
-        require_share(checks, "ball_position", ball_position)
-        checks.finish()
+        with Checks(self.name, BypassError) as checks:
+            require_share(checks, "needle_opening", needle_opening)
+            require_share(checks, "ball_position", ball_position)
         ball = self.ball_coefficient * port_opening(ball_position)
         return float(series_coefficient(self.needle.coefficient(needle_opening), ball))
 
@@ -144,28 +134,18 @@ class BypassValve:
             BypassError: the coefficient is below `minimum` or above `maximum`, by more than
                 rounding, or NaN.
         """
-        checks = Checks(self.name, BypassError)
-        shown = f"{coefficient:.4g} m^3/(s Pa^0.5)"
-        checks.require(
-            coefficient >= self.minimum * (1.0 - ROUNDING),
-            "coefficient",
-            shown,
-            f"is below {self.minimum:.4g}, what the shut needle passes",
-            "shut the ball valve instead",
-        )
-        checks.require(
-            not coefficient > self.maximum * (1.0 + ROUNDING),
-            "coefficient",
-            shown,
-            f"is above {self.maximum:.4g}, the most it passes ({self._quoted_maximum()})",
-            "ask for a smaller leak or fit a larger needle",
-        )
-        checks.finish()
+        with Checks(self.name, BypassError) as checks:
+            shown, remedy = f"{coefficient:.4g} m^3/(s Pa^0.5)", "shut the ball valve instead"
+            limit = f"is below {self.minimum:.4g}, what the shut needle passes"
+            is_above = coefficient >= self.minimum * (1.0 - ROUNDING)
+            checks.require(is_above, "coefficient", limit, remedy, shown)
+            flow = to_litres_per_minute(square_root_flow(self.maximum, _QUOTED_DROP))
+            quoted = f"{flow:.3g} L/min at {_QUOTED_DROP / 1e6:g} MPa"
+            limit = f"is above {self.maximum:.4g}, the most it passes ({quoted})"
+            remedy = "ask for a smaller leak or fit a larger needle"
+            is_below = not coefficient > self.maximum * (1.0 + ROUNDING)
+            checks.require(is_below, "coefficient", limit, remedy, shown)
         return self.needle.opening(float(coefficient_beside(coefficient, self.ball_coefficient)))
-
-    def _quoted_maximum(self) -> str:
-        flow = to_litres_per_minute(square_root_flow(self.maximum, _QUOTED_DROP))
-        return f"{flow:.3g} L/min at {_QUOTED_DROP / 1e6:g} MPa"
 
 
 def _nominal_bypass(name: str, maximum: float, ball_bore_m: float) -> BypassValve:

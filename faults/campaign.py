@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from math import inf
 
 from control import Setpoint
 from estimator.leaks import Baseline, Detector, detector_for
 from rig.plant import Model
 
-from .conditions import Condition
 from .schedule import Fault
 from .verdict import Verdict
 
@@ -21,6 +20,40 @@ class OnFault(StrEnum):
     TOLERATE = "tolerate"
     HOLD = "hold"
     TRIP = "trip"
+
+
+class WhenUnmet(StrEnum):
+    """What happens to the running test when its campaign is held."""
+
+    FINISH = "finish"
+    """The test is run to its end before the campaign is held."""
+    INTERRUPT = "interrupt"
+    """The test is ended at once, with the ram held in place, and is run again later."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Limits of a channel within which a campaign may run; in the unit of the channel's name.
+
+    Attributes:
+        channel: name of a signal that the rig measures.
+        low, high: limits; the campaign is held while the channel is below `low` or above `high`.
+            An infinite limit is never passed.
+        hysteresis: distance inside the limits that the channel must reach for the campaign to go
+            on.
+        for_s: time in s for which the channel must be beyond its limits before the campaign is
+            held, and back within them before it goes on.
+        action: what happens to the running test.
+        give_up_s: time in s after which a held campaign is stopped.
+    """
+
+    channel: str
+    low: float = -inf
+    high: float = inf
+    hysteresis: float = 0.0
+    for_s: float = 1.0
+    action: WhenUnmet = WhenUnmet.FINISH
+    give_up_s: float = 3600.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +101,6 @@ class Campaign:
         baseline: baseline that the detector assumes; None if it has the model only.
         baseline_file: path of the file from which the baseline was read; "" without one.
         source_files: SHA-256 of every file from which the campaign was read, by path.
-        resolved: the campaign with its rig and models as plain values, for the recordings.
         conditions: conditions of the rig; while one is not met, the campaign is held.
     """
 
@@ -82,7 +114,6 @@ class Campaign:
     baseline: Baseline | None = None
     baseline_file: str = ""
     source_files: Mapping[str, str] = field(default_factory=dict)
-    resolved: Mapping[str, Any] = field(default_factory=dict)
     conditions: tuple[Condition, ...] = ()
 
     def detector(self) -> Detector:

@@ -1,11 +1,11 @@
-"""The leakage laws (eqs. 5.1 to 5.7): from coefficient and pressure drop to flow, and back.
+"""The leakage laws (eqs. 5.1 and 5.2): from coefficient and pressure drop to flow.
 
 All values are SI. The drop of an external leak is p_chamber - p_e, that of an internal one
 p_1 - p_2. Flow is positive for a positive drop, so that one signed law serves both. The thesis
 writes the unit of the square-root coefficients as "m^3/s Pa"; it means m^3/(s Pa^0.5).
 """
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,21 +29,3 @@ def square_root_flow(coefficient: float, pressure_drop: Value) -> Value:
 def linear_flow(coefficient: float, pressure_drop: Value) -> Value:
     """Return k dp in m^3/s, k in m^3/(s Pa), dp in Pa (eq. 5.1)."""
     return coefficient * pressure_drop
-
-
-def square_root_coefficient(flow: Value, pressure_drop: Value) -> Value:
-    """Return q / (sgn(dp) sqrt|dp|) in m^3/(s Pa^0.5) (eqs. 5.4, 5.6 and 5.7, in SI).
-
-    The flow q is in m^3/s, the drop dp in Pa. The result is NaN where the drop is zero. For a flow
-    meter without a sign, such as the rig's internal one, give the magnitude of the drop.
-    """
-    return _ratio(flow, signed_roots(pressure_drop))
-
-
-def linear_coefficient(flow: Value, pressure_drop: Value) -> Value:
-    """Return q / dp in m^3/(s Pa) (eq. 5.3, in SI), q in m^3/s, dp in Pa; NaN where dp is 0."""
-    return _ratio(flow, pressure_drop)
-
-
-def _ratio(flow: Any, drive: Any) -> Any:
-    return flow / np.where(drive == 0.0, np.nan, drive)[()]

@@ -55,31 +55,23 @@ class NeedleCharacteristic:
     def __post_init__(self) -> None:
         object.__setattr__(self, "openings", tuple(float(o) for o in self.openings))
         object.__setattr__(self, "coefficients", tuple(float(k) for k in self.coefficients))
-        checks = Checks(self.id, BypassError)
-        count = len(self.openings)
-        checks.require(
-            count == len(self.coefficients) and count >= 2,
-            "coefficients",
-            f"{len(self.coefficients)} values",
-            f"for {count} openings",
-            "give one for each of at least two openings",
-        )
-        checks.finish()
-        self._require_range(checks)
-        self._require_increase(checks)
-        checks.finish()
+        with Checks(self.id, BypassError) as checks:
+            count = len(self.openings)
+            remedy = "give one for each of at least two openings"
+            fits, value = count == len(self.coefficients) >= 2, f"{len(self.coefficients)} values"
+            checks.require(fits, "coefficients", f"for {count} openings", remedy, value)
+            checks.finish()
+            self._require_range(checks)
+            self._require_increase(checks)
 
     def _require_range(self, checks: Checks) -> None:
         first, last = self.openings[0], self.openings[-1]
-        checks.require(first == 0.0, "openings", first, "is not 0", "begin with the shut valve")
-        checks.require(last == 1.0, "openings", last, "is not 1", "end with the fully open valve")
-        checks.require(
-            0.0 <= self.coefficients[0] < inf and self.coefficients[-1] < inf,
-            "coefficients",
-            f"{self.coefficients[0]} to {self.coefficients[-1]}",
-            "do not lie between 0 and infinity",
-            "give them in m^3/(s Pa^0.5)",
-        )
+        checks.require(first == 0.0, "openings", "is not 0", "begin with the shut valve", first)
+        checks.require(last == 1.0, "openings", "is not 1", "end with the fully open valve", last)
+        first, last = self.coefficients[0], self.coefficients[-1]
+        fits, shown = 0.0 <= first < inf and last < inf, f"{first} to {last}"
+        limit, remedy = "do not lie between 0 and infinity", "give them in m^3/(s Pa^0.5)"
+        checks.require(fits, "coefficients", limit, remedy, shown)
 
     def _require_increase(self, checks: Checks) -> None:
         for name, values, step in (
@@ -87,13 +79,10 @@ class NeedleCharacteristic:
             ("coefficients", self.coefficients, _COEFFICIENT_STEP * self.coefficients[-1]),
         ):
             for index, (before, after) in enumerate(pairwise(values), start=1):
-                checks.require(
-                    0.0 < after - before >= step * (1.0 - ROUNDING),
-                    f"{name}[{index}]",
-                    after,
-                    f"is not {step:.3g} above the point before ({before})",
-                    "drop the point or measure it again",
-                )
+                is_above = 0.0 < after - before >= step * (1.0 - ROUNDING)
+                limit = f"is not {step:.3g} above the point before ({before})"
+                remedy = "drop the point or measure it again"
+                checks.require(is_above, f"{name}[{index}]", limit, remedy, after)
 
     @classmethod
     def equal_percentage(cls, maximum: float, rangeability: float) -> "NeedleCharacteristic":
@@ -106,17 +95,13 @@ class NeedleCharacteristic:
             BypassError: the maximum is not above 0 or is infinite, or the rangeability is not above
                 1 or is above 1000.
         """
-        checks = Checks("equal percentage needle", BypassError)
-        unit = "give it in m^3/(s Pa^0.5)"
-        checks.require(0.0 < maximum < inf, "maximum", maximum, "is not above 0", unit)
-        checks.require(
-            1.0 < rangeability <= _RANGEABILITY_LIMIT,
-            "rangeability",
-            rangeability,
-            f"is not between 1 and {_RANGEABILITY_LIMIT:g}",
-            "give the ratio of the steepest to the flattest slope, 50 for common valves",
-        )
-        checks.finish()
+        with Checks("equal percentage needle", BypassError) as checks:
+            remedy = "give it in m^3/(s Pa^0.5)"
+            checks.require(0.0 < maximum < inf, "maximum", "is not above 0", remedy, maximum)
+            is_ratio = 1.0 < rangeability <= _RANGEABILITY_LIMIT
+            limit = f"is not between 1 and {_RANGEABILITY_LIMIT:g}"
+            remedy = "give the ratio of the steepest to the flattest slope, 50 for common valves"
+            checks.require(is_ratio, "rangeability", limit, remedy, rangeability)
         openings = np.linspace(0.0, 1.0, _EQUAL_PERCENTAGE_POINTS)
         growth = np.expm1(openings * np.log(rangeability)) / np.expm1(np.log(rangeability))
         return cls(tuple(openings), tuple(maximum * growth), id="equal percentage needle")
@@ -154,9 +139,8 @@ class NeedleCharacteristic:
         Raises:
             BypassError: the opening is not between 0 and 1.
         """
-        checks = Checks(self.id, BypassError)
-        require_share(checks, "opening", opening)
-        checks.finish()
+        with Checks(self.id, BypassError) as checks:
+            require_share(checks, "opening", opening)
         return float(np.interp(opening, self.openings, self.coefficients))
 
     def opening(self, coefficient: float) -> float:
@@ -167,20 +151,15 @@ class NeedleCharacteristic:
                 than rounding, or NaN.
         """
         low, high = self.minimum * (1.0 - ROUNDING), self.maximum * (1.0 + ROUNDING)
-        checks = Checks(self.id, BypassError)
-        checks.require(
-            low <= coefficient <= high,
-            "coefficient",
-            f"{coefficient:.4g} m^3/(s Pa^0.5)",
-            f"is not between {self.minimum:.4g} (shut) and {self.maximum:.4g} (fully open)",
-            "ask for a coefficient between, or fit another needle",
-        )
-        checks.finish()
+        with Checks(self.id, BypassError) as checks:
+            fits, shown = low <= coefficient <= high, f"{coefficient:.4g} m^3/(s Pa^0.5)"
+            limit = f"is not between {self.minimum:.4g} (shut) and {self.maximum:.4g} (fully open)"
+            remedy = "ask for a coefficient between, or fit another needle"
+            checks.require(fits, "coefficient", limit, remedy, shown)
         return float(np.interp(coefficient, self.coefficients, self.openings))
 
 
 def require_share(checks: Checks, name: str, value: float) -> None:
     """Note a problem in `checks` if the value called `name` is below 0, above 1 or NaN."""
-    checks.require(
-        0.0 <= value <= 1.0, name, value, "is not between 0 (shut) and 1 (open)", "give a share"
-    )
+    limit = "is not between 0 (shut) and 1 (open)"
+    checks.require(0.0 <= value <= 1.0, name, limit, "give a share", value)

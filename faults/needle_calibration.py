@@ -224,32 +224,21 @@ def calibrated_needle(
 
 
 def _require_possible(valve: BypassValve, measurements: Sequence[Measurement]) -> None:
-    checks = Checks(valve.name, CalibrationError)
-    for each in measurements:
-        where = f"opening {each.opening:g}"
-        checks.require(
-            each.drop_Pa >= _LEAST_DROP,
-            where,
-            f"{1e-6 * each.drop_Pa:.2f} MPa",
-            f"is less drop than the {1e-6 * _LEAST_DROP:g} MPa that a measurement needs",
-            "check the supply pressure and the pressure lines",
-        )
-        checks.require(
-            each.coefficient.value < valve.ball_coefficient,
-            where,
-            f"{each.coefficient.value:.4g} m^3/(s Pa^0.5)",
-            f"is more than the open ball passes ({valve.ball_coefficient:.4g})",
-            "correct its `bore` in the rig file, or check the meter",
-        )
-    fully_open = measurements[-1].coefficient
-    checks.require(
-        fully_open.is_resolved,
-        f"opening {measurements[-1].opening:g}",
-        f"{fully_open.value:.2g} +- {fully_open.standard_error:.2g} m^3/(s Pa^0.5)",
-        "cannot be told from no flow",
-        "check that ball and needle open, and the meter",
-    )
-    checks.finish()
+    with Checks(valve.name, CalibrationError) as checks:
+        for each in measurements:
+            where = f"opening {each.opening:g}"
+            limit = f"is less drop than the {1e-6 * _LEAST_DROP:g} MPa that a measurement needs"
+            remedy = "check the supply pressure and the pressure lines"
+            drop = f"{1e-6 * each.drop_Pa:.2f} MPa"
+            checks.require(each.drop_Pa >= _LEAST_DROP, where, limit, remedy, drop)
+            found, most = each.coefficient.value, valve.ball_coefficient
+            limit = f"is more than the open ball passes ({most:.4g})"
+            remedy = "correct its `bore` in the rig file, or check the meter"
+            checks.require(found < most, where, limit, remedy, f"{found:.4g} m^3/(s Pa^0.5)")
+        where, fully_open = f"opening {measurements[-1].opening:g}", measurements[-1].coefficient
+        value = f"{fully_open.value:.2g} +- {fully_open.standard_error:.2g} m^3/(s Pa^0.5)"
+        remedy = "check that ball and needle open, and the meter"
+        checks.require(fully_open.is_resolved, where, "cannot be told from no flow", remedy, value)
 
 
 def _point(valve: BypassValve, opening: float, group: Sequence[Measurement]) -> CalibratedPoint:
@@ -257,14 +246,12 @@ def _point(valve: BypassValve, opening: float, group: Sequence[Measurement]) -> 
     values = {each.upwards: k.value for each, k in zip(group, estimates, strict=True)}
     # The errors are averaged and not combined as independent: most of each may come from the
     # meter's zero, which all have in common.
-    return CalibratedPoint(
-        opening,
-        Estimate(
-            float(np.mean([k.value for k in estimates])),
-            float(np.mean([k.standard_error for k in estimates])),
-        ),
-        values.get(True, np.nan) - values.get(False, np.nan),
+    mean = Estimate(
+        float(np.mean([k.value for k in estimates])),
+        float(np.mean([k.standard_error for k in estimates])),
     )
+    hysteresis = values.get(True, np.nan) - values.get(False, np.nan)
+    return CalibratedPoint(opening, mean, hysteresis)
 
 
 def _without_ball(series: Estimate, valve: BypassValve) -> Estimate:

@@ -1,9 +1,9 @@
 """Faults over the time of a test, and the table of coefficients that the plant takes from them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, isfinite
+from math import inf
 from typing import Final
 
 import numpy as np
@@ -64,70 +64,43 @@ class Fault:
     ball_coefficient: float | None = None
 
     def __post_init__(self) -> None:
-        checks = Checks(str(self.kind), FaultError)
-        kinds = ", ".join(FAULT_KINDS)
-        checks.require(
-            self.kind in FAULT_KINDS, "kind", self.kind, "is no fault", f"give one of {kinds}"
-        )
-        checks.require(
-            not self.linear or self.kind in LEAK_KINDS,
-            "linear",
-            self.linear,
-            "holds for the leaks of the actuator only",
-            "leave it out",
-        )
-        checks.require(
-            self.ball_coefficient is None or 0.0 < self.ball_coefficient < inf,
-            "ball_coefficient",
-            self.ball_coefficient,
-            "is not above 0 or not finite",
-            "give it in m^3/(s Pa^0.5), or leave it out for the nominal rig's",
-        )
-        self._require_times(checks)
-        checks.finish()
-        self._require_coefficient(checks)
-        checks.finish()
+        with Checks(str(self.kind), FaultError, self) as checks:
+            remedy = f"give one of {', '.join(FAULT_KINDS)}"
+            checks.require(self.kind in FAULT_KINDS, "kind", "is no fault", remedy)
+            fits = not self.linear or self.kind in LEAK_KINDS
+            limit = "holds for the leaks of the actuator only"
+            checks.require(fits, "linear", limit, "leave it out")
+            fits = self.ball_coefficient is None or 0.0 < self.ball_coefficient < inf
+            remedy = "give it in m^3/(s Pa^0.5), or leave it out for the nominal rig's"
+            checks.require(fits, "ball_coefficient", "is not above 0 or not finite", remedy)
+            self._require_times(checks)
+            checks.finish()
+            self._require_coefficient(checks)
 
     def _require_times(self, checks: Checks) -> None:
-        for name, value in (
-            ("at_s", self.at_s),
-            ("ramp_s", self.ramp_s),
-            ("travel_s", self.travel_s),
+        for name, remedy in (
+            ("at_s", "give seconds from the start of the test"),
+            ("ramp_s", "give seconds, 0 for at once"),
+            ("travel_s", "give seconds, 0 for at once"),
         ):
-            checks.require(
-                value >= 0.0 and isfinite(value),
-                name,
-                value,
-                "is below 0 s or not finite",
-                "give seconds from the start of the test"
-                if name == "at_s"
-                else "give seconds, 0 for at once",
-            )
-        checks.require(
-            self.until_s > self.at_s,
-            "until_s",
-            self.until_s,
-            f"is not after at_s ({self.at_s})",
-            "end the fault after it begins, or leave until_s out",
-        )
+            is_time = 0.0 <= getattr(self, name) < inf
+            checks.require(is_time, name, "is below 0 s or not finite", remedy)
+        remedy = "end the fault after it begins, or leave until_s out"
+        limit = f"is not after at_s ({self.at_s})"
+        checks.require(self.until_s > self.at_s, "until_s", limit, remedy)
 
     def _require_coefficient(self, checks: Checks) -> None:
         quantity = quantities()["return_back_pressure" if self.kind == _BLOCKAGE else self.column]
-        checks.require(
-            0.0 < self.coefficient <= quantity.upper,
-            "coefficient",
-            f"{self.coefficient:.4g} {quantity.unit}",
-            f"is not above 0 and up to {quantity.upper:.4g}",
-            "give it in SI, or leave the fault out",
-        )
+        shown = f"{self.coefficient:.4g} {quantity.unit}"
+        remedy = "give it in SI, or leave the fault out"
+        limit = f"is not above 0 and up to {quantity.upper:.4g}"
+        fits = 0.0 < self.coefficient <= quantity.upper
+        checks.require(fits, "coefficient", limit, remedy, shown)
         if self._through_bypass:
-            checks.require(
-                not self.coefficient >= self._ball,
-                "coefficient",
-                f"{self.coefficient:.4g} {quantity.unit}",
-                f"is not below the {self._ball:.4g} of the open ball valve",
-                "ask for a smaller leak or fit a larger ball valve",
-            )
+            fits = not self.coefficient >= self._ball
+            limit = f"is not below the {self._ball:.4g} of the open ball valve"
+            remedy = "ask for a smaller leak or fit a larger ball valve"
+            checks.require(fits, "coefficient", limit, remedy, shown)
 
     @property
     def column(self) -> str:
@@ -210,24 +183,6 @@ class FaultSchedule:
         ]
         if problems:
             raise FaultError(problems)
-
-    def __iter__(self) -> Iterator[Fault]:
-        return iter(self.faults)
-
-    def __len__(self) -> int:
-        return len(self.faults)
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of fault in the schedule, in the order in which they first begin."""
-        return tuple(dict.fromkeys(str(fault.kind) for fault in self.faults))
-
-    def onset_s(self, kind: str) -> float | None:
-        """Return the time in s from the test's start at which the first fault of a kind begins.
-
-        It is None if the schedule has no fault of that kind.
-        """
-        return next((fault.at_s for fault in self.faults if fault.kind == kind), None)
 
     def table(self, n_ticks: int, period_s: float) -> NDArray[np.float64]:
         """Return the coefficients that act in each tick, float64 (n_ticks, 8), SI.

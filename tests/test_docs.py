@@ -71,7 +71,7 @@ def test_the_files_of_the_operating_guide_check_among_the_copies_of_rig_init(
     Path("mine/campaigns/today.yaml").write_text(campaign)
     Path("mine/schedules/tonight.yaml").write_text(schedule)
     report = check("mine/campaigns/today.yaml")
-    assert [test.name for test in report.tests] == ["healthy", "leak across the piston"]
+    assert [planned.test.name for planned in report.tests] == ["healthy", "leak across the piston"]
     assert not report.warnings
     (entry,) = load_schedule(Path("mine/schedules/tonight.yaml")).entries
     assert entry.name == "leaks"

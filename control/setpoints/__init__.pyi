@@ -1,7 +1,10 @@
-from .csv_table import FromFile as FromFile, SetpointFileError as SetpointFileError
 from .held import Constant as Constant, Pseudorandom as Pseudorandom, Steps as Steps
+from .lines import (
+    FromFile as FromFile,
+    Polyline as Polyline,
+    SetpointFileError as SetpointFileError,
+)
 from .periodic import Chirp as Chirp, Multisine as Multisine, Sine as Sine
-from .polyline import Polyline as Polyline
 from .protocol import (
     Quantity as Quantity,
     Samples as Samples,

@@ -7,16 +7,7 @@ from typing import Final
 import numpy as np
 
 from ..request import Checks
-from .protocol import (
-    TICK_S,
-    Quantity,
-    Samples,
-    Times,
-    checks_of,
-    require_finite,
-    require_seed,
-    unit_of,
-)
+from .protocol import TICK_S, Quantity, Samples, SetpointChecks, Times
 
 # Times of ticks are multiples of 1 ms only up to rounding. Without this tolerance a step at 0.6 s
 # could come a tick late.
@@ -35,9 +26,8 @@ class Constant:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = checks_of(self)
-        require_finite(checks, unit_of(self.quantity), value=self.value)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, value=self.value)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -63,12 +53,11 @@ class Steps:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", tuple(float(level) for level in self.levels))
-        checks = checks_of(self)
-        checks.require(len(self.levels) > 0, "levels", "()", "is empty", "give at least one level")
-        for index, level in enumerate(self.levels):
-            require_finite(checks, unit_of(self.quantity), **{f"levels[{index}]": level})
-        _require_hold(checks, "hold_s", self.hold_s)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.require(len(self.levels) > 0, "levels", "is empty", "give at least one level")
+            for index, level in enumerate(self.levels):
+                checks.finite(checks.unit, **{f"levels[{index}]": level})
+            _require_hold(checks, "hold_s", self.hold_s)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -105,26 +94,17 @@ class Pseudorandom:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = checks_of(self)
-        require_finite(checks, unit_of(self.quantity), lower=self.lower, upper=self.upper)
-        checks.require(
-            not self.upper < self.lower,
-            "upper",
-            self.upper,
-            f"is below lower ({self.lower})",
-            "swap lower and upper",
-        )
-        _require_hold(checks, "hold_min_s", self.hold_min_s)
-        _require_hold(checks, "hold_max_s", self.hold_max_s)
-        checks.require(
-            not self.hold_max_s < self.hold_min_s,
-            "hold_max_s",
-            self.hold_max_s,
-            f"is below hold_min_s ({self.hold_min_s})",
-            "swap hold_min_s and hold_max_s",
-        )
-        require_seed(checks, self.seed)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, lower=self.lower, upper=self.upper)
+            is_below = self.upper < self.lower
+            limit = f"is below lower ({self.lower})"
+            checks.require(not is_below, "upper", limit, "swap lower and upper")
+            _require_hold(checks, "hold_min_s", self.hold_min_s)
+            _require_hold(checks, "hold_max_s", self.hold_max_s)
+            limit = f"is below hold_min_s ({self.hold_min_s})"
+            is_below = self.hold_max_s < self.hold_min_s
+            checks.require(not is_below, "hold_max_s", limit, "swap hold_min_s and hold_max_s")
+            checks.seed(self.seed)
 
     def sequence(self, until_s: float) -> tuple[Samples, Samples]:
         """Return (ends, levels): level i ends at ends[i] in s; the last end is after `until_s`."""
@@ -153,10 +133,6 @@ def _between(lower: float, upper: float, fraction: Samples) -> Samples:
 
 
 def _require_hold(checks: Checks, name: str, hold_s: float) -> None:
-    checks.require(
-        TICK_S <= hold_s < inf,
-        name,
-        hold_s,
-        f"is below one tick of {TICK_S} s or not finite",
-        "give the time to hold a level in seconds",
-    )
+    limit = f"is below one tick of {TICK_S} s or not finite"
+    remedy = "give the time to hold a level in seconds"
+    checks.require(TICK_S <= hold_s < inf, name, limit, remedy, hold_s)

@@ -9,16 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..request import Checks
-from .protocol import (
-    TICK_S,
-    Quantity,
-    Samples,
-    Times,
-    checks_of,
-    require_finite,
-    require_seed,
-    unit_of,
-)
+from .protocol import TICK_S, Quantity, Samples, SetpointChecks, Times
 
 # A multisine repeats within 1000 s if its frequencies are multiples of this.
 _FREQUENCY_GRID_HZ: Final = 1e-3
@@ -45,11 +36,10 @@ class Sine:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = checks_of(self)
-        require_finite(checks, unit_of(self.quantity), mean=self.mean, amplitude=self.amplitude)
-        require_finite(checks, "rad", phase_rad=self.phase_rad)
-        _require_frequency(checks, "frequency_hz", self.frequency_hz)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
+            checks.finite("rad", phase_rad=self.phase_rad)
+            _require_frequency(checks, "frequency_hz", self.frequency_hz)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -82,18 +72,13 @@ class Chirp:
     quantity: Quantity = "position"
 
     def __post_init__(self) -> None:
-        checks = checks_of(self)
-        require_finite(checks, unit_of(self.quantity), mean=self.mean, amplitude=self.amplitude)
-        require_finite(checks, "Hz/s", sweep_hz_per_s=self.sweep_hz_per_s)
-        require_finite(checks, "rad", phase_rad=self.phase_rad)
-        checks.require(
-            0.0 <= self.start_hz < inf,
-            "start_hz",
-            self.start_hz,
-            "is below 0 or not finite",
-            "give the frequency at the start in Hz",
-        )
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
+            checks.finite("Hz/s", sweep_hz_per_s=self.sweep_hz_per_s)
+            checks.finite("rad", phase_rad=self.phase_rad)
+            remedy = "give the frequency at the start in Hz"
+            is_possible = 0.0 <= self.start_hz < inf
+            checks.require(is_possible, "start_hz", "is below 0 or not finite", remedy)
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -129,41 +114,26 @@ class Multisine:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequencies_hz", tuple(float(f) for f in self.frequencies_hz))
-        checks = checks_of(self)
-        require_finite(checks, unit_of(self.quantity), mean=self.mean, amplitude=self.amplitude)
-        checks.require(
-            len(self.frequencies_hz) > 0,
-            "frequencies_hz",
-            "()",
-            "is empty",
-            "give at least one frequency in Hz",
-        )
-        for index, frequency in enumerate(self.frequencies_hz):
-            name = f"frequencies_hz[{index}]"
-            _require_frequency(checks, name, frequency)
-            self._require_harmonic(checks, name, index)
-        if self.seed is not None:
-            require_seed(checks, self.seed)
-        checks.finish()
+        with SetpointChecks(self) as checks:
+            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
+            remedy = "give at least one frequency in Hz"
+            checks.require(len(self.frequencies_hz) > 0, "frequencies_hz", "is empty", remedy)
+            for index, frequency in enumerate(self.frequencies_hz):
+                name = f"frequencies_hz[{index}]"
+                _require_frequency(checks, name, frequency)
+                self._require_harmonic(checks, name, index)
+            if self.seed is not None:
+                checks.seed(self.seed)
 
     def _require_harmonic(self, checks: Checks, name: str, index: int) -> None:
         frequency = self.frequencies_hz[index]
         nearest = max(np.rint(frequency / _FREQUENCY_GRID_HZ), 1.0) * _FREQUENCY_GRID_HZ
-        checks.require(
-            not abs(frequency - nearest) > 1e-6 * _FREQUENCY_GRID_HZ,
-            name,
-            frequency,
-            "is not a multiple of 1 mHz",
-            f"give {nearest:.3f} Hz",
-        )
+        is_off = abs(frequency - nearest) > 1e-6 * _FREQUENCY_GRID_HZ
+        remedy = f"give {nearest:.3f} Hz"
+        checks.require(not is_off, name, "is not a multiple of 1 mHz", remedy, frequency)
         earlier = np.asarray(self.frequencies_hz[:index])
-        checks.require(
-            not np.any(np.abs(earlier - frequency) < 0.5 * _FREQUENCY_GRID_HZ),
-            name,
-            frequency,
-            "comes twice",
-            "give each frequency once",
-        )
+        is_there = bool(np.any(np.abs(earlier - frequency) < 0.5 * _FREQUENCY_GRID_HZ))
+        checks.require(not is_there, name, "comes twice", "give each frequency once", frequency)
 
     @cached_property
     def _harmonics(self) -> NDArray[np.intp]:
@@ -174,7 +144,9 @@ class Multisine:
     @cached_property
     def _phases(self) -> Samples:
         count = len(self.frequencies_hz)
-        return _schroeder_phases(count) if self.seed is None else _random_phases(count, self.seed)
+        if self.seed is None:
+            return _schroeder_phases(count)
+        return 2.0 * pi * np.random.Generator(np.random.PCG64(self.seed)).random(count)
 
     @cached_property
     def _component_amplitude(self) -> float:
@@ -202,13 +174,9 @@ class Multisine:
 
 def _require_frequency(checks: Checks, name: str, frequency_hz: float) -> None:
     nyquist_hz = 0.5 / TICK_S
-    checks.require(
-        0.0 < frequency_hz < nyquist_hz,
-        name,
-        frequency_hz,
-        f"is not between 0 and {nyquist_hz:g} Hz",
-        "give a frequency in Hz that a 1 kHz loop can carry",
-    )
+    limit = f"is not between 0 and {nyquist_hz:g} Hz"
+    remedy = "give a frequency in Hz that a 1 kHz loop can carry"
+    checks.require(0.0 < frequency_hz < nyquist_hz, name, limit, remedy, frequency_hz)
 
 
 def _schroeder_phases(count: int) -> NDArray[np.float64]:
@@ -218,11 +186,6 @@ def _schroeder_phases(count: int) -> NDArray[np.float64]:
     """
     k = np.arange(1, count + 1, dtype=np.float64)
     return -pi * k * (k - 1.0) / count
-
-
-def _random_phases(count: int, seed: int) -> NDArray[np.float64]:
-    """Return phases in rad (count,), uniform over a turn."""
-    return 2.0 * pi * np.random.Generator(np.random.PCG64(seed)).random(count)
 
 
 def _supremum(

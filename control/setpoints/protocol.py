@@ -37,35 +37,26 @@ class Setpoint(Protocol):
         """
 
 
-def unit_of(quantity: Quantity) -> str:
-    """Return the unit of a quantity's values: "m" for a position, "V" for a command."""
-    return "m" if quantity == "position" else "V"
+class SetpointChecks(Checks):
+    """The checks of a setpoint's parameters, whose quantity must be "position" or "command".
 
-
-def checks_of(setpoint: Setpoint) -> Checks:
-    """Return new checks of a setpoint, with a problem noted if its quantity is not known.
-
-    Known are "position" and "command". `finish` of the checks raises `SetpointError`.
+    `finish` raises `SetpointError`. `unit` is the unit of the setpoint's values: "m" for a
+    position, "V" for a command.
     """
-    checks = Checks(type(setpoint).__name__, SetpointError)
-    checks.require(
-        setpoint.quantity in ("position", "command"),
-        "quantity",
-        repr(setpoint.quantity),
-        "is neither position nor command",
-        'give "position" (metres, closed loop) or "command" (volts, open loop)',
-    )
-    return checks
 
+    def __init__(self, setpoint: Setpoint) -> None:
+        super().__init__(type(setpoint).__name__, SetpointError, setpoint)
+        self.unit = "m" if setpoint.quantity == "position" else "V"
+        is_known, shown = setpoint.quantity in ("position", "command"), repr(setpoint.quantity)
+        remedy = 'give "position" (metres, closed loop) or "command" (volts, open loop)'
+        self.require(is_known, "quantity", "is neither position nor command", remedy, shown)
 
-def require_finite(checks: Checks, unit: str, **values: float) -> None:
-    """Note a problem with each named value that is infinite or NaN; `unit` is for the message."""
-    for name, value in values.items():
-        checks.require(
-            isfinite(value), name, value, "is not a finite number", f"give a number in {unit}"
-        )
+    def finite(self, unit: str, **values: float) -> None:
+        """Note a problem with each named value that is infinite or NaN; the message has `unit`."""
+        for name, value in values.items():
+            remedy = f"give a number in {unit}"
+            self.require(isfinite(value), name, "is not a finite number", remedy, value)
 
-
-def require_seed(checks: Checks, seed: int) -> None:
-    """Note a problem if the seed is negative."""
-    checks.require(seed >= 0, "seed", seed, "is below 0", "give a whole number from 0")
+    def seed(self, seed: int) -> None:
+        """Note a problem if the seed is negative."""
+        self.require(seed >= 0, "seed", "is below 0", "give a whole number from 0", seed)

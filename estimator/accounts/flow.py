@@ -117,7 +117,7 @@ def _accumulate(samples, null, par, last, row, rows):
     Samples before the filter has started (NaN) are passed over.
 
     Args:
-        samples: (7, n), the first seven arguments of `FlowAccount.add` in their order.
+        samples: (7, n), as in `FlowAccount.add`.
         null: null bias of the spool and its standard deviation, m.
         par: the `Parameters` that are assumed.
         last: (8,), memory between calls, updated. It holds the number of samples in the block (-1
@@ -191,42 +191,23 @@ class FlowAccount:
         samples = int(self._last[0])
         return BLOCK_TICKS - samples % BLOCK_TICKS if samples >= 0 else BLOCK_TICKS + 1
 
-    def add(
-        self,
-        time_s: Array,
-        spool: Array,
-        p1: Array,
-        p2: Array,
-        position: Array,
-        fresh: Array,
-        *,
-        supply: Array | None = None,
-        null_bias: float = 0.0,
-        null_spread: float = 0.0,
-    ) -> list[AccountBlock]:
-        """Add samples (float64 (n,) each, SI) and return the blocks they finish.
+    def add(self, samples: Array, null: tuple[float, float] = (0.0, 0.0)) -> list[AccountBlock]:
+        """Add samples and return the blocks they finish.
 
         The list is empty if they finish no block, and it has incomplete blocks too
         (`AccountBlock.complete`). Samples without an estimated position (NaN) are passed over.
 
         Args:
-            time_s: time of each sample, at 1 kHz.
-            spool: estimated spool position; NaN before the filter has started, like the estimated
-                pressures and position.
-            p1: estimated pressure of chamber 1.
-            p2: estimated pressure of chamber 2.
-            position: estimated position of the ram.
-            fresh: 1 where position and both pressures were measured, else 0. A block is complete
-                if such samples, at most 5 ms apart, bridge nine tenths of it.
-            supply: measured supply pressure, NaN where it is missing; None if it is not measured.
-            null_bias: null bias of the rig's spool, m; it decides which edges are open.
-            null_spread: standard deviation of the null bias, m.
+            samples: float64 (7, n), C-contiguous, SI, at 1 kHz. The rows are the time of each
+                sample; the estimated spool position, pressures of chambers 1 and 2 and position of
+                the ram, which are NaN before the filter has started; 1 where position and both
+                pressures were measured, else 0; and the measured supply pressure, NaN where it is
+                missing. A block is complete if samples of which all is measured, at most 5 ms
+                apart, bridge nine tenths of it.
+            null: null bias of the rig's spool, which decides which edges are open, and its
+                standard deviation, m.
         """
-        if supply is None:
-            supply = np.full(time_s.size, np.nan)
-        rows = np.empty((time_s.size // BLOCK_TICKS + 1, WIDTH))
-        samples = np.array((time_s, spool, p1, p2, position, fresh, supply))
-        null = null_bias, null_spread
+        rows = np.empty((samples.shape[1] // BLOCK_TICKS + 1, WIDTH))
         count = _accumulate(samples, null, self._parameters, self._last, self._row, rows)
         return [_block(row) for row in rows[:count]]
 

@@ -32,6 +32,7 @@ class JointFit:
             (as from `around`).
 
     Attributes:
+        faults, marks: as given.
         nuisances: sizes of the nuisances in standard deviations, float64 (n,).
         coefficients: coefficients of the faults, SI units, float64 (faults,).
         error: variance of the last coefficient if noise is the same in all blocks.
@@ -48,7 +49,7 @@ class JointFit:
         passed_over: Sequence[Stretch] = (),
     ) -> None:
         n = NUISANCE_COUNT
-        self._sums, self._faults, self._marks = sums, faults, marks
+        self._sums, self.faults, self.marks = sums, faults, marks
         self._passed_over = passed_over
         of, since = np.asarray(faults), np.asarray(marks)
         normal = np.empty((n + of.size, n + of.size))
@@ -85,7 +86,7 @@ class JointFit:
 
     def _present(self, mark: int) -> Array:
         """Return 1 for each column that acts between a mark and the next, else 0: (n + faults,)."""
-        return np.append(np.ones(NUISANCE_COUNT), [float(m <= mark) for m in self._marks])
+        return np.append(np.ones(NUISANCE_COUNT), [float(m <= mark) for m in self.marks])
 
     def _influences(self) -> tuple[Array, Array]:
         """Return each block's influence on the last coefficient, and its leverage: (marks,) each.
@@ -93,12 +94,12 @@ class JointFit:
         Where old marks were thinned out, an entry stands for all blocks between two marks.
         """
         forms = np.empty((self._sums.marks, 2))
-        for start in sorted({0, *self._marks}):
+        for start in sorted({0, *self.marks}):
             present = self._present(start)
             left, right = self._direction * present, self._fitted * present
-            influence = product_weights(left, self._faults)
-            influence -= square_weights(left, right, self._faults)
-            leverage = square_weights(left, left, self._faults) / self._direction[-1]
+            influence = product_weights(left, self.faults)
+            influence -= square_weights(left, right, self.faults)
+            leverage = square_weights(left, left, self.faults) / self._direction[-1]
             weights = np.column_stack([influence, leverage])
             forms[start:] = self._sums.weighted(weights, start, self._sums.marks)
         for stretch in self._passed_over:
@@ -141,14 +142,14 @@ class JointFit:
         The interval reaches from the previous mark to the last fault's own mark. The result is 0 to
         1, and 0 if there is no previous mark.
         """
-        before = self._marks[-1] - 1
+        before = self.marks[-1] - 1
         if before < 0:
             return 0.0
         own = np.zeros(self._fitted.size)
         own[-1] = self._fitted[-1]
         known = self._fitted * self._present(before)
-        missing = product_weights(own, self._faults) - square_weights(own, known, self._faults)
-        weights = np.column_stack([missing, square_weights(own, own, self._faults)])
+        missing = product_weights(own, self.faults) - square_weights(own, known, self.faults)
+        weights = np.column_stack([missing, square_weights(own, own, self.faults)])
         left, whole = self._sums.weighted(weights, before, before + 1)[0]
         return float(np.clip(left / whole, 0.0, 1.0)) if whole > 0.0 else 0.0
 

@@ -1,584 +1,281 @@
-"""Straight-line covariance steps of the thesis filters: written by a program, not by hand.
+"""Kalman step of the thesis filters, written out entry by entry while it is compiled.
 
-Change `tools/generate_covariance.py` and run `python -m tools.generate_covariance`.
-Products are fused multiply-adds by name, so that no compiler decides about rounding. Only the
-upper triangle of P is read and both triangles are stored equal: an unsymmetrised P breaks down
-within some hundred steps under the forward-Euler mode of the oil column.
+The model fixes which entries of the transition Jacobian A may differ from zero (eqs. 4.19 and
+6.20). The compiler runs `_propagate`, `_correct` and `_store` on numbers that write instructions
+down (`_Emitted`), so that their loops become straight-line code for eqs. 4.17 and 4.18 without the
+products with zero. Products are fused multiply-adds by name, so that no compiler decides about
+rounding. Only the upper triangle of P is read and both triangles are stored equal: an
+unsymmetrised P breaks down within some hundred steps under the forward-Euler mode of the oil
+column.
+
+Between these three functions P is a tuple of the upper triangle's rows: `P[i][j - i]` is the entry
+(i, j). The order in which they compute the entries does not matter for the result, but for the
+speed, as the compiler mostly keeps it.
 """
 
-from typing import Final
+import operator
+from functools import partialmethod
+from typing import Any, Final
 
 import numpy as np
+from llvmlite import ir
+from numba import typeof, types
+from numba.core import cgutils
 from numpy.typing import NDArray
 
-from rig.jit import njit
-from rig.lanes import everywhere
+from rig.lanes import everywhere, intrinsic, lanes
+from rig.plant import inlined
 
-from .fused import fma
+from .fused import INTERPRETED, emit_fma, fma
 
-FloatArray = NDArray[np.float64]
+Array = NDArray[np.float64]
 Vector = tuple[float, ...]
+# Typed as Any: by numba's annotations, its elements could not be asked for.
+_TUPLE: Final[Any] = types.BaseTuple
 
-# Row and column of every Jacobian entry that is neither zero nor one, in the order of `entries`.
-THESIS6_ENTRIES: Final = (
-    (0, 5),
-    (1, 0),
-    (1, 1),
-    (1, 3),
-    (1, 4),
-    (2, 0),
-    (2, 2),
-    (2, 3),
-    (2, 4),
-    (3, 4),
-    (4, 1),
-    (4, 2),
-    (4, 4),
-    (5, 0),
-    (5, 5),
-)
-THESIS7_ENTRIES: Final = (
-    (0, 5),
-    (1, 0),
-    (1, 1),
-    (1, 3),
-    (1, 4),
-    (2, 0),
-    (2, 2),
-    (2, 3),
-    (2, 4),
-    (3, 4),
-    (4, 1),
-    (4, 2),
-    (4, 6),
-    (5, 0),
-    (5, 5),
-)
+COLUMNS: Final = {
+    6: ((5,), (0, 1, 3, 4), (0, 2, 3, 4), (4,), (1, 2, 4), (0, 5)),
+    7: ((5,), (0, 1, 3, 4), (0, 2, 3, 4), (4,), (1, 2, 6), (0, 5), ()),
+}
+"""For each row of A, the columns of the entries that are neither zero nor one, by the number of
+states (eqs. 4.19 and 6.20). A diagonal entry that is not among them is one."""
+
+_ORDER: Final = (1, 2, 4, 0, 3, 5, 6)
+"""The rows of A, those with many entries first, so that the short ones serve as right factors."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def thesis6_kalman_step(
-    predicted: Vector,
-    entries: Vector,
-    x: FloatArray,
-    P: FloatArray,
-    process_noise: Vector,
-    measurement_noise: Vector,
-    z_position: float,
-    z_p1: float,
-    z_p2: float,
-    out: FloatArray,
-) -> None:
-    """Propagate and correct x (6,) and P (6, 6) by one sample, both in place.
+class _Emitted:
+    """A number of the code that is being compiled: arithmetic with it writes instructions down."""
 
-    `predicted` is x(-) and `entries` the Jacobian of eq. 4.19 in the order of
-    `THESIS6_ENTRIES`. `out` (9,) as in `estimator.filters.thesis`.
+    def __init__(self, builder: Any, value: Any) -> None:
+        self._builder, self.value = builder, value
+
+    def _by(self, instruction: str, *others: "_Emitted") -> "_Emitted":
+        emit = getattr(self._builder, instruction)
+        return _Emitted(self._builder, emit(self.value, *(other.value for other in others)))
+
+    __add__ = partialmethod(_by, "fadd")
+    __sub__ = partialmethod(_by, "fsub")
+    __mul__ = partialmethod(_by, "fmul")
+    __neg__ = partialmethod(_by, "fneg")
+
+    def __rtruediv__(self, number: float) -> "_Emitted":
+        constant = ir.Constant(self.value.type, number)
+        return _Emitted(self._builder, self._builder.fdiv(constant, self.value))
+
+    def fma(self, b: "_Emitted", c: "_Emitted") -> "_Emitted":
+        """Return this number times b, plus c, rounded once."""
+        return _Emitted(self._builder, emit_fma(self._builder, self.value, b.value, c.value))
+
+
+class _EmittedArray:
+    """An array of floats or lanes in the code that is being compiled.
+
+    Reading or setting an element, by one constant index or a pair, writes instructions down.
     """
-    x0, x1, x2, x3, x4, x5 = predicted
-    a05, a10, a11, a13, a14, a20, a22, a23, a24, a34, a41, a42, a44, a50, a55 = entries
-    p00 = P[0, 0]
-    p01 = P[0, 1]
-    p02 = P[0, 2]
-    p03 = P[0, 3]
-    p04 = P[0, 4]
-    p05 = P[0, 5]
-    p11 = P[1, 1]
-    p12 = P[1, 2]
-    p13 = P[1, 3]
-    p14 = P[1, 4]
-    p15 = P[1, 5]
-    p22 = P[2, 2]
-    p23 = P[2, 3]
-    p24 = P[2, 4]
-    p25 = P[2, 5]
-    p33 = P[3, 3]
-    p34 = P[3, 4]
-    p35 = P[3, 5]
-    p44 = P[4, 4]
-    p45 = P[4, 5]
-    p55 = P[5, 5]
-    m10 = fma(a14, p04, fma(a13, p03, fma(a11, p01, a10 * p00)))
-    m11 = fma(a14, p14, fma(a13, p13, fma(a11, p11, a10 * p01)))
-    m12 = fma(a14, p24, fma(a13, p23, fma(a11, p12, a10 * p02)))
-    m13 = fma(a14, p34, fma(a13, p33, fma(a11, p13, a10 * p03)))
-    m14 = fma(a14, p44, fma(a13, p34, fma(a11, p14, a10 * p04)))
-    m15 = fma(a14, p45, fma(a13, p35, fma(a11, p15, a10 * p05)))
-    m20 = fma(a24, p04, fma(a23, p03, fma(a22, p02, a20 * p00)))
-    m21 = fma(a24, p14, fma(a23, p13, fma(a22, p12, a20 * p01)))
-    m22 = fma(a24, p24, fma(a23, p23, fma(a22, p22, a20 * p02)))
-    m23 = fma(a24, p34, fma(a23, p33, fma(a22, p23, a20 * p03)))
-    m24 = fma(a24, p44, fma(a23, p34, fma(a22, p24, a20 * p04)))
-    m25 = fma(a24, p45, fma(a23, p35, fma(a22, p25, a20 * p05)))
-    m40 = fma(a44, p04, fma(a42, p02, a41 * p01))
-    m41 = fma(a44, p14, fma(a42, p12, a41 * p11))
-    m42 = fma(a44, p24, fma(a42, p22, a41 * p12))
-    m43 = fma(a44, p34, fma(a42, p23, a41 * p13))
-    m44 = fma(a44, p44, fma(a42, p24, a41 * p14))
-    m45 = fma(a44, p45, fma(a42, p25, a41 * p15))
-    m00 = fma(a05, p05, p00)
-    m03 = fma(a05, p35, p03)
-    m04 = fma(a05, p45, p04)
-    m05 = fma(a05, p55, p05)
-    m30 = fma(a34, p04, p03)
-    m33 = fma(a34, p34, p33)
-    m34 = fma(a34, p44, p34)
-    m35 = fma(a34, p45, p35)
-    m50 = fma(a55, p05, a50 * p00)
-    m55 = fma(a55, p55, a50 * p05)
-    p11 = fma(a14, m14, fma(a13, m13, fma(a11, m11, fma(a10, m10, process_noise[1]))))
-    p12 = fma(a24, m14, fma(a23, m13, fma(a22, m12, a20 * m10)))
-    p14 = fma(a44, m14, fma(a42, m12, a41 * m11))
-    p01 = fma(a05, m15, m10)
-    p13 = fma(a34, m14, m13)
-    p15 = fma(a55, m15, a50 * m10)
-    p22 = fma(a24, m24, fma(a23, m23, fma(a22, m22, fma(a20, m20, process_noise[2]))))
-    p24 = fma(a44, m24, fma(a42, m22, a41 * m21))
-    p02 = fma(a05, m25, m20)
-    p23 = fma(a34, m24, m23)
-    p25 = fma(a55, m25, a50 * m20)
-    p44 = fma(a44, m44, fma(a42, m42, fma(a41, m41, process_noise[4])))
-    p04 = fma(a05, m45, m40)
-    p34 = fma(a34, m44, m43)
-    p45 = fma(a55, m45, a50 * m40)
-    p00 = fma(a05, m05, process_noise[0] + m00)
-    p03 = fma(a34, m04, m03)
-    p05 = fma(a55, m05, a50 * m00)
-    p33 = fma(a34, m34, process_noise[3] + m33)
-    p35 = fma(a55, m35, a50 * m30)
-    p55 = fma(a55, m55, fma(a50, m50, process_noise[5]))
-    out[0] = z_position - x3
-    out[1] = z_p1 - x1
-    out[2] = z_p2 - x2
-    out[6] = p33 + measurement_noise[0] if everywhere(z_position == z_position) else np.nan
-    out[7] = p11 + measurement_noise[1] if everywhere(z_p1 == z_p1) else np.nan
-    out[8] = p22 + measurement_noise[2] if everywhere(z_p2 == z_p2) else np.nan
-    if everywhere(z_position == z_position):
-        inverse = 1.0 / (p33 + measurement_noise[0])
-        deviation = (z_position - x3) * inverse
-        x0 = fma(p03, deviation, x0)
-        x1 = fma(p13, deviation, x1)
-        x2 = fma(p23, deviation, x2)
-        x3 = fma(p33, deviation, x3)
-        x4 = fma(p34, deviation, x4)
-        x5 = fma(p35, deviation, x5)
-        k0 = -p03 * inverse
-        k1 = -p13 * inverse
-        k2 = -p23 * inverse
-        k4 = -p34 * inverse
-        k5 = -p35 * inverse
-        p00 = fma(k0, p03, p00)
-        p01 = fma(k0, p13, p01)
-        p02 = fma(k0, p23, p02)
-        p04 = fma(k0, p34, p04)
-        p05 = fma(k0, p35, p05)
-        p11 = fma(k1, p13, p11)
-        p12 = fma(k1, p23, p12)
-        p14 = fma(k1, p34, p14)
-        p15 = fma(k1, p35, p15)
-        p22 = fma(k2, p23, p22)
-        p24 = fma(k2, p34, p24)
-        p25 = fma(k2, p35, p25)
-        p44 = fma(k4, p34, p44)
-        p45 = fma(k4, p35, p45)
-        p55 = fma(k5, p35, p55)
-        kept = measurement_noise[0] * inverse
-        p03 = p03 * kept
-        p13 = p13 * kept
-        p23 = p23 * kept
-        p33 = p33 * kept
-        p34 = p34 * kept
-        p35 = p35 * kept
-    if everywhere(z_p1 == z_p1):
-        inverse = 1.0 / (p11 + measurement_noise[1])
-        deviation = (z_p1 - x1) * inverse
-        x0 = fma(p01, deviation, x0)
-        x1 = fma(p11, deviation, x1)
-        x2 = fma(p12, deviation, x2)
-        x3 = fma(p13, deviation, x3)
-        x4 = fma(p14, deviation, x4)
-        x5 = fma(p15, deviation, x5)
-        k0 = -p01 * inverse
-        k2 = -p12 * inverse
-        k3 = -p13 * inverse
-        k4 = -p14 * inverse
-        k5 = -p15 * inverse
-        p00 = fma(k0, p01, p00)
-        p02 = fma(k0, p12, p02)
-        p03 = fma(k0, p13, p03)
-        p04 = fma(k0, p14, p04)
-        p05 = fma(k0, p15, p05)
-        p22 = fma(k2, p12, p22)
-        p23 = fma(k2, p13, p23)
-        p24 = fma(k2, p14, p24)
-        p25 = fma(k2, p15, p25)
-        p33 = fma(k3, p13, p33)
-        p34 = fma(k3, p14, p34)
-        p35 = fma(k3, p15, p35)
-        p44 = fma(k4, p14, p44)
-        p45 = fma(k4, p15, p45)
-        p55 = fma(k5, p15, p55)
-        kept = measurement_noise[1] * inverse
-        p01 = p01 * kept
-        p11 = p11 * kept
-        p12 = p12 * kept
-        p13 = p13 * kept
-        p14 = p14 * kept
-        p15 = p15 * kept
-    if everywhere(z_p2 == z_p2):
-        inverse = 1.0 / (p22 + measurement_noise[2])
-        deviation = (z_p2 - x2) * inverse
-        x0 = fma(p02, deviation, x0)
-        x1 = fma(p12, deviation, x1)
-        x2 = fma(p22, deviation, x2)
-        x3 = fma(p23, deviation, x3)
-        x4 = fma(p24, deviation, x4)
-        x5 = fma(p25, deviation, x5)
-        k0 = -p02 * inverse
-        k1 = -p12 * inverse
-        k3 = -p23 * inverse
-        k4 = -p24 * inverse
-        k5 = -p25 * inverse
-        p00 = fma(k0, p02, p00)
-        p01 = fma(k0, p12, p01)
-        p03 = fma(k0, p23, p03)
-        p04 = fma(k0, p24, p04)
-        p05 = fma(k0, p25, p05)
-        p11 = fma(k1, p12, p11)
-        p13 = fma(k1, p23, p13)
-        p14 = fma(k1, p24, p14)
-        p15 = fma(k1, p25, p15)
-        p33 = fma(k3, p23, p33)
-        p34 = fma(k3, p24, p34)
-        p35 = fma(k3, p25, p35)
-        p44 = fma(k4, p24, p44)
-        p45 = fma(k4, p25, p45)
-        p55 = fma(k5, p25, p55)
-        kept = measurement_noise[2] * inverse
-        p02 = p02 * kept
-        p12 = p12 * kept
-        p22 = p22 * kept
-        p23 = p23 * kept
-        p24 = p24 * kept
-        p25 = p25 * kept
-    out[3] = z_position - x3
-    out[4] = z_p1 - x1
-    out[5] = z_p2 - x2
-    x[0] = x0
-    x[1] = x1
-    x[2] = x2
-    x[3] = x3
-    x[4] = x4
-    x[5] = x5
-    P[0, 0] = p00
-    P[0, 1] = P[1, 0] = p01
-    P[0, 2] = P[2, 0] = p02
-    P[0, 3] = P[3, 0] = p03
-    P[0, 4] = P[4, 0] = p04
-    P[0, 5] = P[5, 0] = p05
-    P[1, 1] = p11
-    P[1, 2] = P[2, 1] = p12
-    P[1, 3] = P[3, 1] = p13
-    P[1, 4] = P[4, 1] = p14
-    P[1, 5] = P[5, 1] = p15
-    P[2, 2] = p22
-    P[2, 3] = P[3, 2] = p23
-    P[2, 4] = P[4, 2] = p24
-    P[2, 5] = P[5, 2] = p25
-    P[3, 3] = p33
-    P[3, 4] = P[4, 3] = p34
-    P[3, 5] = P[5, 3] = p35
-    P[4, 4] = p44
-    P[4, 5] = P[5, 4] = p45
-    P[5, 5] = p55
+
+    def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
+        self._context, self._builder, self._kind, self._array = context, builder, kind, array
+
+    def _call(self, function: Any, index: Any, *numbers: _Emitted) -> Any:
+        context, place = self._context, typeof(index)
+        kinds = self._kind, place, *(_element(self._kind) for _ in numbers)
+        kind = context.typing_context.resolve_value_type(function)
+        signature = kind.get_call_type(context.typing_context, kinds, {})
+        call = context.get_function(kind, signature)
+        context.add_linking_libs(getattr(call, "libs", ()))
+        at = context.get_constant_generic(self._builder, place, index)
+        return call(self._builder, (self._array, at, *(number.value for number in numbers)))
+
+    def __getitem__(self, index: Any) -> _Emitted:
+        return _Emitted(self._builder, self._call(operator.getitem, index))
+
+    def __setitem__(self, index: Any, number: _Emitted) -> None:
+        self._call(operator.setitem, index, number)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def thesis7_kalman_step(
-    predicted: Vector,
-    entries: Vector,
-    x: FloatArray,
-    P: FloatArray,
-    process_noise: Vector,
-    measurement_noise: Vector,
-    z_position: float,
-    z_p1: float,
-    z_p2: float,
-    out: FloatArray,
-) -> None:
-    """Propagate and correct x (7,) and P (7, 7) by one sample, both in place.
+def _element(array: Any) -> Any:
+    """Return the numba type of an array's elements: float64 or lanes."""
+    return types.float64 if isinstance(array, types.Array) else lanes
 
-    `predicted` is x(-) and `entries` the Jacobian of eq. 6.20 in the order of
-    `THESIS7_ENTRIES`. `out` (9,) as in `estimator.filters.thesis`.
+
+def _opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Return a value of a numba type as emitted numbers and arrays, tuples and literal integers."""
+    if isinstance(kind, _TUPLE):
+        parts = zip(kind, cgutils.unpack_tuple(builder, value), strict=True)
+        return tuple(_opened(context, builder, *part) for part in parts)
+    if isinstance(kind, types.IntegerLiteral):
+        return kind.literal_value
+    if kind in (types.float64, lanes):
+        return _Emitted(builder, value)
+    return _EmittedArray(context, builder, kind, value)
+
+
+def _packed(context: Any, builder: Any, kind: Any, result: Any) -> Any:
+    """Return emitted numbers in tuples, or None, as a value of a numba type."""
+    if isinstance(kind, _TUPLE):
+        parts = zip(kind, result, strict=True)
+        return context.make_tuple(builder, kind, [_packed(context, builder, *p) for p in parts])
+    return context.get_dummy_value() if result is None else result.value
+
+
+def _written_out(function: Any, signature: Any) -> Any:
+    """Return what defines an intrinsic whose code is what `function` does to emitted numbers."""
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        given = zip(signature.args, arguments, strict=True)
+        result = function(*(_opened(context, builder, *each) for each in given))
+        return _packed(context, builder, signature.return_type, result)
+
+    return signature, emit
+
+
+def _fma(a: Any, b: Any, c: Any) -> Any:
+    return a.fma(b, c) if isinstance(a, _Emitted) else fma(a, b, c)
+
+
+def _entry(P: Any, i: int, j: int) -> Any:
+    return P[min(i, j)][abs(i - j)]
+
+
+def _upper(entries: Any, n: int) -> Any:
+    """Return the rows of an upper triangle, whose entry (i, j) may stand under (j, i)."""
+    return tuple(
+        tuple(entries[i, j] if (i, j) in entries else entries[j, i] for j in range(i, n))
+        for i in range(n)
+    )
+
+
+def _row_times(row: dict[int, Any], i: int, vector: Any, total: Any = None) -> Any:
+    """Return row i of A times a vector (n,), plus `total` if there is one.
+
+    `row` has the entries of the row that are neither zero nor one by their columns.
     """
-    x0, x1, x2, x3, x4, x5, x6 = predicted
-    a05, a10, a11, a13, a14, a20, a22, a23, a24, a34, a41, a42, a46, a50, a55 = entries
-    p00 = P[0, 0]
-    p01 = P[0, 1]
-    p02 = P[0, 2]
-    p03 = P[0, 3]
-    p04 = P[0, 4]
-    p05 = P[0, 5]
-    p06 = P[0, 6]
-    p11 = P[1, 1]
-    p12 = P[1, 2]
-    p13 = P[1, 3]
-    p14 = P[1, 4]
-    p15 = P[1, 5]
-    p16 = P[1, 6]
-    p22 = P[2, 2]
-    p23 = P[2, 3]
-    p24 = P[2, 4]
-    p25 = P[2, 5]
-    p26 = P[2, 6]
-    p33 = P[3, 3]
-    p34 = P[3, 4]
-    p35 = P[3, 5]
-    p36 = P[3, 6]
-    p44 = P[4, 4]
-    p45 = P[4, 5]
-    p46 = P[4, 6]
-    p55 = P[5, 5]
-    p56 = P[5, 6]
-    p66 = P[6, 6]
-    m10 = fma(a14, p04, fma(a13, p03, fma(a11, p01, a10 * p00)))
-    m11 = fma(a14, p14, fma(a13, p13, fma(a11, p11, a10 * p01)))
-    m12 = fma(a14, p24, fma(a13, p23, fma(a11, p12, a10 * p02)))
-    m13 = fma(a14, p34, fma(a13, p33, fma(a11, p13, a10 * p03)))
-    m14 = fma(a14, p44, fma(a13, p34, fma(a11, p14, a10 * p04)))
-    m15 = fma(a14, p45, fma(a13, p35, fma(a11, p15, a10 * p05)))
-    m16 = fma(a14, p46, fma(a13, p36, fma(a11, p16, a10 * p06)))
-    m20 = fma(a24, p04, fma(a23, p03, fma(a22, p02, a20 * p00)))
-    m21 = fma(a24, p14, fma(a23, p13, fma(a22, p12, a20 * p01)))
-    m22 = fma(a24, p24, fma(a23, p23, fma(a22, p22, a20 * p02)))
-    m23 = fma(a24, p34, fma(a23, p33, fma(a22, p23, a20 * p03)))
-    m24 = fma(a24, p44, fma(a23, p34, fma(a22, p24, a20 * p04)))
-    m25 = fma(a24, p45, fma(a23, p35, fma(a22, p25, a20 * p05)))
-    m26 = fma(a24, p46, fma(a23, p36, fma(a22, p26, a20 * p06)))
-    m40 = fma(a46, p06, fma(a42, p02, fma(a41, p01, p04)))
-    m41 = fma(a46, p16, fma(a42, p12, fma(a41, p11, p14)))
-    m42 = fma(a46, p26, fma(a42, p22, fma(a41, p12, p24)))
-    m43 = fma(a46, p36, fma(a42, p23, fma(a41, p13, p34)))
-    m44 = fma(a46, p46, fma(a42, p24, fma(a41, p14, p44)))
-    m45 = fma(a46, p56, fma(a42, p25, fma(a41, p15, p45)))
-    m46 = fma(a46, p66, fma(a42, p26, fma(a41, p16, p46)))
-    m00 = fma(a05, p05, p00)
-    m03 = fma(a05, p35, p03)
-    m04 = fma(a05, p45, p04)
-    m05 = fma(a05, p55, p05)
-    m06 = fma(a05, p56, p06)
-    m30 = fma(a34, p04, p03)
-    m33 = fma(a34, p34, p33)
-    m34 = fma(a34, p44, p34)
-    m35 = fma(a34, p45, p35)
-    m36 = fma(a34, p46, p36)
-    m50 = fma(a55, p05, a50 * p00)
-    m55 = fma(a55, p55, a50 * p05)
-    m56 = fma(a55, p56, a50 * p06)
-    m66 = p66
-    p11 = fma(a14, m14, fma(a13, m13, fma(a11, m11, fma(a10, m10, process_noise[1]))))
-    p12 = fma(a24, m14, fma(a23, m13, fma(a22, m12, a20 * m10)))
-    p14 = fma(a46, m16, fma(a42, m12, fma(a41, m11, m14)))
-    p01 = fma(a05, m15, m10)
-    p13 = fma(a34, m14, m13)
-    p15 = fma(a55, m15, a50 * m10)
-    p16 = m16
-    p22 = fma(a24, m24, fma(a23, m23, fma(a22, m22, fma(a20, m20, process_noise[2]))))
-    p24 = fma(a46, m26, fma(a42, m22, fma(a41, m21, m24)))
-    p02 = fma(a05, m25, m20)
-    p23 = fma(a34, m24, m23)
-    p25 = fma(a55, m25, a50 * m20)
-    p26 = m26
-    p44 = fma(a46, m46, fma(a42, m42, fma(a41, m41, process_noise[4] + m44)))
-    p04 = fma(a05, m45, m40)
-    p34 = fma(a34, m44, m43)
-    p45 = fma(a55, m45, a50 * m40)
-    p46 = m46
-    p00 = fma(a05, m05, process_noise[0] + m00)
-    p03 = fma(a34, m04, m03)
-    p05 = fma(a55, m05, a50 * m00)
-    p06 = m06
-    p33 = fma(a34, m34, process_noise[3] + m33)
-    p35 = fma(a55, m35, a50 * m30)
-    p36 = m36
-    p55 = fma(a55, m55, fma(a50, m50, process_noise[5]))
-    p56 = m56
-    p66 = process_noise[6] + m66
-    out[0] = z_position - x3
-    out[1] = z_p1 - x1
-    out[2] = z_p2 - x2
-    out[6] = p33 + measurement_noise[0] if everywhere(z_position == z_position) else np.nan
-    out[7] = p11 + measurement_noise[1] if everywhere(z_p1 == z_p1) else np.nan
-    out[8] = p22 + measurement_noise[2] if everywhere(z_p2 == z_p2) else np.nan
-    if everywhere(z_position == z_position):
-        inverse = 1.0 / (p33 + measurement_noise[0])
-        deviation = (z_position - x3) * inverse
-        x0 = fma(p03, deviation, x0)
-        x1 = fma(p13, deviation, x1)
-        x2 = fma(p23, deviation, x2)
-        x3 = fma(p33, deviation, x3)
-        x4 = fma(p34, deviation, x4)
-        x5 = fma(p35, deviation, x5)
-        x6 = fma(p36, deviation, x6)
-        k0 = -p03 * inverse
-        k1 = -p13 * inverse
-        k2 = -p23 * inverse
-        k4 = -p34 * inverse
-        k5 = -p35 * inverse
-        k6 = -p36 * inverse
-        p00 = fma(k0, p03, p00)
-        p01 = fma(k0, p13, p01)
-        p02 = fma(k0, p23, p02)
-        p04 = fma(k0, p34, p04)
-        p05 = fma(k0, p35, p05)
-        p06 = fma(k0, p36, p06)
-        p11 = fma(k1, p13, p11)
-        p12 = fma(k1, p23, p12)
-        p14 = fma(k1, p34, p14)
-        p15 = fma(k1, p35, p15)
-        p16 = fma(k1, p36, p16)
-        p22 = fma(k2, p23, p22)
-        p24 = fma(k2, p34, p24)
-        p25 = fma(k2, p35, p25)
-        p26 = fma(k2, p36, p26)
-        p44 = fma(k4, p34, p44)
-        p45 = fma(k4, p35, p45)
-        p46 = fma(k4, p36, p46)
-        p55 = fma(k5, p35, p55)
-        p56 = fma(k5, p36, p56)
-        p66 = fma(k6, p36, p66)
-        kept = measurement_noise[0] * inverse
-        p03 = p03 * kept
-        p13 = p13 * kept
-        p23 = p23 * kept
-        p33 = p33 * kept
-        p34 = p34 * kept
-        p35 = p35 * kept
-        p36 = p36 * kept
-    if everywhere(z_p1 == z_p1):
-        inverse = 1.0 / (p11 + measurement_noise[1])
-        deviation = (z_p1 - x1) * inverse
-        x0 = fma(p01, deviation, x0)
-        x1 = fma(p11, deviation, x1)
-        x2 = fma(p12, deviation, x2)
-        x3 = fma(p13, deviation, x3)
-        x4 = fma(p14, deviation, x4)
-        x5 = fma(p15, deviation, x5)
-        x6 = fma(p16, deviation, x6)
-        k0 = -p01 * inverse
-        k2 = -p12 * inverse
-        k3 = -p13 * inverse
-        k4 = -p14 * inverse
-        k5 = -p15 * inverse
-        k6 = -p16 * inverse
-        p00 = fma(k0, p01, p00)
-        p02 = fma(k0, p12, p02)
-        p03 = fma(k0, p13, p03)
-        p04 = fma(k0, p14, p04)
-        p05 = fma(k0, p15, p05)
-        p06 = fma(k0, p16, p06)
-        p22 = fma(k2, p12, p22)
-        p23 = fma(k2, p13, p23)
-        p24 = fma(k2, p14, p24)
-        p25 = fma(k2, p15, p25)
-        p26 = fma(k2, p16, p26)
-        p33 = fma(k3, p13, p33)
-        p34 = fma(k3, p14, p34)
-        p35 = fma(k3, p15, p35)
-        p36 = fma(k3, p16, p36)
-        p44 = fma(k4, p14, p44)
-        p45 = fma(k4, p15, p45)
-        p46 = fma(k4, p16, p46)
-        p55 = fma(k5, p15, p55)
-        p56 = fma(k5, p16, p56)
-        p66 = fma(k6, p16, p66)
-        kept = measurement_noise[1] * inverse
-        p01 = p01 * kept
-        p11 = p11 * kept
-        p12 = p12 * kept
-        p13 = p13 * kept
-        p14 = p14 * kept
-        p15 = p15 * kept
-        p16 = p16 * kept
-    if everywhere(z_p2 == z_p2):
-        inverse = 1.0 / (p22 + measurement_noise[2])
-        deviation = (z_p2 - x2) * inverse
-        x0 = fma(p02, deviation, x0)
-        x1 = fma(p12, deviation, x1)
-        x2 = fma(p22, deviation, x2)
-        x3 = fma(p23, deviation, x3)
-        x4 = fma(p24, deviation, x4)
-        x5 = fma(p25, deviation, x5)
-        x6 = fma(p26, deviation, x6)
-        k0 = -p02 * inverse
-        k1 = -p12 * inverse
-        k3 = -p23 * inverse
-        k4 = -p24 * inverse
-        k5 = -p25 * inverse
-        k6 = -p26 * inverse
-        p00 = fma(k0, p02, p00)
-        p01 = fma(k0, p12, p01)
-        p03 = fma(k0, p23, p03)
-        p04 = fma(k0, p24, p04)
-        p05 = fma(k0, p25, p05)
-        p06 = fma(k0, p26, p06)
-        p11 = fma(k1, p12, p11)
-        p13 = fma(k1, p23, p13)
-        p14 = fma(k1, p24, p14)
-        p15 = fma(k1, p25, p15)
-        p16 = fma(k1, p26, p16)
-        p33 = fma(k3, p23, p33)
-        p34 = fma(k3, p24, p34)
-        p35 = fma(k3, p25, p35)
-        p36 = fma(k3, p26, p36)
-        p44 = fma(k4, p24, p44)
-        p45 = fma(k4, p25, p45)
-        p46 = fma(k4, p26, p46)
-        p55 = fma(k5, p25, p55)
-        p56 = fma(k5, p26, p56)
-        p66 = fma(k6, p26, p66)
-        kept = measurement_noise[2] * inverse
-        p02 = p02 * kept
-        p12 = p12 * kept
-        p22 = p22 * kept
-        p23 = p23 * kept
-        p24 = p24 * kept
-        p25 = p25 * kept
-        p26 = p26 * kept
-    out[3] = z_position - x3
-    out[4] = z_p1 - x1
-    out[5] = z_p2 - x2
-    x[0] = x0
-    x[1] = x1
-    x[2] = x2
-    x[3] = x3
-    x[4] = x4
-    x[5] = x5
-    x[6] = x6
-    P[0, 0] = p00
-    P[0, 1] = P[1, 0] = p01
-    P[0, 2] = P[2, 0] = p02
-    P[0, 3] = P[3, 0] = p03
-    P[0, 4] = P[4, 0] = p04
-    P[0, 5] = P[5, 0] = p05
-    P[0, 6] = P[6, 0] = p06
-    P[1, 1] = p11
-    P[1, 2] = P[2, 1] = p12
-    P[1, 3] = P[3, 1] = p13
-    P[1, 4] = P[4, 1] = p14
-    P[1, 5] = P[5, 1] = p15
-    P[1, 6] = P[6, 1] = p16
-    P[2, 2] = p22
-    P[2, 3] = P[3, 2] = p23
-    P[2, 4] = P[4, 2] = p24
-    P[2, 5] = P[5, 2] = p25
-    P[2, 6] = P[6, 2] = p26
-    P[3, 3] = p33
-    P[3, 4] = P[4, 3] = p34
-    P[3, 5] = P[5, 3] = p35
-    P[3, 6] = P[6, 3] = p36
-    P[4, 4] = p44
-    P[4, 5] = P[5, 4] = p45
-    P[4, 6] = P[6, 4] = p46
-    P[5, 5] = p55
-    P[5, 6] = P[6, 5] = p56
-    P[6, 6] = p66
+    if i not in row:
+        total = vector[i] if total is None else total + vector[i]
+    for j, entry in row.items():
+        total = entry * vector[j] if total is None else _fma(entry, vector[j], total)
+    return total
+
+
+def _propagate(entries: Any, P: Any, noise: Any) -> Any:
+    """Return the upper triangle of A P A' + Q (eq. 4.17).
+
+    Args:
+        entries: those of A at `COLUMNS`, row by row.
+        P: array (n, n).
+        noise: diagonal of Q, n numbers.
+    """
+    n, left = len(noise), iter(entries)
+    rows = [{j: next(left) for j in columns} for columns in COLUMNS[n]]
+    old = [[P[i, j] for j in range(i, n)] for i in range(n)]
+    order = [i for i in _ORDER if i < n]
+    product = {
+        i: [_row_times(rows[i], i, [_entry(old, j, k) for j in range(n)]) for k in range(n)]
+        for i in order
+    }
+    new = {
+        (i, j): _row_times(rows[j], j, product[i], noise[i] if i == j else None)
+        for place, i in enumerate(order)
+        for j in order[place:]
+    }
+    return _upper(new, n)
+
+
+def _correct(x: Any, P: Any, state: int, z: Any, variance: Any) -> Any:
+    """Return the state and P after one scalar update (eq. 4.18 with a diagonal R).
+
+    Args:
+        x: state, n numbers.
+        P: its covariance, as rows of the upper triangle.
+        state: index of the measured state.
+        z: the measured value.
+        variance: the measurement's, from the diagonal of R.
+    """
+    n = len(x)
+    others = [i for i in range(n) if i != state]
+    column = [_entry(P, i, state) for i in range(n)]
+    inverse = 1.0 / (column[state] + variance)
+    deviation = (z - x[state]) * inverse
+    corrected = tuple(_fma(column[i], deviation, x[i]) for i in range(n))
+    gain = [-covariance * inverse for covariance in column]
+    new = {
+        (i, j): _fma(gain[i], column[j], _entry(P, i, j)) for i in others for j in others if j >= i
+    }
+    # 1 - K is computed as R/S, which avoids the cancellation in P - K P.
+    kept = variance * inverse
+    new.update({(i, state): column[i] * kept for i in range(n)})
+    return corrected, _upper(new, n)
+
+
+def _store(x: Any, P: Any, x_out: Any, P_out: Any) -> None:
+    """Write the state and both triangles of P into the arrays (n,) and (n, n)."""
+    n = len(x)
+    for i in range(n):
+        x_out[i] = x[i]
+    for i in range(n):
+        for j in range(i, n):
+            P_out[i, j] = P_out[j, i] = P[i][j - i]
+
+
+@intrinsic
+def _propagated(typing_context, entries, P, noise):
+    kind, n = _element(P), len(noise)
+    upper = types.Tuple([types.UniTuple(kind, n - i) for i in range(n)])
+    signature = upper(types.UniTuple(kind, len(entries)), P, types.UniTuple(kind, n))
+    return _written_out(_propagate, signature)
+
+
+@intrinsic(prefer_literal=True)
+def _corrected(typing_context, x, P, state, z, variance):
+    return _written_out(_correct, types.Tuple((x, P))(x, P, state, x.dtype, x.dtype))
+
+
+@intrinsic
+def _stored(typing_context, x, P, x_out, P_out):
+    return _written_out(_store, types.void(x, P, x_out, P_out))
+
+
+if INTERPRETED:
+    _propagated, _corrected, _stored = _propagate, _correct, _store
+
+
+@inlined
+def kalman_step(
+    linearised: tuple[Vector, Vector],
+    x: Array,
+    P: Array,
+    noise: tuple[Vector, Vector],
+    measured: Vector,
+    out: Array,
+) -> None:
+    """Propagate and correct x (n,) and P (n, n) by one sample, both in place; n is 6 or 7.
+
+    Args:
+        linearised: x(-), n numbers, and the Jacobian's entries at `COLUMNS`, row by row.
+        x: state, overwritten.
+        P: covariance of the state, updated.
+        noise: diagonal of Q, n numbers, and that of R in the order position, p1, p2.
+        measured: position in m, p1 and p2 in Pa; NaN where there is no reading.
+        out: (9,), overwritten, as in `estimator.filters.thesis`.
+    """
+    state, entries = linearised
+    process_noise, measurement_noise = noise
+    position, p1, p2 = measured
+    upper = _propagated(entries, P, process_noise)
+    out[0] = position - state[3]
+    out[1] = p1 - state[1]
+    out[2] = p2 - state[2]
+    out[6] = upper[3][0] + measurement_noise[0] if everywhere(position == position) else np.nan
+    out[7] = upper[1][0] + measurement_noise[1] if everywhere(p1 == p1) else np.nan
+    out[8] = upper[2][0] + measurement_noise[2] if everywhere(p2 == p2) else np.nan
+    if everywhere(position == position):
+        state, upper = _corrected(state, upper, 3, position, measurement_noise[0])
+    if everywhere(p1 == p1):
+        state, upper = _corrected(state, upper, 1, p1, measurement_noise[1])
+    if everywhere(p2 == p2):
+        state, upper = _corrected(state, upper, 2, p2, measurement_noise[2])
+    out[3] = position - state[3]
+    out[4] = p1 - state[1]
+    out[5] = p2 - state[2]
+    _stored(state, upper, x, P)

@@ -14,7 +14,6 @@ from rig.jit import njit
 from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters, inlined, inner
 
 from . import product, thesis
-from .divergence import RESETS
 from .product import product_step, start_product
 from .product_model import STATE_COUNT, STATES
 from .product_noise import ProductNoise, product_noise
@@ -58,8 +57,6 @@ class Filter:
     code: int | None
     states: tuple[str, ...]
     summary: str
-    factored: bool = False
-    """Whether the covariance is stored as its factors (`estimator.filters.ud`)."""
 
 
 FILTERS: Final = {
@@ -70,7 +67,6 @@ FILTERS: Final = {
             PRODUCT,
             STATES,
             "load, three leak coefficients and spool null bias as states; stable prediction",
-            factored=True,
         ),
         Filter("thesis-6", THESIS_6, _THESIS_STATES, "eq. 2.15 with the Karnopp friction model"),
         Filter(
@@ -100,7 +96,8 @@ class FilterMemory:
     Attributes:
         filter: the filter.
         x: estimated states, (states,).
-        covariance: covariance P of the states, or its factors if the filter is `factored`.
+        covariance: covariance P of the states; of the product filter its factors
+            (`estimator.filters.ud`).
         noise: noise that the product filter assumes.
         work: the product filter's `work` array (`product.WORK_SHAPE`).
     """
@@ -114,18 +111,15 @@ class FilterMemory:
     @property
     def dense_covariance(self) -> Array:
         """Return the covariance P, (states, states)."""
-        return dense_covariance(self.covariance) if self.filter.factored else self.covariance
+        if self.filter.code is PRODUCT:
+            return dense_covariance(self.covariance)
+        return self.covariance
 
     def copy(self) -> "FilterMemory":
         """Return a copy that continues from the present state independently of this one."""
         return replace(
             self, x=self.x.copy(), covariance=self.covariance.copy(), work=self.work.copy()
         )
-
-    @property
-    def resets(self) -> int:
-        """Return how often the filter was lost and has started anew; 0 for the thesis filters."""
-        return int(self.work[0, RESETS])
 
 
 def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET) -> FilterMemory:

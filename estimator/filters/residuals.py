@@ -91,9 +91,7 @@ def moving_average_absolute(residual: Array, n: int = THESIS_WINDOW) -> Array:
     """
     if residual.ndim != 1:
         raise ValueError(f"moving average: residual of shape {residual.shape}; give one series")
-    averages = np.empty(residual.size)
-    _fill(np.asarray(residual, dtype=np.float64), start_moving_average(n), averages)
-    return averages
+    return extend_moving_average(start_moving_average(n), np.asarray(residual, dtype=np.float64))
 
 
 def extend_moving_average(memory: MovingAverage, residual: Array) -> Array:

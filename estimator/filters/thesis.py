@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from rig.jit import njit
 from rig.plant import Parameters, inlined
 
-from .covariance import THESIS6_ENTRIES, THESIS7_ENTRIES, thesis6_kalman_step, thesis7_kalman_step
+from .covariance import kalman_step
 from .thesis_model import Vector, linearised_6, linearised_7
 
 Array = NDArray[np.float64]
@@ -59,12 +59,14 @@ def initial_state(with_load: bool) -> tuple[Array, Array]:
 
 
 @inlined
-def _six(x: Array) -> Vector:
+def six(x: Array) -> Vector:
+    """Return the six states of x (6,) as a tuple."""
     return x[0], x[1], x[2], x[3], x[4], x[5]
 
 
 @inlined
-def _seven(x: Array) -> Vector:
+def seven(x: Array) -> Vector:
+    """Return the seven states of x (7,) as a tuple."""
     return x[0], x[1], x[2], x[3], x[4], x[5], x[6]
 
 
@@ -92,19 +94,9 @@ def thesis6_step(
         parameters: parameters of the rig that the filter assumes.
         out: (9,), overwritten: innovations, residuals and innovation variances (see the module).
     """
-    predicted, entries = linearised_6(_six(x), u, parameters)
-    thesis6_kalman_step(
-        predicted,
-        entries,
-        x,
-        P,
-        THESIS6_PROCESS_NOISE,
-        THESIS6_MEASUREMENT_NOISE,
-        z_position,
-        z_p1,
-        z_p2,
-        out,
-    )
+    linearised = linearised_6(six(x), u, parameters)
+    noise = THESIS6_PROCESS_NOISE, THESIS6_MEASUREMENT_NOISE
+    kalman_step(linearised, x, P, noise, (z_position, z_p1, z_p2), out)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -123,48 +115,6 @@ def thesis7_step(
     The arguments are as in `thesis6_step`, with x (7,) and P (7, 7); the seventh state is the load
     F_e in N.
     """
-    predicted, entries = linearised_7(_seven(x), u, parameters)
-    thesis7_kalman_step(
-        predicted,
-        entries,
-        x,
-        P,
-        THESIS7_PROCESS_NOISE,
-        THESIS7_MEASUREMENT_NOISE,
-        z_position,
-        z_p1,
-        z_p2,
-        out,
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def thesis6_predict(x: Array, u: float, parameters: Parameters) -> Array:
-    """Return the predicted state (6,) one tick after x under the command u in V (eq. 2.15)."""
-    return np.array(linearised_6(_six(x), u, parameters)[0])
-
-
-@njit(cache=True, error_model="numpy")
-def thesis7_predict(x: Array, u: float, parameters: Parameters) -> Array:
-    """Return the predicted state (7,) one tick after x under command u in V (eqs. 6.13 to 6.19)."""
-    return np.array(linearised_7(_seven(x), u, parameters)[0])
-
-
-@njit(cache=True, error_model="numpy")
-def thesis6_jacobian(x: Array, parameters: Parameters) -> Array:
-    """Return the Jacobian A (6, 6) at x, made of the same entries as the step's (eq. 4.19)."""
-    entries = linearised_6(_six(x), 0.0, parameters)[1]
-    A = np.eye(6)
-    for index in range(len(entries)):
-        A[THESIS6_ENTRIES[index]] = entries[index]
-    return A
-
-
-@njit(cache=True, error_model="numpy")
-def thesis7_jacobian(x: Array, parameters: Parameters) -> Array:
-    """Return the Jacobian A (7, 7) at x, made of the same entries as the step's (eq. 6.20)."""
-    entries = linearised_7(_seven(x), 0.0, parameters)[1]
-    A = np.eye(7)
-    for index in range(len(entries)):
-        A[THESIS7_ENTRIES[index]] = entries[index]
-    return A
+    linearised = linearised_7(seven(x), u, parameters)
+    noise = THESIS7_PROCESS_NOISE, THESIS7_MEASUREMENT_NOISE
+    kalman_step(linearised, x, P, noise, (z_position, z_p1, z_p2), out)

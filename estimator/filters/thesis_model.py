@@ -145,7 +145,7 @@ def linearised(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def linearised_6(state: Vector, u: float, parameters: Parameters) -> tuple[Vector, Vector]:
-    """Return x(k+1) of eqs. 2.15 to 2.17 and the entries `THESIS6_ENTRIES` of its Jacobian."""
+    """Return x(k+1) of eqs. 2.15 to 2.17 and its Jacobian's entries at `COLUMNS[6]`."""
     force = parameters.piston_area * (state[1] - state[2])
     resistance, slope = friction(state[4], force, parameters)
     predicted, shared = linearised(state, resistance, u, parameters)
@@ -155,7 +155,7 @@ def linearised_6(state: Vector, u: float, parameters: Parameters) -> tuple[Vecto
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def linearised_7(state: Vector, u: float, parameters: Parameters) -> tuple[Vector, Vector]:
-    """Return x(k+1) of eqs. 6.13 to 6.19 and the entries `THESIS7_ENTRIES` of its Jacobian."""
+    """Return x(k+1) of eqs. 6.13 to 6.19 and its Jacobian's entries at `COLUMNS[7]`."""
     predicted, shared = linearised(state[:6], state[6], u, parameters)
     a46 = -TICK / parameters.moving_mass
     return (*predicted, state[6]), (*shared[:12], a46, *shared[12:])

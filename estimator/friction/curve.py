@@ -5,7 +5,7 @@ can be followed over months: each parameter has a standard error or, if the moti
 the description of a motion that would.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import hypot, isfinite
 from statistics import NormalDist
@@ -126,13 +126,11 @@ class FrictionCurve:
 
         An asymmetry that was not fitted counts as 0. Without a fit (`NO_FIT`) all is NaN.
         """
-        coulomb, stiction, alpha, viscous, asymmetry = self.fit.values
-        return slip_curve(
-            velocity, (coulomb, stiction, alpha, viscous, asymmetry if isfinite(asymmetry) else 0.0)
-        )
+        *others, asymmetry = self.fit.values
+        return slip_curve(velocity, [*others, asymmetry if isfinite(asymmetry) else 0.0])
 
 
-def slip_curve(velocity: Array, values: tuple[float, float, float, float, float]) -> Array:
+def slip_curve(velocity: Array, values: Iterable[float]) -> Array:
     """Return friction in N at velocities in m/s for parameters in the order of `PARAMETERS`.
 
     At velocity 0, where friction is undetermined, it is the asymmetry alone.
@@ -144,7 +142,7 @@ def slip_curve(velocity: Array, values: tuple[float, float, float, float, float]
 
 def model_curve(velocity: Array, parameters: Parameters) -> Array:
     """Return the friction in N that a model's parameters give at velocities in m/s."""
-    return slip_curve(velocity, tuple(getattr(parameters, name) for name in PARAMETERS))
+    return slip_curve(velocity, (getattr(parameters, name) for name in PARAMETERS))
 
 
 def identify_friction(

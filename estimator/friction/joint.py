@@ -64,12 +64,9 @@ class JointFit:
     misfit: float
 
     @property
-    def values(self) -> tuple[float, float, float, float, float]:
+    def values(self) -> tuple[float, ...]:
         """Return the parameters in the order of `PARAMETERS`, SI."""
-        coulomb, stiction, alpha, viscous, asymmetry = (
-            self.estimates[name].value or 0.0 for name in PARAMETERS
-        )
-        return coulomb, stiction, alpha, viscous, asymmetry
+        return tuple(self.estimates[name].value or 0.0 for name in PARAMETERS)
 
     def parameters(self, parameters: Parameters) -> Parameters:
         """Return a rig's parameters with those of friction replaced by the fitted values."""
@@ -82,13 +79,8 @@ class JointFit:
     def force_error(self, velocity: Array) -> Array:
         """Return the standard error in N of `force` at velocities (m/s) other than zero, (n,)."""
         steps = 1e-4 * np.sqrt(np.diag(self.covariance))
-        values = np.array(self.values)
-        columns = []
-        for index, step in enumerate(steps):
-            moved = values.copy()
-            moved[index] += step
-            columns.append((slip_curve(velocity, _five(moved)) - self.force(velocity)) / step)
-        jacobian = np.column_stack(columns)
+        moved, here = np.array(self.values) + np.diag(steps), self.force(velocity)
+        jacobian = np.column_stack([slip_curve(velocity, each) - here for each in moved]) / steps
         return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)))
 
 
@@ -129,7 +121,7 @@ def joint_fit(
     def residual(values: Array) -> Array:
         parts = [root @ ((values - prior) / scale)]
         if settled:
-            parts.append((slip_curve(velocity, _five(values)) - force) / errors)
+            parts.append((slip_curve(velocity, values) - force) / errors)
         if measured:
             shown = values[1] - deficit_of(values)
             wrong = hypot(level.level_error, DEFICIT_KNOWN_TO * deficit_of(values))
@@ -181,11 +173,6 @@ def steady_among(speeds: Sequence[SteadySpeed], sliding: FrictionCurve) -> list[
     ]
 
 
-def _five(values: Array) -> tuple[float, float, float, float, float]:
-    coulomb, stiction, alpha, viscous, asymmetry = values.tolist()
-    return coulomb, stiction, alpha, viscous, asymmetry
-
-
 def _well_scaled(covariance: Array) -> Array:
     scale = np.sqrt(np.diag(covariance))
     # Jackknifed covariances may be singular to rounding.
@@ -194,10 +181,5 @@ def _well_scaled(covariance: Array) -> Array:
 
 def _jacobian(residual: _Residual, values: Array, scale: Array) -> Array:
     """Return the derivatives of the residuals by the values divided by `scale`, by differences."""
-    here = residual(values)
-    columns = []
-    for index, unit in enumerate(scale):
-        moved = values.copy()
-        moved[index] += 1e-3 * unit
-        columns.append((residual(moved) - here) / 1e-3)
-    return np.column_stack(columns)
+    moved, here = values + np.diag(1e-3 * scale), residual(values)
+    return np.column_stack([residual(each) - here for each in moved]) / 1e-3

@@ -12,14 +12,15 @@ from .baseline_file import (
 from .confirmation import CONFIRMED_AFTER_S as CONFIRMED_AFTER_S
 from .detection import (
     SETTLED_AFTER_S as SETTLED_AFTER_S,
+    SILENT as SILENT,
     Decision as Decision,
     Detector as Detector,
     OilAccountDetector as OilAccountDetector,
-    Samples as Samples,
     is_of as is_of,
     leak_flow as leak_flow,
 )
 from .found import Found as Found, found_in as found_in
+from .oil_account import Samples as Samples
 from .pattern import (
     LEARNING_S as LEARNING_S,
     PATTERNS as PATTERNS,

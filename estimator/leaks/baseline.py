@@ -17,7 +17,7 @@ from estimator.filters import DEFAULT_FILTER, FILTERS
 from rig.plant import Model
 from rig.recording import Recording
 
-from .detection import Decision, Detector, OilAccountDetector, draw_up
+from .detection import Decision, Detector, OilAccountDetector
 from .leak_statistic import LeakTest
 from .oil_account import OilAccount
 from .pattern import STARTED_S, HealthyLevel, PatternDetector, healthy_level
@@ -100,7 +100,7 @@ def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
         if result.decision.verdict != "healthy":
             problems.append(_not_healthy(recording.source, result.decision))
         account = OilAccount(model.parameters, test)
-        for _ in draw_up(account, samples_of(recording), result.run):
+        for _ in account.add(samples_of(recording), result.run):
             pass
         for name, series in innovations.items():
             run = filter_recording(recording, model, name)

@@ -1,13 +1,12 @@
 """The confirmation of leaks: which leaks are present now, though findings come and go by block."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Final
 
 from rig.plant import FAULTS, LEAKS
 
 from .finding import Finding
-from .leak_verdicts import LeakVerdicts
 
 CONFIRMED_AFTER_S: Final = 5.0
 """Seconds for which a fault must have been found until it is confirmed.
@@ -53,11 +52,12 @@ class PresentLeaks:
     accounts show its end, or fit a healthy rig or another fault better.
 
     Args:
-        verdicts: answers questions about the blocks of the test that makes all findings.
+        left: returns the coefficient that a leak has now, 0 if it has ended
+            (`leak_verdicts.present_coefficient` of the test that makes all findings).
     """
 
-    def __init__(self, verdicts: LeakVerdicts) -> None:
-        self._verdicts = verdicts
+    def __init__(self, left: Callable[[Finding], float]) -> None:
+        self._left = left
         self._holds = [Hold() for _ in LEAKS]
         self._confirmed: dict[int, Finding] = {}
         self._ended: set[int] = set()
@@ -91,7 +91,7 @@ class PresentLeaks:
         for leak, finding in list(self._confirmed.items()):
             likely = probabilities.get(FAULTS[leak], 0.0) + probabilities.get("multiple", 0.0)
             supported = leak in found or likely > _LIKELIER_THAN_NOT
-            present[leak] = self._verdicts.present(finding) if supported else 0.0
+            present[leak] = self._left(finding) if supported else 0.0
             if present[leak] == 0.0:
                 del self._confirmed[leak]
                 if supported or healthy:

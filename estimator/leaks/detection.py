@@ -1,7 +1,8 @@
 """From a filter's estimates to a verdict: the interface of detectors and the default detector."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import hypot, isnan, sqrt
 from typing import Final, Protocol
 
@@ -27,11 +28,11 @@ from rig.plant import (
     signed_roots,
 )
 
+from . import leak_verdicts
 from .confirmation import Hold, PresentLeaks
 from .finding import Finding
 from .leak_statistic import MINIMUM_BLOCKS, LeakTest
-from .leak_verdicts import LeakVerdicts
-from .oil_account import OilAccount
+from .oil_account import OilAccount, Samples
 from .supply_statistic import SupplyTest
 
 Array = NDArray[np.float64]
@@ -55,19 +56,6 @@ FLOW_ERROR: Final = 0.25
 zone bounds these errors, and a bound is taken for four standard deviations."""
 SETTLED_AFTER_S: Final = 2.0
 """Seconds after a leak's onset from which its flow is averaged, as the command line documents."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Successive samples of a detector: float64 (n,) each, SI; a value not measured is NaN."""
-
-    time_s: Array
-    command: Array
-    position: Array
-    pressure_1: Array
-    pressure_2: Array
-    spool: Array
-    supply_pressure: Array
 
 
 @dataclass(frozen=True)
@@ -139,36 +127,6 @@ class Detector(Protocol):
         """Return the decision that follows from all samples so far."""
 
 
-_ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
-
-
-_FROZEN_SAMPLES: Final = 40
-"""A pressure with this many equal readings in a row counts as not measured, for noise of 30 kPa
-would not allow that. The detector only leaves such samples out, on any rig; the loop, which trips
-on them, derives its count from the chance of a false trip
-(`rig.loop.interlocks.check_tolerances.frozen_samples`)."""
-
-
-def _alive(values: Array) -> NDArray[np.bool_]:
-    """Return for each value whether it is in no run of `_FROZEN_SAMPLES` equal ones: bool (n,)."""
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
-    lengths = np.diff([*starts, values.size])
-    return np.repeat(lengths < _FROZEN_SAMPLES, lengths)
-
-
-def draw_up(account: OilAccount, samples: Samples, run: FilterRun) -> Iterator[AccountBlock]:
-    """Add samples with the product filter's estimates to an account; yield each tested block.
-
-    The samples are added while the blocks are iterated over.
-    """
-    fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
-    fresh &= _alive(samples.pressure_1) & _alive(samples.pressure_2)
-    spool, p1, p2, position = (run.state(name) for name in _ESTIMATES)
-    return account.add(
-        run.time_s, spool, p1, p2, position, fresh.astype(np.float64), samples.supply_pressure
-    )
-
-
 class OilAccountDetector:
     """The default detector, which tests oil accounts made from the product filter's estimates.
 
@@ -182,6 +140,7 @@ class OilAccountDetector:
             0 means that the model is exact.
 
     Attributes:
+        claimed: the faults that the last `decide` found, doubtful ones too; it may be empty.
         drawn_up: the blocks that the samples of the last `update` finished.
         begun: how often the test has started anew and dropped all earlier blocks.
     """
@@ -196,7 +155,6 @@ class OilAccountDetector:
         self._parameters = model.parameters
         self._setting = false_alarms_per_day, expected, model_error
         self._test = LeakTest(*self._setting)
-        self._verdicts = LeakVerdicts(self._test)
         self._account = OilAccount(model.parameters, self._test)
         self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
         self._first_s = self._last_s = float("nan")
@@ -204,8 +162,8 @@ class OilAccountDetector:
         self._named: tuple[Finding, Decision] | None = None
         self._named_s = float("nan")
         self._hold = Hold()
-        self._leaks = PresentLeaks(self._verdicts)
-        self._claimed: list[Finding] = []
+        self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
+        self.claimed: list[Finding] = []
         self.drawn_up: list[AccountBlock] = []
         self.begun = 0
 
@@ -213,8 +171,7 @@ class OilAccountDetector:
         """Start a new test without the blocks so far: an ended leak fits no lasting fault."""
         self.begun += 1
         self._test = self._account.test = LeakTest(*self._setting)
-        self._verdicts = LeakVerdicts(self._test)
-        self._leaks = PresentLeaks(self._verdicts)
+        self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
         self._named = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
@@ -223,7 +180,7 @@ class OilAccountDetector:
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
         self.drawn_up = []
-        for block in draw_up(self._account, samples, run):
+        for block in self._account.add(samples, run):
             self._supply.add(block)
             self.drawn_up.append(block)
 
@@ -233,19 +190,14 @@ class OilAccountDetector:
         found = bool(self._test.search()) or self._supply.search() is not None
         return found or self._named is not None
 
-    @property
-    def claimed(self) -> Sequence[Finding]:
-        """Return the faults that the last `decide` found, doubtful ones too; it may be empty."""
-        return self._claimed
-
     def evidence(self) -> tuple[float, float]:
         """Return the statistic of the most likely fault, and the limit it must exceed.
 
         The statistic exceeds the limit exactly if the last decision found a fault. It is 0 if no
         fault explains anything.
         """
-        likeliest = self._test.likeliest() if not self._claimed else None
-        found = [*self._claimed] if likeliest is None else [likeliest]
+        likeliest = self._test.likeliest() if not self.claimed else None
+        found = self.claimed if likeliest is None else [likeliest]
         if not found:
             return 0.0, self._test.limit()
         most = max(found, key=lambda finding: finding.statistic / finding.limit)
@@ -265,16 +217,19 @@ class OilAccountDetector:
         if self._leaks.ended(self._last_s):
             self._begin_anew()
         dropped = self._supply.search()
-        # A flow that a drop of the supply pressure explains is no leak.
-        findings = self._test.search() if dropped is None else self._verdicts.leaks_beside(dropped)
-        threshold = self._test.limit() if dropped is None or findings else self._supply.limit()
+        if dropped is None:
+            findings, threshold = self._test.search(), self._test.limit()
+        else:
+            # A flow that a drop of the supply pressure explains is no leak.
+            findings = leak_verdicts.leaks_beside(self._test, dropped)
+            threshold = self._test.limit() if findings else self._supply.limit()
         accounts = self._probabilities()
-        lines = self._verdicts.may_be_lines(findings)
+        lines = leak_verdicts.may_be_lines(self._test, findings)
         present = self._leaks.update(self._last_s, [] if lines else findings, accounts)
         probabilities = _with_supply(accounts, self._supply.odds(), bool(findings))
         if dropped is not None:
             findings = [*findings, dropped]
-        self._claimed = findings
+        self.claimed = findings
         if findings and (dropped is not None or not self._doubtful(findings, accounts)):
             decision = replace(
                 self._found(findings, threshold, lines),
@@ -292,9 +247,8 @@ class OilAccountDetector:
         if passed is not None:
             return replace(passed, present_leaks=present)
         if findings:
-            first = findings[0]
-            return Decision("unknown_fault", first.onset_s, statistic=first.statistic,
-                            threshold=threshold, probabilities=probabilities)  # fmt: skip
+            unnamed = self._found(findings, threshold, lines=True)
+            return replace(unnamed, probabilities=probabilities)
         decision = replace(self._nothing_found(threshold), probabilities=probabilities)
         if probabilities.get("healthy", 1.0) < 0.5:
             # A fault is more likely than not, but a claim would exceed the stated false-alarm rate.
@@ -327,12 +281,12 @@ class OilAccountDetector:
         if self._named is None:
             return None
         leak, decision = self._named
-        passed = self._verdicts.passed(leak, self._named_s)
+        passed = leak_verdicts.passed_leak(self._test, leak, self._named_s)
         if passed is None:
             if self._hold.lapsed(self._last_s):
                 self._named = None
             return None
-        self._claimed = [passed]
+        self.claimed = [passed]
         found = self._found([passed], passed.limit, lines=False)
         return replace(found, probabilities=decision.probabilities)
 
@@ -353,23 +307,31 @@ class OilAccountDetector:
         if self._test.blocks < MINIMUM_BLOCKS:
             return {}
         names = ("healthy", *FAULTS, "multiple")
-        return dict(zip(names, map(float, self._verdicts.probabilities()), strict=True))
+        return dict(
+            zip(names, map(float, leak_verdicts.fault_probabilities(self._test)), strict=True)
+        )
 
     def _found(self, findings: list[Finding], threshold: float, lines: bool) -> Decision:
-        first = findings[0]
+        """Return the decision on findings, the first of which has the greatest gain.
+
+        The verdict is `unknown_fault` if they may be a fault of the lines (`lines`).
+        """
+        first, *others = findings
         details: dict[str, float] = {}
         if lines:
-            return Decision("unknown_fault", first.onset_s, statistic=first.statistic,
-                            threshold=threshold)  # fmt: skip
-        if len(findings) > 1:
+            verdict = "unknown_fault"
+        elif others:
+            verdict = "multiple"
             for finding in findings:
                 name = FAULTS[finding.fault]
                 details[f"{name}_coefficient"] = finding.coefficient
                 details[f"{name}_onset_s"] = finding.onset_s
-        verdict = "multiple" if len(findings) > 1 else self._called(first)
-        if FAULTS[first.fault] not in LEAKS:
-            return Decision(verdict, first.onset_s, statistic=first.statistic,
+        else:
+            verdict = self._called(first)
+        decision = Decision(verdict, first.onset_s, statistic=first.statistic,
                             threshold=threshold, details=details)  # fmt: skip
+        if lines or FAULTS[first.fault] not in LEAKS:
+            return decision
         leaks = [finding for finding in findings if FAULTS[finding.fault] in LEAKS]
         sizes = [self._mean_size(leak) for leak in leaks]
         flow = sum(leak.coefficient * size for leak, size in zip(leaks, sizes, strict=True))
@@ -377,21 +339,18 @@ class OilAccountDetector:
         bound = self._test.model_error * LITRE_PER_MINUTE
         deviations += [FLOW_ERROR * DEAD_ZONE[leak.fault] * bound for leak in leaks]
         deviations += [SIZE_ERROR * flow]
-        return Decision(
-            verdict,
-            min(finding.onset_s for finding in findings),
-            flow,
-            hypot(*deviations),
-            first.coefficient if len(findings) == 1 else None,
-            first.statistic,
-            threshold,
-            details,
+        return replace(
+            decision,
+            onset_s=min(finding.onset_s for finding in findings),
+            leak_m3_per_s=flow,
+            leak_std_m3_per_s=hypot(*deviations),
+            coefficient=None if others else first.coefficient,
             ended_s=self._ended_s(leaks) if len(leaks) == len(findings) else None,
         )
 
     def _ended_s(self, leaks: list[Finding]) -> float | None:
         """Return when the last of the leaks ended, in s; None while any may be present."""
-        ends = [leak.ended_s or self._verdicts.ended_s(leak) for leak in leaks]
+        ends = [leak.ended_s or leak_verdicts.end_of(self._test, leak) for leak in leaks]
         return None if None in ends else max(end for end in ends if end is not None)
 
     def _nothing_found(self, threshold: float) -> Decision:
@@ -401,7 +360,7 @@ class OilAccountDetector:
         accounted, travel = self._later_half()
         details = {"travel_m": travel, "travel_needed_m": self._travel_needed()}
         for prefix, part in (("smallest", 0.5), ("smallest_from_start", 0.0)):
-            coefficients = self._verdicts.smallest(part)
+            coefficients = leak_verdicts.smallest_found(self._test, part)
             for leak, coefficient in zip(LEAKS, coefficients, strict=False):
                 flow = reference_flow(self._parameters, leak, float(coefficient))
                 details[f"{prefix}_{leak}_m3_per_s"] = flow

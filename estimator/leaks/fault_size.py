@@ -1,4 +1,10 @@
-"""Size and onset of a fault in the accounts, with the standard error of the size."""
+"""Size and onset of a fault in the accounts, sudden or growing, with the size's standard error.
+
+No single onset explains a leak that grows over minutes. The blocks so far are therefore divided
+into stretches of time. The leak's coefficient may differ from stretch to stretch, and so may the
+spool's null, which wanders too. The growth of the leak since the first stretch is tested like the
+coefficient of a sudden leak: the surplus over the dead zone is compared with its standard error.
+"""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -16,11 +22,12 @@ from estimator.accounts import (
     Stretch,
     around,
     lasting_noise,
+    least_variance,
 )
+from rig.plant import LEAKS
 
 from .fault_scores import WITNESSES
 from .finding import Finding
-from .growth import growths
 
 Array = NDArray[np.float64]
 
@@ -30,6 +37,22 @@ SETTLING_BLOCKS: Final = 2
 """Blocks after the onset that are left out when a leak above `GREAT_FLOW` is claimed and sized.
 
 They are left out once twice `WITNESSES` blocks have the leak."""
+STRETCHES: Final = 8
+"""Number of stretches of time, each with a coefficient of its own for a leak that grows."""
+LEAST_BLOCKS: Final = 120
+"""Fewest blocks for a leak that grows: one minute, so that a stretch lasts at least seven seconds.
+"""
+
+
+def stretches(sums: AccountSums) -> NDArray[np.int64]:
+    """Return the marks that divide the blocks so far into stretches of about equal length.
+
+    Returns:
+        int64, increasing, at most `STRETCHES` - 1 marks. In a run of more than half an hour the
+        early marks are sparse, so that some stretches merge and there are fewer.
+    """
+    blocks = np.arange(1, STRETCHES) * sums.blocks // STRETCHES
+    return np.unique([sums.mark_of(int(block)) for block in blocks])
 
 
 @dataclass(frozen=True)
@@ -98,14 +121,12 @@ class FaultSizes:
         fit = JointFit(self.sums, products, faults, marks, variance, straddling)
         coefficient = float(fit.coefficients[-1])
         deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)
-        fraction = fit.began_before()
         onset_s = self.sums.start_s(mark)
         if mark:
-            onset_s -= fraction * self.sums.seconds(mark - 1, mark)
+            onset_s -= fit.began_before() * self.sums.seconds(mark - 1, mark)
         return Finding(
             fault,
             int(self.sums.mark_blocks[mark]),
-            fraction,
             coefficient,
             deviation,
             statistic,
@@ -117,29 +138,49 @@ class FaultSizes:
     def grown(self, variance: float, dead_zone: Array, limit: float) -> Finding | None:
         """Return the likeliest leak that grows over minutes; None if its statistic is too small.
 
-        There must be `growth.LEAST_BLOCKS` blocks or more. The finding's `coefficient` is the mean
-        since the leak exceeded the dead zone. Its `limit` is left at 0 for the caller to set.
+        There must be `LEAST_BLOCKS` blocks or more. Each leak is fitted as if it were the only
+        fault. The finding's `coefficient` is the mean since the leak exceeded the dead zone. Its
+        `limit` is left at 0 for the caller to set.
 
         Args:
             variance: noise variance if there were no leak, in units of the expected noise.
             dead_zone: flow in L/min that each fault must exceed to be claimed, float64 (5,).
             limit: value that the statistic must exceed; a healthy rig does so at the stated rate.
         """
-        likeliest = growths(self.sums, self.products, self.recent, variance, self.model_error)[0]
-        fault, levels = likeliest.fault, likeliest.levels
-        size = float(self.products.sizes[likeliest.marks[-1], fault])
+        marks = stretches(self.sums)
+        fits = [self._growth(leak, marks, variance) for leak in range(len(LEAKS))]
+        fault = max(range(len(LEAKS)), key=lambda leak: fits[leak].explained)
+        levels = np.cumsum(fits[fault].coefficients[marks.size :])
+        lasting = self._noise_left(fits[fault])
+        deviation = sqrt(fits[fault].error_of_sum(marks.size) * lasting)
+        size = float(self.products.sizes[marks[-1], fault])
         dead = dead_zone[fault] / size if size > 0.0 else inf
-        statistic = (float(levels[-1]) - dead) / likeliest.deviation
+        statistic = (float(levels[-1]) - dead) / deviation
         if not statistic > limit:
             return None
         below = np.flatnonzero(levels <= dead)
         first = int(below[-1]) + 1 if below.size else 0
-        mark = int(likeliest.marks[first])
+        mark = int(marks[first])
         return Finding(
-            fault, int(self.sums.mark_blocks[mark]), 0.0, float(levels[first:].mean()),
-            likeliest.deviation, statistic, statistic**2, self.sums.start_s(mark), 1.0,
-            float(levels[-1]),
+            fault, int(self.sums.mark_blocks[mark]), float(levels[first:].mean()), deviation,
+            statistic, statistic**2, self.sums.start_s(mark), 1.0, float(levels[-1]),
         )  # fmt: skip
+
+    def _growth(self, leak: int, marks: NDArray[np.int64], variance: float) -> JointFit:
+        """Return the fit of a leak and of the null, which may both change at every mark.
+
+        The noise variance is estimated anew where the fit leaves less than half or more than twice
+        of the given one.
+        """
+        shapes = [SHIFT] * marks.size + [leak] * marks.size
+        fit = JointFit(self.sums, self.products, shapes, [*marks, *marks], variance)
+        # The residual, with the priors of the nuisances counted in, gives the noise variance anew.
+        _, _, total = self.sums.nuisances()
+        left = (total - fit.explained) / (2 * self.sums.blocks - marks.size)
+        if 0.5 < left / variance < 2.0:
+            return fit
+        left = max(left, least_variance(self.model_error))
+        return JointFit(self.sums, self.products, shapes, [*marks, *marks], left)
 
     def _lasting(
         self, faults: list[int], marks: list[int], variance: float, settling: list[Stretch]
@@ -160,7 +201,12 @@ class FaultSizes:
             changes = [since + blocks // 3, since + 2 * blocks // 3]
             faults = [faults[-1], faults[-1], *faults]
             marks = [*changes, *marks]
-        fit = JointFit(self.sums, self.products, faults, marks, variance, settling)
-        onsets = [int(self.sums.mark_blocks[m]) for m in marks]
-        present = list(zip(faults, onsets, fit.coefficients, strict=True))
+        return self._noise_left(
+            JointFit(self.sums, self.products, faults, marks, variance, settling)
+        )
+
+    def _noise_left(self, fit: JointFit) -> float:
+        """Return `lasting_noise` of the latest blocks' residuals from a fit."""
+        onsets = [int(self.sums.mark_blocks[mark]) for mark in fit.marks]
+        present = list(zip(fit.faults, onsets, fit.coefficients, strict=True))
         return lasting_noise(self.recent.residuals(fit.nuisances, present), self.model_error)

@@ -10,7 +10,6 @@ class Finding:
     Attributes:
         fault: index into `FAULTS`.
         onset: index of the first block that has the fault throughout.
-        onset_fraction: part of the block before `onset` that already had the fault, 0 to 1.
         coefficient, deviation: the fault's coefficient and its standard error, in SI units; for a
             drop of the measured supply pressure, the drop in Pa.
         statistic: the flow (of a supply pressure: the drop) beyond the dead zone, divided by its
@@ -26,7 +25,6 @@ class Finding:
 
     fault: int
     onset: int
-    onset_fraction: float
     coefficient: float
     deviation: float
     statistic: float

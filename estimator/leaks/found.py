@@ -35,18 +35,6 @@ class Found:
         return self.confirmed or self.active
 
 
-@dataclass
-class _Course:
-    """What is known so far of one fault while the decisions are gone through in order."""
-
-    strongest: Decision
-    latest: Decision
-    first_s: float
-    last_s: float
-    hold: Hold
-    confirmed: bool = False
-
-
 def found_in(history: Sequence[tuple[float, Decision]]) -> tuple[Found, ...]:
     """Return all faults that a detector named, in the order in which they were first named.
 
@@ -57,23 +45,25 @@ def found_in(history: Sequence[tuple[float, Decision]]) -> tuple[Found, ...]:
         history: pairs of time in s and decision, as in `estimator.leaks.replaying.ReplayResult`;
             may be empty.
     """
-    courses: list[_Course] = []
+    courses: list[list[tuple[float, Decision]]] = []
     for time_s, decision in history:
         if not decision.names_a_fault:
             continue
-        of = next((each for each in reversed(courses) if is_of(decision, each.latest)), None)
+        of = next((each for each in reversed(courses) if is_of(decision, each[-1][1])), None)
         if of is None:
-            of = _Course(decision, decision, time_s, time_s, Hold())
+            of = []
             courses.append(of)
-        if decision.statistic > of.strongest.statistic:
-            of.strongest = decision
-        of.latest, of.last_s = decision, time_s
-        of.confirmed |= of.hold.found(time_s)
-    return tuple(_found(each, *history[-1]) for each in courses)
+        of.append((time_s, decision))
+    return tuple(_found(course, history[-1][1]) for course in courses)
 
 
-def _found(course: _Course, time_s: float, final: Decision) -> Found:
-    ended_s = course.latest.ended_s
-    if ended_s is None and course.latest is not final:
-        ended_s = course.last_s
-    return Found(course.strongest, course.first_s, ended_s, course.confirmed)
+def _found(course: Sequence[tuple[float, Decision]], final: Decision) -> Found:
+    """Return what the decisions on one fault, with their times, say of it at the `final` one."""
+    hold = Hold()
+    confirmed = [hold.found(time_s) for time_s, _ in course]
+    last_s, latest = course[-1]
+    ended_s = latest.ended_s
+    if ended_s is None and latest is not final:
+        ended_s = last_s
+    strongest = max((decision for _, decision in course), key=lambda each: each.statistic)
+    return Found(strongest, course[0][0], ended_s, any(confirmed))

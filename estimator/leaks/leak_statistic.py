@@ -40,9 +40,8 @@ from estimator.accounts import (
 )
 
 from .fault_scores import WITNESSES, Candidates, score_faults
-from .fault_size import FaultSizes
+from .fault_size import LEAST_BLOCKS, FaultSizes
 from .finding import Finding
-from .growth import LEAST_BLOCKS
 
 MINIMUM_BLOCKS: Final = 16
 """Fewest blocks (8 s) with which a fault is claimed. Their 32 values outnumber the nuisances and a

@@ -1,7 +1,8 @@
 """Further answers from the blocks of a leak test, beside the faults that it finds.
 
 They say how probable each fault is, whether leaks may be a fault of the lines, how much is left of
-a leak, and how small a leak would have been found.
+a leak, and how small a leak would have been found. All findings that the functions take must be
+those of the given test.
 """
 
 from collections.abc import Sequence
@@ -32,164 +33,155 @@ GREATEST_FLOW: Final = 4.0
 """L/min: the prior of a fault's flow is uniform from 0 to this (figure 5.1: bypass lines)."""
 
 
-class LeakVerdicts:
-    """Answers questions about the blocks of one leak test, beside the faults that it finds.
+def leaks_beside(test: LeakTest, dropped: Finding) -> list[Finding]:
+    """Return the leak that stands out beside a measured drop of the supply pressure, in a list.
+
+    The list is empty if no leak does, or with fewer than `MINIMUM_BLOCKS` blocks.
+    """
+    if test.blocks < MINIMUM_BLOCKS:
+        return []
+    mark = min(test.sums.mark_at(dropped.onset_s), test.sums.marks - 1)
+    leak = test.best(replace(dropped, onset=int(test.sums.mark_blocks[mark])))
+    return [] if leak is None or leak.fault >= SUPPLY_LEAKAGE else [leak]
+
+
+def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
+    """Return whether the findings may be a fault of the supply or return line.
+
+    Such a fault changes both accounts, as an internal leak or two leaks do. Beside the first
+    leak it explains next to nothing if that leak is the cause, and as much as a second leak
+    would if the lines are. False if nothing was found or the supply pressure is measured.
+    """
+    if not findings or test.sums.supply(0)[0]:
+        return False
+    if any(finding.fault >= SUPPLY_LEAKAGE for finding in findings):
+        return True
+    first, *others = findings
+    if not others and first.fault != INTERNAL_LEAKAGE:
+        return False
+    beside = test.candidates(first).gain
+    line = float(beside[:, SUPPLY_LEAKAGE:].max())
+    second = max((float(beside[:, other.fault].max()) for other in others), default=0.0)
+    return line >= (second - RIVAL_GAIN if others else RIVAL_GAIN)
+
+
+def smallest_found(test: LeakTest, part: float = 0.5) -> Array:
+    """Return the smallest coefficient of each fault that would have been found.
 
     Args:
-        test: the test whose blocks are asked about; all findings passed here must be its own.
+        test: the test of the blocks.
+        part: onset of the fault, as a part of all blocks: 0 for the first, 1 for the last one.
+
+    Returns:
+        float64 (5,), SI units, in the order of `FAULTS`; inf for a fault that does not show.
     """
+    candidates = test.candidates()
+    regression = candidates.regression
+    mark = min(test.sums.mark_of(int(part * test.blocks)), test.sums.marks - 1)
+    information = candidates.scores.information[mark]
+    size = candidates.products.sizes[mark]
+    visible = (information > 0.0) & (size > 0.0)
+    lasting = test.healthy_noise()
+    error = regression.variance * lasting / np.where(visible, information, 1.0)
+    dead = test.dead_zone / np.where(visible, size, 1.0)
+    return np.where(visible, test.limit() * np.sqrt(error) + dead, np.inf)
 
-    def __init__(self, test: LeakTest) -> None:
-        self._test = test
 
-    def leaks_beside(self, dropped: Finding) -> list[Finding]:
-        """Return the leak that stands out beside a measured drop of the supply pressure, in a list.
+def present_coefficient(test: LeakTest, finding: Finding) -> float:
+    """Return a leak's coefficient as it is now, in SI units; 0 if the leak has ended.
 
-        The list is empty if no leak does, or with fewer than `MINIMUM_BLOCKS` blocks.
-        """
-        test = self._test
-        if test.blocks < MINIMUM_BLOCKS:
-            return []
-        mark = min(test.sums.mark_at(dropped.onset_s), test.sums.marks - 1)
-        leak = test.best(replace(dropped, onset=int(test.sums.mark_blocks[mark])))
-        return [] if leak is None or leak.fault >= SUPPLY_LEAKAGE else [leak]
+    It differs from the finding's coefficient if the accounts show a change since the onset. The
+    leak has ended if what is left is within the dead zone, within the error of the leak law
+    (`relative_dead_zone` of the coefficient), or within two standard errors.
+    """
+    if finding.grown is not None:
+        return finding.grown
+    candidates = test.candidates(finding)
+    first, fault = test.mark(finding), finding.fault
+    mark = int(np.argmax(candidates.change))
+    if candidates.change[mark] < test.limit() ** 2:
+        return finding.coefficient
+    variance = float(candidates.scores.variance[mark, fault])
+    faults, marks = [SHIFT, fault, fault], [mark, first, mark]
+    straddling = around(marks, test.sums.marks)
+    if len(straddling) == 1:
+        # The leak changed so soon that no block has it throughout.
+        straddling = []
+    fit = JointFit(test.sums, candidates.products, faults, marks, variance, straddling)
+    size = float(candidates.products.sizes[mark, fault])
+    left = float(fit.coefficients[1:].sum())
+    dead = max(test.dead_zone[fault] / size, test.relative_dead_zone * finding.coefficient)
+    return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
 
-    def may_be_lines(self, findings: Sequence[Finding]) -> bool:
-        """Return whether the findings may be a fault of the supply or return line.
 
-        Such a fault changes both accounts, as an internal leak or two leaks do. Beside the first
-        leak it explains next to nothing if that leak is the cause, and as much as a second leak
-        would if the lines are. False if nothing was found or the supply pressure is measured.
-        """
-        if not findings or self._test.sums.supply(0)[0]:
-            return False
-        if any(finding.fault >= SUPPLY_LEAKAGE for finding in findings):
-            return True
-        first, *others = findings
-        if not others and first.fault != INTERNAL_LEAKAGE:
-            return False
-        beside = self._test.candidates(first).gain
-        line = float(beside[:, SUPPLY_LEAKAGE:].max())
-        second = max((float(beside[:, other.fault].max()) for other in others), default=0.0)
-        return line >= (second - RIVAL_GAIN if others else RIVAL_GAIN)
+def end_of(test: LeakTest, finding: Finding) -> float | None:
+    """Return when a leak ended, in s, to half a second or so; None while it may be present.
 
-    def smallest(self, part: float = 0.5) -> Array:
-        """Return the smallest coefficient of each fault that would have been found.
+    For a leak that grows (`Finding.grown`) it is always None.
+    """
+    if finding.grown is not None or present_coefficient(test, finding) > 0.0:
+        return None
+    change = test.candidates(finding).change
+    return test.sums.start_s(int(np.argmax(change)))
 
-        Args:
-            part: onset of the fault, as a part of all blocks: 0 for the first, 1 for the last one.
 
-        Returns:
-            float64 (5,), SI units, in the order of `FAULTS`; inf for a fault that does not show.
-        """
-        test = self._test
-        candidates = test.candidates()
-        regression = candidates.regression
-        mark = min(test.sums.mark_of(int(part * test.blocks)), test.sums.marks - 1)
-        information = candidates.scores.information[mark]
-        size = candidates.products.sizes[mark]
-        visible = (information > 0.0) & (size > 0.0)
-        lasting = test.healthy_noise()
-        error = regression.variance * lasting / np.where(visible, information, 1.0)
-        dead = test.dead_zone / np.where(visible, size, 1.0)
-        return np.where(visible, test.limit() * np.sqrt(error) + dead, np.inf)
+def passed_leak(test: LeakTest, finding: Finding, named_s: float) -> Finding | None:
+    """Return a claimed leak that has ended, sized up to its end; None if it does not stand out.
 
-    def present(self, finding: Finding) -> float:
-        """Return a leak's coefficient as it is now, in SI units; 0 if the leak has ended.
+    The blocks after its end hide such a leak from a test for leaks that stay. It is therefore
+    fitted once more with an end near the time at which it was last claimed.
 
-        It differs from the finding's coefficient if the accounts show a change since the onset. The
-        leak has ended if what is left is within the dead zone, within the error of the leak law
-        (`relative_dead_zone` of the coefficient), or within two standard errors.
-        """
-        test = self._test
-        if finding.grown is not None:
-            return finding.grown
-        candidates = test.candidates(finding)
-        first, fault = test.mark(finding), finding.fault
-        mark = int(np.argmax(candidates.change))
-        if candidates.change[mark] < test.limit() ** 2:
-            return finding.coefficient
-        variance = float(candidates.scores.variance[mark, fault])
-        faults, marks = [SHIFT, fault, fault], [mark, first, mark]
-        straddling = around(marks, test.sums.marks)
-        if len(straddling) == 1:
-            # The leak changed so soon that no block has it throughout.
-            straddling = []
-        fit = JointFit(test.sums, candidates.products, faults, marks, variance, straddling)
-        size = float(candidates.products.sizes[mark, fault])
-        left = float(fit.coefficients[1:].sum())
-        dead = max(test.dead_zone[fault] / size, test.relative_dead_zone * finding.coefficient)
-        return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
+    Args:
+        test: the test of the blocks.
+        finding: the leak as it was when it was claimed.
+        named_s: time at which it was last claimed, s.
 
-    def ended_s(self, finding: Finding) -> float | None:
-        """Return when a leak ended, in s, to half a second or so; None while it may be present.
+    Returns:
+        The leak with `ended_s`. None if there are no blocks after `named_s`, if the accounts
+        show no end, or if the statistic is not above the limit.
+    """
+    sums = test.sums
+    end = sums.mark_at(named_s)
+    if end == sums.marks:
+        return None
+    candidates = test.candidates(replace(finding, onset=int(sums.mark_blocks[end])))
+    begun = int(np.argmax(candidates.before))
+    if candidates.before[begun] == 0.0:
+        return None
+    leak = replace(finding, onset=int(sums.mark_blocks[begun]))
+    leak = replace(leak, coefficient=float(candidates.scores.coefficient[begun, leak.fault]))
+    ended_s = end_of(test, leak)
+    if ended_s is None:
+        return None
+    gone = replace(leak, onset=int(sums.mark_blocks[sums.mark_at(ended_s)]))
+    leak = replace(test.beside(leak, gone), ended_s=ended_s)
+    return leak if leak.statistic > leak.limit else None
 
-        For a leak that grows (`Finding.grown`) it is always None.
-        """
-        if finding.grown is not None or self.present(finding) > 0.0:
-            return None
-        change = self._test.candidates(finding).change
-        return self._test.sums.start_s(int(np.argmax(change)))
 
-    def passed(self, finding: Finding, named_s: float) -> Finding | None:
-        """Return a claimed leak that has ended, sized up to its end; None if it does not stand out.
+def fault_probabilities(test: LeakTest) -> Array:
+    """Return the probabilities (7,) of no fault, of each fault alone, and of two faults.
 
-        The blocks after its end hide such a leak from a test for leaks that stay. It is therefore
-        fitted once more with an end near the time at which it was last claimed.
-
-        Args:
-            finding: the leak as it was when it was claimed.
-            named_s: time at which it was last claimed, s.
-
-        Returns:
-            The leak with `ended_s`. None if there are no blocks after `named_s`, if the accounts
-            show no end, or if the statistic is not above the limit.
-        """
-        test = self._test
-        sums = test.sums
-        end = sums.mark_at(named_s)
-        if end == sums.marks:
-            return None
-        candidates = test.candidates(replace(finding, onset=int(sums.mark_blocks[end])))
-        begun = int(np.argmax(candidates.before))
-        if candidates.before[begun] == 0.0:
-            return None
-        leak = replace(finding, onset=int(sums.mark_blocks[begun]))
-        leak = replace(leak, coefficient=float(candidates.scores.coefficient[begun, leak.fault]))
-        ended_s = self.ended_s(leak)
-        if ended_s is None:
-            return None
-        gone = replace(leak, onset=int(sums.mark_blocks[sums.mark_at(ended_s)]))
-        leak = replace(test.beside(leak, gone), ended_s=ended_s)
-        return leak if leak.statistic > leak.limit else None
-
-    def probabilities(self) -> Array:
-        """Return the probabilities (7,) of no fault, of each fault alone, and of two faults.
-
-        They follow by Bayes' rule. Every onset is equally probable, and so is every flow up to
-        `GREATEST_FLOW`. A flow within the dead zone is no evidence of a fault.
-        """
-        test = self._test
-        candidates = test.candidates()
-        scores, usable = candidates.scores, candidates.usable
-        lasting = next((fault.lasting for fault in test.likely()), 1.0)
-        size = np.where(usable, candidates.products.sizes, 1.0)
-        error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
-        surplus = np.maximum(scores.coefficient - test.dead_zone / size, 0.0) / error
-        width = np.log(sqrt(2.0 * pi) / GREATEST_FLOW * size * error)
-        onsets = max(test.sums.marks, 1)
-        logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
-        each = np.logaddexp.reduce(logs, axis=0) + log(PRIOR / onsets)
-        pair = -np.inf
-        if len(findings := test.search()) > 1:
-            flows = [
-                f.deviation * candidates.products.sizes[test.mark(f), f.fault] for f in findings
-            ]
-            pair = sum(
-                0.5 * f.statistic**2 + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
-                for f, flow in zip(findings, flows, strict=True)
-            )
-        healthy = log(1.0 - FAULT_COUNT * PRIOR)
-        weights = np.concatenate([[healthy], each, [pair]])
-        weights = np.exp(weights - weights.max())
-        return np.asarray(weights / weights.sum())
+    They follow by Bayes' rule. Every onset is equally probable, and so is every flow up to
+    `GREATEST_FLOW`. A flow within the dead zone is no evidence of a fault.
+    """
+    candidates = test.candidates()
+    scores, usable = candidates.scores, candidates.usable
+    lasting = next((fault.lasting for fault in test.likely()), 1.0)
+    size = np.where(usable, candidates.products.sizes, 1.0)
+    error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
+    surplus = np.maximum(scores.coefficient - test.dead_zone / size, 0.0) / error
+    width = np.log(sqrt(2.0 * pi) / GREATEST_FLOW * size * error)
+    onsets = max(test.sums.marks, 1)
+    logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
+    each = np.logaddexp.reduce(logs, axis=0) + log(PRIOR / onsets)
+    pair = -np.inf
+    if len(findings := test.search()) > 1:
+        flows = [f.deviation * candidates.products.sizes[test.mark(f), f.fault] for f in findings]
+        pair = sum(
+            0.5 * f.statistic**2 + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
+            for f, flow in zip(findings, flows, strict=True)
+        )
+    healthy = log(1.0 - FAULT_COUNT * PRIOR)
+    weights = np.concatenate([[healthy], each, [pair]])
+    weights = np.exp(weights - weights.max())
+    return np.asarray(weights / weights.sum())

@@ -1,16 +1,37 @@
 """The oil account together with its test, which supplies the null bias for the next block."""
 
 from collections.abc import Iterator
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.accounts import AccountBlock, FlowAccount
+from estimator.filters import FilterRun
 from rig.plant import Parameters
 
 from .leak_statistic import LeakTest
 
 Array = NDArray[np.float64]
+
+_ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
+_FROZEN_SAMPLES: Final = 40
+"""A pressure with this many equal readings in a row counts as not measured, for noise of 30 kPa
+would not allow that. The detector only leaves such samples out, on any rig; the loop, which trips
+on them, derives its count from the chance of a false trip
+(`rig.loop.interlocks.check_tolerances.frozen_samples`)."""
+
+
+class Samples(NamedTuple):
+    """Successive samples of a detector: float64 (n,) each, SI; a value not measured is NaN."""
+
+    time_s: Array
+    command: Array
+    position: Array
+    pressure_1: Array
+    pressure_2: Array
+    spool: Array
+    supply_pressure: Array
 
 
 class OilAccount:
@@ -32,33 +53,30 @@ class OilAccount:
         self._assumed_bias = parameters.spool_null_bias
         self._further_bias = test.null_bias()
 
-    def add(
-        self,
-        time_s: Array,
-        spool: Array,
-        p1: Array,
-        p2: Array,
-        position: Array,
-        fresh: Array,
-        supply: Array,
-    ) -> Iterator[AccountBlock]:
-        """Add samples (arguments as for `FlowAccount.add`); yield each block once it is tested.
+    def add(self, samples: Samples, run: FilterRun) -> Iterator[AccountBlock]:
+        """Add samples with the product filter's estimates of them; yield each block once tested.
 
         The samples are added while the blocks are iterated over. Incomplete blocks, which the test
         ignores, are yielded too.
         """
+        fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
+        fresh &= _alive(samples.pressure_1) & _alive(samples.pressure_2)
+        estimates = [run.state(name) for name in _ESTIMATES]
+        rows = np.array([run.time_s, *estimates, fresh, samples.supply_pressure])
         first = 0
-        while first < time_s.size:
-            part = slice(first, first + self._account.samples_left)
+        while first < run.time_s.size:
+            end = first + self._account.samples_left
             further_bias, spread = self._further_bias
-            blocks = self._account.add(
-                time_s[part], spool[part], p1[part], p2[part], position[part], fresh[part],
-                supply=supply[part],
-                null_bias=self._assumed_bias + further_bias,
-                null_spread=spread,
-            )  # fmt: skip
-            for block in blocks:
+            null = self._assumed_bias + further_bias, spread
+            for block in self._account.add(np.ascontiguousarray(rows[:, first:end]), null):
                 self.test.add(block)
                 self._further_bias = self.test.null_bias()
                 yield block
-            first = part.stop
+            first = end
+
+
+def _alive(values: Array) -> NDArray[np.bool_]:
+    """Return for each value whether it is in no run of `_FROZEN_SAMPLES` equal ones: bool (n,)."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    lengths = np.diff([*starts, values.size])
+    return np.repeat(lengths < _FROZEN_SAMPLES, lengths)

@@ -11,8 +11,9 @@ from estimator.filters import DEFAULT_FILTER, FilterRun, run_filter
 from rig.plant import DATA_SHEET, TICK, Model, SensorParameters
 from rig.recording import Recording
 
-from .detection import SILENT, Decision, Detector, OilAccountDetector, Samples
+from .detection import SILENT, Decision, Detector, OilAccountDetector
 from .found import Found, found_in
+from .oil_account import Samples
 from .pattern import PatternDetector
 
 _JUDGED: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
@@ -171,7 +172,7 @@ def filter_recording(
 
 def stretch(samples: Samples, part: slice) -> Samples:
     """Return the samples at the indices of `part`."""
-    return Samples(*(getattr(samples, name)[part] for name in samples.__dataclass_fields__))
+    return Samples(*(series[part] for series in samples))
 
 
 def part_of(run: FilterRun, part: slice) -> FilterRun:

@@ -13,7 +13,7 @@ divided by its standard error; it follows Student's t. A leak of a chamber is no
 oil comes through the valve. A pump that was turned down makes the same drop as a leak.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import exp, log, pi, sqrt
 from typing import Final
 
@@ -67,21 +67,6 @@ _ROUNDS: Final = 4
 _CONVERGED: Final = 0.01
 """Relative change of the noise variance below which no further fit is made."""
 _GREATEST_LOG_ODDS: Final = 700.0
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Fits of the unknowns p_0, r, R, d, e; one fit for each possible onset of the drop.
-
-    Attributes:
-        estimate, covariance: the unknowns in units of their priors, float64 (onsets, 5), and their
-            covariance, (onsets, 5, 5).
-        explained: weighted sum of squares that each fit explains, float64 (onsets,).
-    """
-
-    estimate: Array
-    covariance: Array
-    explained: Array
 
 
 class SupplyTest:
@@ -189,19 +174,19 @@ class SupplyTest:
         contrasts = self._contrasts(since)
         variance = NOISE**2
         for _ in range(_ROUNDS):
-            fit = self._fitted(since, total, variance)
-            falls = (contrasts * fit.estimate).sum(axis=1) > 0.0
-            best = int(np.argmax(np.where(falls, fit.explained, -np.inf)))
-            left = _NOISE_WEIGHT * NOISE**2 + total[3, 3] - fit.explained[best] * variance
+            estimates, covariances, explained = _fitted(since, total, variance)
+            falls = (contrasts * estimates).sum(axis=1) > 0.0
+            best = int(np.argmax(np.where(falls, explained, -np.inf)))
+            left = _NOISE_WEIGHT * NOISE**2 + total[3, 3] - explained[best] * variance
             before, variance = variance, float(left) / (_NOISE_WEIGHT + self._blocks)
             if abs(variance - before) < _CONVERGED * variance:
                 break
         if not falls[best]:
             return None
-        estimate, contrast = fit.estimate[best], contrasts[best]
+        estimate, contrast = estimates[best], contrasts[best]
         drop = float(contrast @ estimate)
         spread = self._spread(rows, estimate, onsets[best], variance)
-        deviation = sqrt(float(contrast @ fit.covariance[best] @ contrast) * spread)
+        deviation = sqrt(float(contrast @ covariances[best] @ contrast) * spread)
         dead = WANDER * self._assumed[0]
         dead += DROOP_ERROR * abs(self._droop_change(since[best], total)) * abs(float(estimate[2]))
         statistic = (drop - self._model_error * dead) / deviation
@@ -211,7 +196,7 @@ class SupplyTest:
         else:
             onset_s = float(self._starts[onset % ONSETS])
         return Finding(
-            SUPPLY_LEAKAGE, onset, 0.0, drop, deviation, statistic, statistic**2, onset_s, spread
+            SUPPLY_LEAKAGE, onset, drop, deviation, statistic, statistic**2, onset_s, spread
         )  # fmt: skip
 
     def _droop_change(self, since: Array, total: Array) -> float:
@@ -223,29 +208,6 @@ class SupplyTest:
         """
         before, scale = total - since, self._scale[0]
         return float(since[0, 2] / since[0, 0] - before[0, 2] / before[0, 0]) * scale
-
-    def _fitted(self, since: Array, total: Array, variance: float) -> _Fit:
-        """Return the fits for all possible onsets, with a given noise variance.
-
-        Args:
-            since: products of the rows since each onset, (onsets, 4, 4).
-            total: products of all rows, (4, 4).
-            variance: noise variance, Pa^2.
-        """
-        squares = np.empty((since.shape[0], 5, 5))
-        squares[:, :3, :3] = total[:3, :3]
-        squares[:, :3, 3:] = since[:, :3, :2] * _SIGNS
-        squares[:, 3:, :3] = squares[:, :3, 3:].transpose(0, 2, 1)
-        squares[:, 3:, 3:] = since[:, :2, :2] * np.outer(_SIGNS, _SIGNS)
-        products = np.empty((since.shape[0], 5))
-        products[:, :3] = total[:3, 3]
-        products[:, 3:] = since[:, :2, 3] * _SIGNS
-        # A drop may be as great as the supply pressure itself: next to no prior.
-        prior = np.diag([1.0, 1.0, 1.0, SUPPLY_SIGMA**2, 1.0])
-        covariance = np.linalg.inv(squares / variance + prior)
-        estimate = (covariance @ products[:, :, None])[:, :, 0] / variance
-        explained = (estimate * products).sum(axis=1) / variance
-        return _Fit(np.asarray(estimate), np.asarray(covariance), explained)
 
     def _contrasts(self, since: Array) -> Array:
         """Return weights of the unknowns that give the mean drop in Pa since each onset.
@@ -264,3 +226,31 @@ class SupplyTest:
         # Two unknowns are fitted to the blocks since the onset alone.
         uneven = float((left[onset:] ** 2).sum()) / (left[onset:].size - 2) / variance
         return max(uneven, 1.0) * lasting_noise(left[:, None], self._model_error)
+
+
+def _fitted(since: Array, total: Array, variance: float) -> tuple[Array, Array, Array]:
+    """Fit the unknowns p_0, r, R, d, e for all possible onsets of the drop, with a given noise.
+
+    Args:
+        since: products of the rows since each onset, (onsets, 4, 4).
+        total: products of all rows, (4, 4).
+        variance: noise variance, Pa^2.
+
+    Returns:
+        The unknowns in units of their priors, float64 (onsets, 5); their covariances,
+        (onsets, 5, 5); and the weighted sum of squares that each fit explains, (onsets,).
+    """
+    squares = np.empty((since.shape[0], 5, 5))
+    squares[:, :3, :3] = total[:3, :3]
+    squares[:, :3, 3:] = since[:, :3, :2] * _SIGNS
+    squares[:, 3:, :3] = squares[:, :3, 3:].transpose(0, 2, 1)
+    squares[:, 3:, 3:] = since[:, :2, :2] * np.outer(_SIGNS, _SIGNS)
+    products = np.empty((since.shape[0], 5))
+    products[:, :3] = total[:3, 3]
+    products[:, 3:] = since[:, :2, 3] * _SIGNS
+    # A drop may be as great as the supply pressure itself: next to no prior.
+    prior = np.diag([1.0, 1.0, 1.0, SUPPLY_SIGMA**2, 1.0])
+    covariance = np.linalg.inv(squares / variance + prior)
+    estimate = (covariance @ products[:, :, None])[:, :, 0] / variance
+    explained = (estimate * products).sum(axis=1) / variance
+    return estimate, np.asarray(covariance), explained

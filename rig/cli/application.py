@@ -5,11 +5,12 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
-from typing import Final, NoReturn, TextIO
+from typing import Final, NoReturn
 
 import click
 
@@ -124,6 +125,63 @@ def is_bad_input(error: BaseException) -> bool:
     return isinstance(error, ValueError) and bool(getattr(error, "problems", None))
 
 
+class Problems:
+    """A collection of the problems of the inputs read so far; the same line is kept once."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, None] = {}
+
+    @property
+    def found(self) -> bool:
+        """Whether there is any problem."""
+        return bool(self._lines)
+
+    @contextmanager
+    def collected(self) -> Iterator[None]:
+        """Collect the problems of an input that the block reads; the error ends the block quietly.
+
+        An error that lists no problems of the input is raised on.
+        """
+        try:
+            yield
+        except ValueError as error:
+            if not is_bad_input(error):
+                raise
+            self._lines |= dict.fromkeys(str(error).splitlines())
+
+    def add(self, line: str) -> None:
+        """Add one problem."""
+        self._lines[line] = None
+
+    def report(self) -> int:
+        """Write all problems to stderr; return `EXIT_BAD_INPUT`, or 0 if there are none."""
+        for line in self._lines:
+            click.echo(line, err=True)
+        return EXIT_BAD_INPUT if self.found else 0
+
+
+@contextmanager
+def ending(
+    code: int, *errors: type[Exception], before: str = "", after: str = ""
+) -> Iterator[None]:
+    """End the command with a message on stderr if the block raises one of some errors.
+
+    Args:
+        code: the command's exit code then.
+        errors: the classes of these errors.
+        before: what the line on stderr has before the error's own message.
+        after: what it has after that message.
+
+    Raises:
+        click.exceptions.Exit: the message is on stderr already.
+    """
+    try:
+        yield
+    except errors as error:
+        click.echo(f"{before}{error}{after}", err=True)
+        raise click.exceptions.Exit(code) from error
+
+
 def one_line(error: BaseException) -> str:
     """Return the type and message of an exception on one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
@@ -139,12 +197,5 @@ def _keep_traceback() -> str:
     return log.name
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     click.echo(f"warning: {message}", err=True)

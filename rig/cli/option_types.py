@@ -1,7 +1,8 @@
-"""Types of command-line values that click lacks: numbers without NaN, and UTF-8 text."""
+"""Command-line values that click lacks, numbers without NaN and UTF-8 text, and shared options."""
 
+from collections.abc import Callable
 from math import isnan
-from typing import Any, Final
+from typing import Any
 
 import click
 
@@ -19,23 +20,22 @@ class Range(click.FloatRange):
         return number
 
 
-class _Text(click.ParamType[str]):
-    """A text that is recorded and shown to others; it is refused if its bytes are not UTF-8."""
+def text(value: str) -> str:
+    """Return a text that is recorded and shown to others.
 
-    name = "text"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the text, or fail if it holds lone surrogates.
-
-        Python has put these in the place of bytes that are not UTF-8.
-        """
-        text = str(value)
-        try:
-            text.encode()
-        except UnicodeEncodeError:
-            shown = text.encode(errors="replace").decode()
-            self.fail(f"{shown}: is no UTF-8; write it in UTF-8", param, ctx)
-        return text
+    Raises:
+        click.BadParameter: the text holds lone surrogates, which Python has put in the place of
+            bytes that are not UTF-8.
+    """
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        shown = value.encode(errors="replace").decode()
+        raise click.BadParameter(f"{shown}: is no UTF-8; write it in UTF-8") from None
+    return value
 
 
-TEXT: Final = _Text()
+def paced(begin: str, end: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option --pace, real or fast, whose help has `begin` and `end` around it."""
+    words = f"{begin} the wall clock, or as fast as it can; the rig's own if not given.{end}"
+    return click.option("--pace", type=click.Choice(["real", "fast"]), help=words)

@@ -9,7 +9,7 @@ from rig.configuration import Rig
 from rig.io import DriverError
 from rig.loop import TripError
 
-from .application import EXIT_BAD_INPUT, EXIT_STOPPED
+from .application import EXIT_BAD_INPUT, EXIT_STOPPED, ending
 
 
 @contextmanager
@@ -20,14 +20,8 @@ def failures_reported() -> Iterator[None]:
         click.exceptions.Exit: the message is on stderr already. The exit code is `EXIT_BAD_INPUT`
             for a driver, `EXIT_STOPPED` for a trip or a stop.
     """
-    try:
+    with ending(EXIT_BAD_INPUT, DriverError), ending(EXIT_STOPPED, TripError, before="rig: "):
         yield
-    except DriverError as error:
-        click.echo(str(error), err=True)
-        raise click.exceptions.Exit(EXIT_BAD_INPUT) from error
-    except TripError as error:
-        click.echo(f"rig: {error}", err=True)
-        raise click.exceptions.Exit(EXIT_STOPPED) from error
 
 
 def require_possible_pace(rig: Rig, pace: str | None) -> None:

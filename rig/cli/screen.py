@@ -8,6 +8,7 @@ from typing import Final
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 _PLAIN_WIDTH: Final = 240
 """Width in columns of an output that is no terminal; it is large so that tables do not wrap."""
@@ -44,29 +45,33 @@ class Screen(Console):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         self._on_closed()
 
+    def print_table(
+        self,
+        headings: Collection[str],
+        rows: Iterable[Iterable[str | Text]],
+        *,
+        right: Collection[str] = (),
+        fold: Collection[str] = (),
+        title: str | None = None,
+    ) -> None:
+        """Print a table, drawn with ASCII where the output is no terminal.
 
-def table_of(
-    headings: Iterable[str],
-    *,
-    plain: bool,
-    right: Collection[str] = (),
-    fold: bool = False,
-    title: str | None = None,
-) -> Table:
-    """Return a table without rows.
-
-    Args:
-        headings: one heading for each column.
-        plain: whether the table is drawn with ASCII.
-        right: headings of the columns that are aligned to the right.
-        fold: whether long cells are wrapped at any character, rather than cut off.
-        title: title above the table; None for none.
-    """
-    table = Table(box=box.ASCII2 if plain else box.ROUNDED, title=title)
-    for heading in headings:
-        table.add_column(
-            heading,
-            justify="right" if heading in right else "left",
-            overflow="fold" if fold else "ellipsis",
-        )
-    return table
+        Args:
+            headings: one heading for each column.
+            rows: the cells of each row; a row without cells draws a line.
+            right: headings of the columns that are aligned to the right.
+            fold: headings of the columns whose long cells are wrapped at any character, rather than
+                cut off.
+            title: title above the table; None for none.
+        """
+        table = Table(box=box.ROUNDED if self.is_terminal else box.ASCII2, title=title)
+        for heading in headings:
+            table.add_column(
+                heading,
+                justify="right" if heading in right else "left",
+                overflow="fold" if heading in fold else "ellipsis",
+            )
+        for row in rows:
+            cells = tuple(row)
+            table.add_row(*cells) if cells else table.add_section()
+        self.print(table)

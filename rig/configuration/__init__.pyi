@@ -26,11 +26,11 @@ from .reading import (
     Schema as Schema,
     Sources as Sources,
     copy_shipped as copy_shipped,
+    elements_of as elements_of,
     read_mapping as read_mapping,
     read_options as read_options,
     shipped_config_dir as shipped_config_dir,
     show as show,
-    shown as shown,
     suggestion as suggestion,
 )
 from .rigs import (

@@ -1,6 +1,6 @@
 """A configuration of any kind is checked here, and a campaign is dry-run as well."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from math import isfinite
@@ -13,8 +13,8 @@ from rig.configuration.campaigns import (
     PlannedTest,
     Schedule,
     ScheduleFile,
+    load_campaign,
     plan_campaign,
-    read_campaign,
     read_schedule,
 )
 from rig.configuration.models import ModelFile, read_model, term_lines
@@ -24,8 +24,8 @@ from rig.configuration.reading import (
     Kind,
     Located,
     Place,
-    Problems,
     Sources,
+    asked,
     available,
     display_path,
     is_path,
@@ -46,11 +46,10 @@ from rig.configuration.rigs import (
     read_stream,
     stream_lines,
 )
-from rig.configuration.sweeps import Sweep, SweepFile, read_sweep, sweep_lines
-from rig.io import ChannelLimit, DriverSpec, RegisterMap
+from rig.configuration.sweeps import SweepFile, read_sweep, sweep_lines
+from rig.io import ChannelLimit, RegisterMap
 from rig.plant import CATALOGUE, Model
 from rig.recording import unit_of
-from rig.stream import StreamSettings
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
@@ -82,7 +81,6 @@ class CheckReport:
         name: its name, or the file's name without suffix where it has none.
         summary: a few lines that describe the configuration.
         tests: plan of every test of a campaign; empty for other kinds.
-        rig_time_s: how long a campaign keeps its rig busy, with settling; 0 for other kinds.
     """
 
     kind: Kind
@@ -90,12 +88,11 @@ class CheckReport:
     name: str
     summary: tuple[str, ...]
     tests: tuple[PlannedTest, ...] = ()
-    rig_time_s: float = 0.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the tests' plans (`PlannedTest.warnings`), each after its test's name."""
-        return tuple(f"{test.name}: {warning}" for test in self.tests for warning in test.warnings)
+        return tuple(f"{each.test.name}: {text}" for each in self.tests for text in each.warnings)
 
     def __str__(self) -> str:
         """Return the report as text."""
@@ -122,19 +119,15 @@ def check(
     path, kind = _locate(str(reference), base, sources)
     if path is None or kind is None:
         raise ConfigError(sources.problems.found)
+    if kind == "dbc":
+        database = sources.finished(read_dbc(path, sources))
+        return CheckReport(kind, path, path.stem, tuple(_dbc_lines(database)))
     if kind == "campaign":
-        chosen = None
-        if rig_override is not None:
-            chosen = resolve("rig", str(rig_override), base, sources.problems)
-        loaded = read_campaign(path, sources, chosen)
-        report = None if loaded is None else _report_campaign(path, *loaded)
-    else:
-        read, reported = _KINDS[kind]
-        found = read(path, sources)
-        report = None if found is None else reported(path, found)
-    sources.problems.raise_if_any()
-    assert report is not None
-    return report
+        return _report_campaign(path, *load_campaign(path, rig_override, base))
+    root = sources.read_yaml(path)
+    read, lines_of = _KINDS[kind]
+    found = sources.finished(read(root) if root is not None else None)
+    return CheckReport(kind, path, getattr(found, "name", path.stem), tuple(lines_of(found)))
 
 
 def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, Kind | None]:
@@ -145,23 +138,23 @@ def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, 
     if is_path(reference):
         folder = Path(reference).parent.name
         guess = next((kind for kind, name in FOLDERS.items() if name == folder), _ORDER[0])
-        path = resolve(guess, reference, base, sources.problems)
+        path = resolve(guess, asked(guess, reference, sources), base)
         if path is not None and path.suffix == ".dbc":
             return path, "dbc"
-        root = sources.read_yaml(path) if path is not None else None
-        return path, _kind_of(root, sources.problems) if root is not None else None
+        root = sources.read_yaml(path)
+        return path, _kind_of(root) if root is not None else None
     for kind in _ORDER:
-        found = resolve(kind, reference, base, Problems())
+        found = resolve(kind, asked(kind, reference, Sources()), base)
         if found is not None:
             return found, kind
     names = [name for kind in _ORDER for name in available(kind, base)]
     remedy = suggestion(reference, names, "configurations")
-    limit = "is not known"
-    sources.problems.add(Place(Path(reference), 0, 0), "configuration", "", limit, remedy)
+    place = Place(Path(reference), 0, 0)
+    sources.problems.add(place, "configuration", "", "is not known", remedy)
     return None, None
 
 
-def _kind_of(root: Located, problems: Problems) -> Kind | None:
+def _kind_of(root: Located) -> Kind | None:
     """Return the kind of which the file has the most keys.
 
     If it has no key of any kind, record a problem and return None.
@@ -172,29 +165,34 @@ def _kind_of(root: Located, problems: Problems) -> Kind | None:
     if scores[best] > 0 or root.get("parent") is not None:
         return best if scores[best] > 0 else "model"
     remedy = f"write a {', '.join(_KEYS)}; see the shipped ones"
-    problems.add(Place(root.place.path, 1, 1), "file", "", "is no known configuration", remedy)
+    root.refuse("is no known configuration", remedy, "")
     return None
 
 
-def _report_model(path: Path, model: Model) -> CheckReport:
+def _model_lines(model: Model) -> Iterator[str]:
     effects = [f"  effect {name}: {CATALOGUE[name].equation}" for name in model.effects]
-    summary = (*(effects or ["  no effects"]), *term_lines(model))
-    return CheckReport("model", path, model.name, summary)
+    yield from effects or ["  no effects"]
+    yield from term_lines(model)
 
 
-def _report_rig(path: Path, rig: Rig) -> CheckReport:
+def _rig_lines(rig: Rig) -> Iterator[str]:
     limits = rig.limits
-    summary = (
-        f"  {rig.description}",
+    yield f"  {rig.description}"
+    yield (
         f"  backend {rig.backend}, pace {rig.pace}, plant {rig.plant.name} with "
-        f"{', '.join(rig.plant.effects) or 'no effects'}",
-        f"  limits {show(limits.position_min_m, 'm')} to {show(limits.position_max_m, 'm')}, "
-        f"{show(limits.command_V, 'V')}, {show(limits.pressure_max_Pa, 'Pa')}",
-        f"  faults it can inject: {', '.join(rig.injectable) or 'none'}",
-        *(_limit_line(limit) for limit in rig.ladder),
-        *(_driver_line(spec, rig.loop.rate) for spec in rig.drivers),
+        f"{', '.join(rig.plant.effects) or 'no effects'}"
     )
-    return CheckReport("rig", path, rig.name, summary)
+    yield (
+        f"  limits {show(limits.position_min_m, 'm')} to {show(limits.position_max_m, 'm')}, "
+        f"{show(limits.command_V, 'V')}, {show(limits.pressure_max_Pa, 'Pa')}"
+    )
+    yield f"  faults it can inject: {', '.join(rig.injectable) or 'none'}"
+    yield from map(_limit_line, rig.ladder)
+    for spec in rig.drivers:
+        is_slower = spec.kind == "fast" and spec.rate_hz < rig.loop.rate
+        remark = ", slower than the loop: values held in between" if is_slower else ""
+        rate = show(spec.rate_hz, "Hz")
+        yield f"  driver {spec.name}: {spec.type}, {spec.kind}, {rate}{remark}"
 
 
 def _limit_line(limit: ChannelLimit) -> str:
@@ -207,52 +205,33 @@ def _limit_line(limit: ChannelLimit) -> str:
     return f"  {limit.action.replace('_', ' ')} if {limit.channel} is {' or '.join(ends)}{lasting}"
 
 
-def _driver_line(spec: DriverSpec, loop_rate: float) -> str:
-    line = f"  driver {spec.name}: {spec.type}, {spec.kind}, {show(spec.rate_hz, 'Hz')}"
-    if spec.kind == "fast" and spec.rate_hz < loop_rate:
-        line += ", slower than the loop: values held in between"
-    return line
-
-
-def _report_map(path: Path, device_map: Map) -> CheckReport:
-    summary: tuple[str, ...]
+def _map_lines(device_map: Map) -> Iterator[str]:
     if isinstance(device_map, RegisterMap):
-        summary = (
-            f"  {device_map.device}, {show(device_map.rate, 'Hz')} by "
-            f"{' or '.join(device_map.exchange)}",
-            f"  reads {', '.join(register.signal for register in device_map.read)}",
-            f"  writes {', '.join(register.signal for register in device_map.written)}",
-        )
+        exchange = " or ".join(device_map.exchange)
+        yield f"  {device_map.device}, {show(device_map.rate, 'Hz')} by {exchange}"
+        yield f"  reads {', '.join(register.signal for register in device_map.read)}"
+        yield f"  writes {', '.join(register.signal for register in device_map.written)}"
     else:
         addresses = (f"{key} {value}" for key, value in asdict(device_map).items())
-        summary = (f"  bypass valves, first addresses: {', '.join(addresses)}",)
-    return CheckReport("map", path, path.stem, summary)
+        yield f"  bypass valves, first addresses: {', '.join(addresses)}"
 
 
-def _report_dbc(path: Path, database: "Database") -> CheckReport:
-    summary = tuple(
-        f"  message {message.name} ({message.frame_id:#x}): "
-        f"{', '.join(signal.name for signal in message.signals)}"
-        for message in database.messages
-    )
-    return CheckReport("dbc", path, path.stem, summary)
+def _dbc_lines(database: "Database") -> Iterator[str]:
+    for message in database.messages:
+        signals = ", ".join(signal.name for signal in message.signals)
+        yield f"  message {message.name} ({message.frame_id:#x}): {signals}"
 
 
-def _report_schedule(path: Path, schedule: Schedule) -> CheckReport:
+def _schedule_lines(schedule: Schedule) -> Iterator[str]:
     now = datetime.now(UTC)
-    lines = [f"  runs in {display_path(schedule.folder)}, times in {schedule.zone.key}"]
+    yield f"  runs in {display_path(schedule.folder)}, times in {schedule.zone.key}"
     for entry in schedule.entries:
         time = schedule.next_time(entry, now)
         shown = "never" if time is None else f"{time.astimezone(schedule.zone):%Y-%m-%d %H:%M}"
-        lines.append(
+        yield (
             f"  {entry.name}: next {shown}, {display_path(Path(entry.campaign))}; missed "
             f"{entry.missed}, retries {entry.retries}"
         )
-    return CheckReport("schedule", path, schedule.name, tuple(lines))
-
-
-def _report_sweep(path: Path, sweep: Sweep) -> CheckReport:
-    return CheckReport("sweep", path, sweep.name, tuple(sweep_lines(sweep)))
 
 
 def _report_campaign(path: Path, campaign: Campaign, rig: Rig) -> CheckReport:
@@ -264,23 +243,17 @@ def _report_campaign(path: Path, campaign: Campaign, rig: Rig) -> CheckReport:
         f"{campaign.filter_name} with the model {campaign.model.name}{known}",
         f"  rig time {minutes} min {seconds} s",
     )
-    tests = plan_campaign(campaign, rig)
-    return CheckReport("campaign", path, campaign.name, summary, tests, campaign.rig_time_s)
+    return CheckReport("campaign", path, campaign.name, summary, plan_campaign(campaign, rig))
 
 
-def _report_stream(path: Path, stream: StreamSettings) -> CheckReport:
-    return CheckReport("stream", path, path.stem, stream_lines(stream))
-
-
-_Read = Callable[[Path, Sources], Any]
-_Report = Callable[[Path, Any], CheckReport]
-_KINDS: Final[dict[Kind, tuple[_Read, _Report]]] = {
-    "model": (read_model, _report_model),
-    "rig": (read_rig, _report_rig),
-    "map": (read_map, _report_map),
-    "schedule": (read_schedule, _report_schedule),
-    "sweep": (read_sweep, _report_sweep),
-    "dbc": (read_dbc, _report_dbc),
-    "stream": (read_stream, _report_stream),
+_Read = Callable[[Located], Any]
+_Lines = Callable[[Any], Iterable[str]]
+_KINDS: Final[dict[Kind, tuple[_Read, _Lines]]] = {
+    "model": (read_model, _model_lines),
+    "rig": (read_rig, _rig_lines),
+    "map": (read_map, _map_lines),
+    "schedule": (read_schedule, _schedule_lines),
+    "sweep": (read_sweep, sweep_lines),
+    "stream": (read_stream, stream_lines),
 }
-"""The functions that read and report each kind of configuration, except campaigns."""
+"""The functions that read a kind of YAML file, except campaigns, and that describe it in lines."""

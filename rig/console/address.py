@@ -3,7 +3,8 @@
 import ipaddress
 import ssl
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -65,21 +66,27 @@ def address_of(
     host = host.removeprefix("[").removesuffix("]")
     if not colon or not host or not port_text.isdecimal() or int(port_text) > 65535:
         raise AddressError("is no address; write it like 127.0.0.1:8480")
-    port = int(port_text)
+    port, ip = int(port_text), _ip_address(host)
+    is_loopback = host == "localhost" or (ip is not None and ip.is_loopback)
+    is_any = ip is not None and ip.is_unspecified
     if (certificate is None) != (key is None):
         raise AddressError("--certificate and --key go together; give both")
-    if certificate is None and not _is_loopback(host):
+    if certificate is None and not is_loopback:
         raise AddressError(
             "is reached from other machines, so that the token could be read on the way; give "
             "--certificate and --key, or listen on 127.0.0.1 and forward the port: "
             f"ssh -L {port}:127.0.0.1:{port} THIS-MACHINE"
         )
-    if certificate is not None and key is not None:
-        _check(certificate, key)
-    if _is_any(host) and not names:
+    if certificate is not None:
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
+        except (OSError, ssl.SSLError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise AddressError(f"{certificate} and {key} cannot be used: {reason}") from None
+    if is_any and not names:
         raise AddressError("is every address of this machine; say by --name how browsers call it")
-    known = [] if _is_any(host) else [f"[{host}]" if ":" in host else host]
-    if _is_loopback(host) or _is_any(host):
+    known = [] if is_any else [f"[{host}]" if ":" in host else host]
+    if is_loopback or is_any:
         known += LOOPBACK_NAMES
     return Address(host, port, _with_port([*known, *names], port), certificate, key)
 
@@ -87,8 +94,7 @@ def address_of(
 def with_port(address: Address, port: int) -> Address:
     """Return an address, and its names, with another port: the free one that was found."""
     bare = [name.rpartition(":")[0] for name in address.names if name.endswith(f":{address.port}")]
-    names = _with_port(bare, port)
-    return Address(address.host, port, names, address.certificate, address.key)
+    return replace(address, port=port, names=_with_port(bare, port))
 
 
 def _with_port(names: Sequence[str], port: int) -> frozenset[str]:
@@ -97,26 +103,8 @@ def _with_port(names: Sequence[str], port: int) -> frozenset[str]:
     return frozenset(name.lower() for name in (*(f"{name}:{port}" for name in names), *bare))
 
 
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _is_any(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_unspecified
-    except ValueError:
-        return False
-
-
-def _check(certificate: Path, key: Path) -> None:
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    try:
-        context.load_cert_chain(certificate, key)
-    except (OSError, ssl.SSLError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise AddressError(f"{certificate} and {key} cannot be used: {reason}") from None
+def _ip_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """Return the IP address that a text is; None for a host name."""
+    with suppress(ValueError):
+        return ipaddress.ip_address(host)
+    return None

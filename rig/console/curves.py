@@ -79,20 +79,17 @@ class Curves:
         epoch: number that grows whenever the curves begin anew, so that viewers drop old points.
         count: number of points so far, including those that are dropped already.
         next_row: number of the first row that was not added yet.
+        points: the newest points, oldest first: time in s, number of the test, and a value for each
+            of `CURVES`.
     """
 
     def __init__(self) -> None:
         self.epoch = 0
         self.count = 0
         self.next_row = 0
-        self._points: deque[tuple[float, int, tuple[float | None, ...]]] = deque(maxlen=POINTS)
+        self.points: deque[tuple[float | None, ...]] = deque(maxlen=POINTS)
         self._test: int | None = None
         self._averages: dict[str, MovingAverage] = {}
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is no point."""
-        return not self._points
 
     def begin(self) -> None:
         """Drop all points and begin a new epoch, so that stored rows are added anew.
@@ -101,7 +98,7 @@ class Curves:
         """
         self.epoch += 1
         self.next_row = 0
-        self._points.clear()
+        self.points.clear()
         self._test = None
 
     def take(self, window: Window, period_s: float) -> None:
@@ -123,51 +120,41 @@ class Curves:
         shown = np.flatnonzero(rows % max(1, round(POINT_S / period_s)) == 0)
         columns = self._columns(values, test, shown, period_s)
         times = np.round(rows[shown] * period_s, 3).tolist()
-        for time_s, number, *point in zip(times, test[shown].tolist(), *columns, strict=True):
-            self._points.append((time_s, number, tuple(point)))
-            self.count += 1
+        self.points.extend(zip(times, test[shown].tolist(), *columns, strict=True))
+        self.count += len(shown)
 
     def since(self, count: int) -> dict[str, Any] | None:
         """Return all points after the first `count` that are still stored; None if there are none.
 
         They are lists by name: `time_s` and `test`, and one for each curve, beside the `epoch`.
         """
-        missing = min(self.count - count, len(self._points))
+        missing = min(self.count - count, len(self.points))
         if missing <= 0:
             return None
-        found = [self._points[-k] for k in range(missing, 0, -1)]
-        columns = zip(*(point for _, _, point in found), strict=True)
-        return {
-            "epoch": self.epoch,
-            "time_s": [time_s for time_s, _, _ in found],
-            "test": [number for _, number, _ in found],
-            **{name: list(column) for name, column in zip(CURVES, columns, strict=True)},
-        }
+        found = [self.points[-k] for k in range(missing, 0, -1)]
+        columns = map(list, zip(*found, strict=True))
+        names = ("epoch", "time_s", "test", *CURVES)
+        return dict(zip(names, (self.epoch, *columns), strict=True))
 
     def _columns(
         self, values: Mapping[str, Array], test: NDArray[np.int64], shown: Any, period_s: float
     ) -> list[list[float | None]]:
-        found = []
-        for channel, unit, digits in PLAIN.values():
-            found.append(_listed(values[channel][shown] * unit.factor, digits))
+        plain = [
+            _listed(values[channel][shown] * unit.factor, digits)
+            for channel, unit, digits in PLAIN.values()
+        ]
         averages: dict[str, list[Array]] = {name: [] for name in AVERAGED}
         # The averages begin anew with each test, as the filter does.
-        for begin, end in _stretches(test):
+        edges = [0, *(np.flatnonzero(np.diff(test)) + 1).tolist(), len(test)]
+        for begin, end in pairwise(edges):
             if self._test != test[begin]:
                 self._test = int(test[begin])
                 length = max(1, round(AVERAGED_S / period_s))
                 self._averages = {name: MovingAverage(length) for name in AVERAGED}
             for name, channel in AVERAGED.items():
                 averages[name].append(self._averages[name].take(values[channel][begin:end]))
-        found += [
-            _listed(np.concatenate(averages[name])[shown] * KPA.factor, 2) for name in AVERAGED
-        ]
-        return found
-
-
-def _stretches(test: NDArray[np.int64]) -> list[tuple[int, int]]:
-    edges = [0, *(np.flatnonzero(np.diff(test)) + 1).tolist(), len(test)]
-    return list(pairwise(edges))
+        means = (np.concatenate(parts)[shown] * KPA.factor for parts in averages.values())
+        return [*plain, *(_listed(values, 2) for values in means)]
 
 
 def _listed(values: Array, digits: int) -> list[float | None]:

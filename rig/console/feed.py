@@ -8,7 +8,7 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -42,8 +42,7 @@ class Sections:
     """
 
     def __init__(self) -> None:
-        self._texts: dict[str, str] = {}
-        self._changed: dict[str, int] = {}
+        self._held: dict[str, tuple[int, str]] = {}
         self.number = 0
         self._lock = threading.Lock()
 
@@ -55,14 +54,13 @@ class Sections:
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
         # The lock is needed as orders are carried out, and reported, in threads.
         with self._lock:
-            if self._texts.get(name) != text:
+            if self._held.get(name, (0, ""))[1] != text:
                 self.number += 1
-                self._texts[name] = text
-                self._changed[name] = self.number
+                self._held[name] = (self.number, text)
 
     def since(self, number: int) -> dict[str, str]:
         """Return the JSON of the sections whose last change has a higher number than this."""
-        return {name: self._texts[name] for name, at in self._changed.items() if at > number}
+        return {name: text for name, (at, text) in self._held.items() if at > number}
 
 
 class RigFeed:
@@ -79,16 +77,15 @@ class RigFeed:
         self._refused = 0
         self._refused_at = -REFUSED_S
 
-    def refusals(self, snapshot: Snapshot, now: float) -> str:
-        """Return a notice of unreadable messages since the last one; "" if there is nothing new.
+    def look(self, snapshot: Snapshot, now: float, notice: Callable[[str], None]) -> None:
+        """Give a notice of unreadable messages, at most every `REFUSED_S`, if there are new ones.
 
-        It is also empty within `REFUSED_S` of the last notice. `now` is a monotonic time in s.
+        `now` is a monotonic time in s.
         """
         new = snapshot.refused - self._refused
-        if not new or now - self._refused_at < REFUSED_S:
-            return ""
-        self._refused, self._refused_at = snapshot.refused, now
-        return f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}"
+        if new and now - self._refused_at >= REFUSED_S:
+            self._refused, self._refused_at = snapshot.refused, now
+            notice(f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}")
 
     def follow(self, client: StreamClient, now: float) -> None:
         """Update the curves with what the client received; every `NOTICED_S` the sections too.
@@ -106,9 +103,7 @@ class RigFeed:
         if self._anew and now >= self._anew[0]:
             del self._anew[0]
             self.curves.begin()
-        self._take(client, SHOWN_S + AVERAGED_S if self.curves.is_empty else CAUGHT_UP_S)
-
-    def _take(self, client: StreamClient, last_s: float) -> None:
+        last_s = CAUGHT_UP_S if self.curves.points else SHOWN_S + AVERAGED_S
         window = client.window(last_s, CHANNELS, self.rig)
         if len(window.row) > 1:
             steps = np.diff(window.time_s)
@@ -162,9 +157,7 @@ class Feed:
             living[rig] = snapshot.life
             with self._survives:
                 feed.follow(self._client, now)
-            refused = feed.refusals(snapshot, now)
-            if refused:
-                self.notice(refused)
+            feed.look(snapshot, now, self.notice)
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
 
     def notice(self, text: str) -> None:
@@ -172,22 +165,14 @@ class Feed:
         self._notices.append({"at_ms": time.time_ns() // 10**6, "text": text})
         self.common.put("notices", list(self._notices))
 
-    def first_rig(self) -> str:
-        """Return the rig to show to a viewer who chose none; "" if no rig is known.
-
-        A rig whose stream is alive is preferred.
-        """
-        rigs = self._client.rigs()
-        alive = [rig for rig in rigs if self._client.snapshot(rig).alive]
-        return next(iter(alive or rigs), "")
-
     def news(self, cursor: Cursor) -> str | None:
         """Return a message with all that a viewer was not sent yet; None if there is nothing new.
 
-        The cursor is updated. If its rig is not known, it is set to `first_rig`.
+        The cursor is updated. If its rig is not known, it is set to one that is, by preference one
+        whose stream is alive, or to "" if there is none.
         """
-        if not cursor.rig or cursor.rig not in self._rigs:
-            cursor.choose(self.first_rig())
+        if cursor.rig not in self._rigs:
+            cursor.choose(next(iter(self._client.living() or self._client.rigs()), ""))
         common = self.common.since(cursor.common)
         cursor.common = self.common.number
         parts = [f'"common":{_object(common)}'] if common else []

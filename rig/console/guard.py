@@ -2,23 +2,24 @@
 
 Any page that a user visits can make the browser send requests to a console, but it cannot forge the
 headers Origin and Host. A request from another origin, or under a name that is not the console's
-(DNS rebinding), is therefore refused; a websocket is refused before it is opened.
+(DNS rebinding), is therefore refused; a websocket is refused before it is opened. Refusals are
+logged, but so few per second that an attacker cannot fill the disk with the log.
 """
 
-from collections.abc import Awaitable, Callable, MutableMapping
-from typing import Any, Final
+import time
+from collections.abc import Callable
+from typing import Final
 
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-Scope = MutableMapping[str, Any]
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-Headers = tuple[tuple[bytes, bytes], ...]
-Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+from .address import Address
 
 LARGEST_BODY: Final = 4096
 """Most bytes that the body of a request may have."""
+MOST_PER_S: Final = 20
+"""Most refusals that are logged within a second; further ones are only counted."""
 
 _POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
@@ -35,30 +36,51 @@ _HEADERS: Final = (
 )
 
 
+class Refusals:
+    """A log of refusals with a limited rate.
+
+    Args:
+        log: is called with each line.
+    """
+
+    def __init__(self, log: Callable[[str], None]) -> None:
+        self._log = log
+        self._since = time.monotonic()
+        self._count = 0
+
+    def __call__(self, address: str, why: str) -> None:
+        """Log that a request from an address was refused, and why; or only count it."""
+        self.look()
+        self._count += 1
+        if self._count <= MOST_PER_S:
+            self._log(f"refused, from {address}: {why}")
+
+    def look(self) -> None:
+        """If a second is over, log how many refusals it left out, if any, and begin a new one."""
+        now = time.monotonic()
+        if now - self._since < 1.0:
+            return
+        if self._count > MOST_PER_S:
+            self._log(f"refused: {self._count - MOST_PER_S} more, not told one by one")
+        self._since, self._count = now, 0
+
+
 class Guard:
     """An ASGI application that refuses foreign requests and adds security headers to all answers.
 
     Args:
         application: the application that serves the other requests.
-        hosts: allowed values of the header Host, in lower case: names of the console, with port.
-        secure: whether the console is served over TLS.
-        refused: is called at each refusal with the sender's address and the reason.
+        address: the console's address, whose names are the allowed values of the header Host.
+        refused: takes each refusal.
     """
 
-    def __init__(
-        self,
-        application: Application,
-        hosts: frozenset[str],
-        secure: bool,
-        refused: Callable[[str, str], None],
-    ) -> None:
+    def __init__(self, application: ASGIApp, address: Address, refused: Refusals) -> None:
         self._application = application
-        self._hosts = hosts
-        scheme = "https" if secure else "http"
-        self._origins = frozenset(f"{scheme}://{host}" for host in hosts)
-        self._headers: Headers = _HEADERS
-        if secure:
-            self._headers += ((b"strict-transport-security", b"max-age=31536000"),)
+        self._hosts = address.names
+        scheme = "https" if address.secure else "http"
+        self._origins = frozenset(f"{scheme}://{host}" for host in address.names)
+        lasting = (b"strict-transport-security", b"max-age=31536000")
+        self._headers = (*_HEADERS, lasting) if address.secure else _HEADERS
         self._refused = refused
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -70,7 +92,13 @@ class Guard:
         if problem:
             status, text = problem
             self._refused(address_of(scope), text)
-            await _refuse(scope, send, status, text, self._headers)
+            if scope["type"] == "websocket":
+                # A websocket that is closed before it is accepted gets the status 403.
+                await send({"type": "websocket.close", "code": 1008, "reason": ""})
+                return
+            headers = [(b"content-type", b"text/plain; charset=utf-8"), *self._headers]
+            await send({"type": "http.response.start", "status": status, "headers": headers})
+            await send({"type": "http.response.body", "body": f"refused: {text}\n".encode()})
             return
 
         async def with_headers(message: Message) -> None:
@@ -82,21 +110,18 @@ class Guard:
 
     def _problem(self, scope: Scope) -> tuple[int, str] | None:
         """Return HTTP status and reason if a request is to be refused; else None."""
-        given = {b"host": [], b"origin": [], b"content-length": []}  # type: dict[bytes, list[str]]
-        for name, value in scope["headers"]:
-            if name in given:
-                given[name].append(value.decode("latin-1"))
-        host = given[b"host"]
+        given = Headers(scope=scope)
+        host, origin = given.getlist("host"), given.getlist("origin")
         if len(host) != 1 or host[0].lower() not in self._hosts:
             return 421, f"the name {', '.join(host)[:80]!r} is not this console's"
         acts = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
-        if acts and (len(given[b"origin"]) != 1 or given[b"origin"][0] not in self._origins):
-            return 403, f"a request from another site ({', '.join(given[b'origin'])[:80]})"
+        if acts and (len(origin) != 1 or origin[0] not in self._origins):
+            return 403, f"a request from another site ({', '.join(origin)[:80]})"
         if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD", "POST"):
             return 405, f"the method {scope['method'][:20]}"
-        length = given[b"content-length"]
-        if length and length[0].isdecimal() and int(length[0]) > LARGEST_BODY:
-            return 413, f"a body of {length[0]} bytes, more than {LARGEST_BODY}"
+        length = given.get("content-length", "")
+        if length.isdecimal() and int(length) > LARGEST_BODY:
+            return 413, f"a body of {length} bytes, more than {LARGEST_BODY}"
         return None
 
     def _limited(self, scope: Scope, receive: Receive) -> Receive:
@@ -116,16 +141,6 @@ class Guard:
             return message
 
         return receive_some
-
-
-async def _refuse(scope: Scope, send: Send, status: int, text: str, headers: Headers) -> None:
-    if scope["type"] == "websocket":
-        # A websocket that is closed before it is accepted gets the status 403.
-        await send({"type": "websocket.close", "code": 1008, "reason": ""})
-        return
-    plain = (b"content-type", b"text/plain; charset=utf-8")
-    await send({"type": "http.response.start", "status": status, "headers": [plain, *headers]})
-    await send({"type": "http.response.body", "body": f"refused: {text}\n".encode()})
 
 
 def address_of(scope: Scope) -> str:

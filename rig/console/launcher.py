@@ -16,8 +16,8 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 from rig.configuration import ConfigError, Problem, Sources, shipped_config_dir
@@ -41,8 +41,6 @@ ENDINGS: Final = {
     3: "tripped or stopped",
 }
 
-Open = Callable[..., "subprocess.Popen[bytes]"]
-
 
 class LaunchRefused(Exception):  # noqa: N818 (a refusal, not a failure)
     """The error of a campaign that is not started, or not resumed; its message is the reason."""
@@ -65,6 +63,23 @@ class Offer:
     description: str
     rig: str
     tests: int
+
+
+@dataclass(frozen=True)
+class Served:
+    """The settings by which a console starts campaigns.
+
+    Attributes:
+        offers: campaigns that may be started.
+        folder: folder below which their runs are written.
+        profile: profile of the runs' live stream; if empty, nothing may be started.
+        rig: path or name of the rig on which they run; None for each campaign's own.
+    """
+
+    offers: tuple[Offer, ...] = ()
+    folder: Path = Path("runs")
+    profile: str = ""
+    rig: str | None = None
 
 
 @dataclass
@@ -153,31 +168,19 @@ class Launcher:
     """A launcher of runs, whose folders are made below one folder.
 
     Args:
-        offers: campaigns that may be started.
-        folder: folder in which each run gets a folder of its own.
-        profile: profile of the runs' live stream; if empty, nothing may be started.
-        rig: path or name of the rig on which campaigns run; None for each campaign's own.
+        served: which campaigns may be started, and how.
         say: is called with a sentence on each run that has ended.
-        popen: starts a process, as `subprocess.Popen` does.
     """
 
-    def __init__(
-        self,
-        offers: Sequence[Offer],
-        folder: Path,
-        profile: str,
-        rig: str | None,
-        say: Callable[[str], None],
-        popen: Open = subprocess.Popen,
-    ) -> None:
-        self.offers = {offer.name: offer for offer in offers}
+    def __init__(self, served: Served, say: Callable[[str], None]) -> None:
+        self.offers = {offer.name: offer for offer in served.offers}
         # The path is absolute so that a folder such as "-x" is not read as a command-line option.
-        self._folder = folder.absolute()
-        self._profile = profile
-        self._rig = rig
+        self._folder = served.folder.absolute()
+        self._profile = served.profile
+        self._rig = served.rig
         self._say = say
-        self._popen = popen
-        self._launched: list[Launched] = []
+        self._last: Launched | None = None
+        """The run that was started last; all earlier ones have ended."""
 
     def start(self, name: str) -> None:
         """Start an offered campaign, by its name, in a new folder; do not wait for its end.
@@ -219,18 +222,15 @@ class Launcher:
 
     def _rig_of_run(self, folder: Path) -> str:
         """Return the id of a run's rig by the first line of its journal; "" if it is not known."""
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            with (folder / JOURNAL).open("rb") as file:
-                begun = json.loads(file.readline(TAIL_BYTES))
-            given = (begun.get("given") or {}).get("rig")
-            offer = self.offers.get(str(begun["campaign"]))
-            return Path(str(given or (offer.rig if offer else ""))).stem
-        return ""
+        begun, _ = _first_and_last(folder / JOURNAL)
+        given = begun.get("given") or {}
+        offer = self.offers.get(str(begun.get("campaign")))
+        return Path(str(given.get("rig") or (offer.rig if offer else ""))).stem
 
     def present(self) -> Launched | None:
-        """Return the newest run that was started here and is still going on; None if none is."""
-        running = [launched for launched in self._launched if launched.exit_code is None]
-        return running[-1] if running else None
+        """Return the run that was started here and is still going on; None if none is."""
+        last = self._last
+        return last if last is not None and last.exit_code is None else None
 
     def under_way(self) -> str:
         """Return the folder's name of the run that `present` returns; "" if there is none."""
@@ -238,57 +238,50 @@ class Launcher:
         return "" if running is None else running.folder.name
 
     def stop(self, said: str) -> str:
-        """Stop the runs that were started here; return by which way, or "" if none is going on.
+        """Stop the run that was started here; return by which way, or "" if none is going on.
 
-        A run's control port is asked first, so that its journal records who stopped it and why
+        Its control port is asked first, so that its journal records who stopped it and why
         (`ASKED`). If the port does not accept the stop within `ASK_S`, the process is interrupted,
         as by Ctrl-C (`INTERRUPTED`). A run that accepted a stop before and still runs is
-        interrupted too (`ENDING`). Of several runs, the way of the one started first is returned.
+        interrupted too (`ENDING`).
 
         Args:
             said: text for the journal: who stops the run, and why.
         """
-        done = ""
-        for launched in [each for each in self._launched if each.exit_code is None]:
-            if not launched.asked and _takes_a_stop(launched.folder, said):
-                launched.asked = True
-                done = done or ASKED
-                continue
-            with suppress(ProcessLookupError):
-                launched.process.send_signal(signal.SIGINT)
-            done = done or (ENDING if launched.asked else INTERRUPTED)
-        return done
-
-    def was_stopped(self, folder: str) -> None:
-        """Record that the run in the folder of this name has accepted a stop in some other way."""
-        for launched in self._launched:
-            if launched.folder.name == folder:
-                launched.asked = True
+        running = self.present()
+        if running is None:
+            return ""
+        if not running.asked and _takes_a_stop(running.folder, said):
+            running.asked = True
+            return ASKED
+        with suppress(ProcessLookupError):
+            running.process.send_signal(signal.SIGINT)
+        return ENDING if running.asked else INTERRUPTED
 
     def look(self) -> None:
-        """Check which runs have ended, and report each of them once by `say`."""
-        for launched in self._launched:
-            if launched.exit_code is None:
-                launched.exit_code = launched.process.poll()
-                if launched.exit_code is not None:
-                    self._say(f"{launched.name} has ended: {_ending(launched)}")
+        """Check whether the run that was started here has ended; report that once by `say`."""
+        running = self.present()
+        if running is not None:
+            running.exit_code = running.process.poll()
+            if running.exit_code is not None:
+                self._say(f"{running.name} has ended: {_ending(running)}")
 
     def content(self) -> dict[str, Any]:
         """Return the offers, the unfinished runs and the run started last, as JSON values.
 
         If nothing may be started here, offers and unfinished runs are empty.
         """
-        last = self._launched[-1] if self._launched else None
+        allowed = bool(self._profile)
         offers = [
             {"name": offer.name, "description": offer.description, "tests": offer.tests,
              "rig": self._rig or offer.rig}
-            for offer in self.offers.values()
+            for offer in self.offers.values() if allowed
         ]  # fmt: skip
         return {
-            "allowed": bool(self._profile),
-            "offers": offers if self._profile else [],
-            "unfinished": self.unfinished() if self._profile else [],
-            "last": None if last is None else _content(last),
+            "allowed": allowed,
+            "offers": offers,
+            "unfinished": self.unfinished() if allowed else [],
+            "last": None if self._last is None else _content(self._last),
         }
 
     def unfinished(self) -> list[dict[str, str]]:
@@ -298,18 +291,21 @@ class Launcher:
         most `MOST_RUNS` are returned.
         """
         journals = sorted(self._folder.glob(f"*/{JOURNAL}"), key=_modified, reverse=True)
-        found: list[dict[str, str]] = []
-        for journal in journals[:50]:
-            campaign = _unfinished_campaign(journal)
-            if campaign is not None and len(found) < MOST_RUNS:
-                found.append({"folder": journal.parent.name, "campaign": campaign})
-        return found
+        runs = ((journal.parent.name, *_first_and_last(journal)) for journal in journals[:50])
+        found = (
+            {"folder": folder, "campaign": str(begun["campaign"])[:100]}
+            for folder, begun, last in runs
+            if begun.get("kind") == "begin" and "campaign" in begun
+            # Its journal does not end with an entry `end` without a reason.
+            if last.get("kind") != "end" or last.get("reason")
+        )
+        return list(islice(found, MOST_RUNS))
 
     def _require_idle(self) -> None:
         self.look()
         if not self._profile:
             raise LaunchRefused("runs are started on the rig's own machine only")
-        if any(launched.exit_code is None for launched in self._launched):
+        if self.present() is not None:
             raise LaunchRefused("a campaign that was started here still runs")
 
     def _run(self, name: str, folder: Path, rig: str, arguments: Sequence[str]) -> None:
@@ -318,7 +314,7 @@ class Launcher:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with log.open("ab") as output:
-                process = self._popen(
+                process = subprocess.Popen(
                     [sys.executable, "-m", "rig.cli", *whole],
                     stdin=subprocess.DEVNULL,
                     stdout=output,
@@ -328,26 +324,24 @@ class Launcher:
                 )
         except OSError as error:
             raise LaunchRefused(f"it cannot be started: {error.strerror or error}") from None
-        self._launched.append(Launched(name, folder, rig, process, log))
-        del self._launched[:-20]
+        self._last = Launched(name, folder, rig, process, log)
 
 
 def _takes_a_stop(folder: Path, said: str) -> bool:
     """Return whether the run in a folder accepts a stop within `ASK_S`; False after any error."""
-    answers: SimpleQueue[bool] = SimpleQueue()
+    taken = threading.Event()
 
     def asking() -> None:
-        taken = False
         with suppress(Exception):  # after any error the caller sends a signal instead
             ask(folder, "abort", said, wait_s=ASK_S)
-            taken = True
-        answers.put(taken)
+            taken.set()
 
     # It asks in a thread, so that a disk that hangs delays the stop by no more than `ASK_S`.
-    with suppress(Empty, RuntimeError):
-        threading.Thread(target=asking, name="stop", daemon=True).start()
-        return answers.get(timeout=ASK_S)
-    return False
+    thread = threading.Thread(target=asking, name="stop", daemon=True)
+    with suppress(RuntimeError):
+        thread.start()
+        thread.join(ASK_S)
+    return taken.is_set()
 
 
 def _content(launched: Launched) -> dict[str, Any]:
@@ -374,7 +368,7 @@ def _ending(launched: Launched) -> str:
 
 def _reason(launched: Launched) -> str:
     """Return why a run ended early, by its journal, else by its last output; "" if it did not."""
-    end = _last_entry(launched.folder / JOURNAL)
+    _, end = _first_and_last(launched.folder / JOURNAL)
     if end.get("kind") == "end" and end.get("exit_code") == launched.exit_code:
         return str(end.get("reason") or "")[:LOG_BYTES]
     return " ".join(_last_lines(launched.log)) if launched.exit_code else ""
@@ -396,25 +390,19 @@ def _modified(path: Path) -> float:
         return 0.0
 
 
-def _unfinished_campaign(journal: Path) -> str | None:
-    """Return the campaign's name of a run that can be resumed; None if it cannot be.
-
-    A run can be resumed if its journal does not end with an entry `end` without a reason.
-    """
-    with suppress(OSError, ValueError, KeyError, TypeError), journal.open("rb") as file:
-        begun = json.loads(file.readline(TAIL_BYTES))
-        last = _last_entry(journal)
-        if begun["kind"] == "begin" and not (last.get("kind") == "end" and not last["reason"]):
-            return str(begun["campaign"])[:100]
-    return None
-
-
-def _last_entry(journal: Path) -> Mapping[str, Any]:
-    """Return the last complete entry of a journal; {} if there is none."""
+def _first_and_last(journal: Path) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Return the first and the last complete entry of a journal; {} for one that is not there."""
     with suppress(OSError), journal.open("rb") as file:
+        first = _entry(file.readline(TAIL_BYTES))
         file.seek(max(0, journal.stat().st_size - TAIL_BYTES))
-        for line in reversed(file.read().splitlines()):
-            with suppress(ValueError):
-                entry = json.loads(line)
-                return entry if isinstance(entry, dict) else {}
-    return {}
+        entries = map(_entry, reversed(file.read().splitlines()))
+        return first or {}, next((entry for entry in entries if entry is not None), {})
+    return {}, {}
+
+
+def _entry(line: bytes) -> Mapping[str, Any] | None:
+    """Return the entry in a line of a journal, {} if it is no map; None if the line is no JSON."""
+    with suppress(ValueError):
+        entry = json.loads(line)
+        return entry if isinstance(entry, dict) else {}
+    return None

@@ -8,9 +8,8 @@ from typing import Final, cast
 
 from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient, UnknownRigError
 
-from .control_holder import ControlHolder, NotInControl
-from .launcher import ASKED, ENDING, Launched, Launcher, LaunchRefused
-from .visitors import Visitor
+from .launcher import ASKED, ENDING, INTERRUPTED, Launched, Launcher, LaunchRefused
+from .visitors import ControlHolder, NotInControl, Visitor
 
 LONGEST_TEXT: Final = 400
 """Most characters of a remark, so that it fits into a command with its writer's name."""
@@ -20,11 +19,13 @@ ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", *COMMAN
 STOP_S: Final = 2.5
 """Time in s for which an answer to a stop is awaited."""
 COMMAND_S: Final = 5.0
-ENDING_REASON: Final = "it has been ending since the stop before; it was interrupted as well"
-ASKED_REASON: Final = "the stream did not take it; the run's control port did"
-INTERRUPTED_REASON: Final = (
-    "neither the stream nor the run's control port took it; the process was interrupted"
-)
+REASONS: Final = {
+    ENDING: "it has been ending since the stop before; it was interrupted as well",
+    ASKED: "the stream did not take it; the run's control port did",
+    INTERRUPTED: "neither the stream nor the run's control port took it; the process was "
+    "interrupted",
+}
+"""How a run was stopped that the stream did not stop, in words, by the way of `Launcher.stop`."""
 
 _KEYS: Final = frozenset({"order", "rig", "text", "name"})
 
@@ -65,12 +66,10 @@ def parse(body: bytes) -> Order:
         raise MalformedError("is no JSON") from None
     if not isinstance(content, dict) or not content.keys() <= _KEYS:
         raise MalformedError("has not the keys of an order")
-    if not all(isinstance(value, str) for value in content.values()):
-        raise MalformedError("has a value that is no text")
     try:
-        "".join(content.values()).encode()
-    except UnicodeEncodeError:
         # A lone surrogate is half a character, which cannot be sent to any viewer or rig.
+        "".join(content.values()).encode()
+    except (TypeError, UnicodeEncodeError):
         raise MalformedError("has a value that is no text") from None
     if content.get("order") not in ORDERS:
         raise MalformedError("is none that there is")
@@ -168,7 +167,7 @@ class Orders:
                     also = f"and what was started here, not heard yet, was {done}"
                     return Answer(True, f"{meant}, {also}" if meant else also)
             if running and self.rig_of_run(running.folder.name) == rig:
-                self._launcher.was_stopped(running.folder.name)
+                running.asked = True
             return Answer(True, meant)
         done = self._launcher.stop(_said(order, visitor))
         if not done:
@@ -177,11 +176,7 @@ class Orders:
         if elsewhere and elsewhere != rig:
             text = f"{answer.reason}; what was started here, on {elsewhere}, was {done}"
             return Answer(False, text)
-        if done == ENDING:
-            return Answer(True, ENDING_REASON)
-        if done == ASKED:
-            return Answer(True, ASKED_REASON)
-        return Answer(True, INTERRUPTED_REASON)
+        return Answer(True, REASONS[done])
 
     def _only_living(self) -> str:
         """Return the only living rig, which a page means that has not been shown a rig yet.
@@ -189,33 +184,27 @@ class Orders:
         Raises:
             UnknownRigError: no rig is alive, or several are.
         """
-        alive = self._living()
+        alive = self._client.living()
         if len(alive) != 1:
             raise UnknownRigError(f"name the rig; alive are: {', '.join(alive) or 'none'}")
         return alive[0]
 
     def rig_of_run(self, folder: str) -> str:
         """Return the living rig whose campaign runs in a folder of this name; "" if none does."""
-        for rig in self._living() if folder else []:
+        for rig in self._client.living() if folder else []:
             if self._client.snapshot(rig).campaign.get("directory") == folder:
                 return rig
         return ""
 
     def _was_heard(self, run: Launched) -> bool:
         """Return whether any message of a run's stream was received since it was started here."""
-        for rig in self._client.rigs():
-            campaign = self._client.snapshot(rig).campaign
-            begun_ns = campaign.get("begun_ns")
-            is_new = isinstance(begun_ns, int) and begun_ns >= run.started_ns
-            if is_new and campaign.get("directory") == run.folder.name:
-                return True
-        return False
-
-    def _living(self) -> list[str]:
-        return [rig for rig in self._client.rigs() if self._client.snapshot(rig).alive]
+        campaigns = [self._client.snapshot(rig).campaign for rig in self._client.rigs()]
+        mine = [each for each in campaigns if each.get("directory") == run.folder.name]
+        begun = [each.get("begun_ns") for each in mine]
+        return any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
 
     def _launch(self, order: Order) -> None:
-        alive = self._living()
+        alive = self._client.living()
         same = Path(self._launcher.rig_of(order.name)).stem in alive
         if alive and (order.order == "go on" or same):
             raise LaunchRefused(f"{', '.join(alive)} has a campaign running")

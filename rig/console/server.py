@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -14,19 +15,18 @@ from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rig.stream import StreamClient
 from rig.surviving import Surviving
 
 from .address import Address
-from .control_holder import ControlHolder
 from .feed import TICK_S, Cursor, Feed
-from .guard import Application, Guard
-from .launcher import Launcher, Offer
+from .guard import Guard, Refusals, address_of
+from .launcher import Launcher, Served
 from .orders import STOP, MalformedError, Orders, parse
-from .refusals import Refusals
-from .visitors import LIFETIME_S, LoginRefused, Visitor, Visitors
+from .visitors import LIFETIME_S, ControlHolder, LoginRefused, Visitor, Visitors
 
 PAGE: Final = Path(__file__).parent / "page"
 KINDS: Final = {
@@ -48,23 +48,6 @@ TOO_LARGE: Final = 1009
 FULL: Final = 1013
 
 
-@dataclass(frozen=True)
-class Served:
-    """The settings by which a console starts campaigns.
-
-    Attributes:
-        offers: campaigns that may be started.
-        folder: folder below which their runs are written.
-        profile: profile of the runs' live stream; if empty, nothing may be started.
-        rig: path or name of the rig on which they run; None for each campaign's own.
-    """
-
-    offers: tuple[Offer, ...] = ()
-    folder: Path = Path("runs")
-    profile: str = ""
-    rig: str | None = None
-
-
 @dataclass
 class Console:
     """The console as a web application, with its visitors, its launcher and its feed.
@@ -75,7 +58,7 @@ class Console:
         address: address at which the console is served.
         served: the settings by which campaigns are started.
         log: is called with a line on each refusal and on each action of an operator.
-        viewers: visitor's number -> number of live views that are open.
+        viewers: visitor -> number of live views that are open.
     """
 
     client: StreamClient
@@ -83,20 +66,18 @@ class Console:
     address: Address
     served: Served
     log: Callable[[str], None]
-    viewers: dict[int, int] = field(default_factory=dict)
+    viewers: Counter[Visitor] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         self.feed = Feed(self.client)
         self.visitors = Visitors(self.token)
         self.control = ControlHolder(self.say)
-        served = self.served
-        self.launcher = Launcher(served.offers, served.folder, served.profile, served.rig, self.say)
+        self.launcher = Launcher(self.served, self.say)
         self.orders = Orders(self.client, self.control, self.launcher)
         self.cookie = f"rig-console-{self.address.port}"
         self._refused = Refusals(self.log)
         self._stopping = ThreadPoolExecutor(MOST_STOPS, "stop")
         self._looked_at = 0.0
-        self._names: dict[int, str] = {}
         self._survives = Surviving("the console", self.log)
 
     def say(self, text: str) -> None:
@@ -104,7 +85,7 @@ class Console:
         self.log(text)
         self.feed.notice(text)
 
-    def application(self) -> Application:
+    def application(self) -> ASGIApp:
         """Return the guarded ASGI application that uvicorn serves."""
         routes = [
             Route("/", self._page, methods=["GET"]),
@@ -116,7 +97,7 @@ class Console:
             WebSocketRoute("/live", self._live),
         ]
         inner = Starlette(routes=routes, lifespan=self._lifespan)
-        return Guard(inner, self.address.names, self.address.secure, self._refused)
+        return Guard(inner, self.address, self._refused)
 
     def _visitor(self, connection: HTTPConnection) -> Visitor | None:
         return self.visitors.visitor(connection.cookies.get(self.cookie))
@@ -134,35 +115,26 @@ class Console:
         loop = asyncio.get_running_loop()
         while True:
             now = loop.time()
-            try:
+            with self._survives:
                 self.feed.tick(now)
                 if now - self._looked_at >= LOOK_S:
                     self._looked_at = now
                     self._look()
-            except Exception as error:  # the loop goes on after any error
-                self._survives.note(error)
             await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
 
     def _look(self) -> None:
-        try:
-            self._show_console()
-        except Exception as error:  # an order that was obeyed is not reported as failed
-            self._survives.note(error)
-
-    def _show_console(self) -> None:
         """Update the sections on runs, control and viewers, which all viewers are shown."""
-        self._refused.look()
-        self.launcher.look()
-        content = self.launcher.content()
-        if content["last"] is not None:
-            content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())
-        self.feed.common.put("launch", content)
-        self.feed.common.put("holder", {**self.control.content(), "here": self._is_here()})
-        watching = [{"number": number, "name": self._names[number]} for number in self.viewers]
-        self.feed.common.put("viewers", watching)
-
-    def _is_here(self) -> bool:
-        return self.control.holder is not None and self.control.holder.number in self.viewers
+        with self._survives:  # an order that was obeyed is not reported as failed
+            self._refused.look()
+            self.launcher.look()
+            content = self.launcher.content()
+            if content["last"] is not None:
+                content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())
+            self.feed.common.put("launch", content)
+            is_here = self.control.holder in self.viewers
+            self.feed.common.put("holder", {**self.control.content(), "here": is_here})
+            watching = [{"number": who.number, "name": who.name} for who in self.viewers]
+            self.feed.common.put("viewers", watching)
 
     async def _page(self, request: Request) -> Response:
         if self._visitor(request) is None:
@@ -182,7 +154,7 @@ class Console:
         return _login_page("")
 
     async def _log_in(self, request: Request) -> Response:
-        address = _host(request)
+        address = address_of(request.scope)
         fields: dict[str, list[str]] = {}
         with contextlib.suppress(ValueError):
             fields = parse_qs((await _body(request)).decode(errors="replace"), max_num_fields=4)
@@ -214,7 +186,7 @@ class Console:
 
     async def _order(self, request: Request) -> Response:
         visitor = self._visitor(request)
-        address = _host(request)
+        address = address_of(request.scope)
         if visitor is None:
             self._refused(address, "an order from nobody who is logged in")
             return JSONResponse({"accepted": False, "reason": "log in first"}, 401)
@@ -230,35 +202,26 @@ class Console:
         answer = await loop.run_in_executor(threads, self.orders.carry_out, order, visitor)
         rig = order.rig if order.order == STOP else ""
         about = " ".join(part for part in (order.order, rig, order.name) if part)
-        line = f"{visitor.name}: {about}"
-        if order.order == STOP or not answer.accepted:
-            line += "" if answer.accepted else f" refused, {answer.reason}"
-            self.say(line) if order.order == STOP else self.log(line)
-        else:
-            self.log(line)
+        refused = "" if answer.accepted else f" refused, {answer.reason}"
+        tell = self.say if order.order == STOP else self.log
+        tell(f"{visitor.name}: {about}{refused}")
         self._look()
         content = {"accepted": answer.accepted, "reason": answer.reason}
         return JSONResponse(content, 200 if answer.accepted else 409)
 
     async def _live(self, socket: WebSocket) -> None:
         visitor = self._visitor(socket)
-        if visitor is None:
-            self._refused(_host(socket), "a live view for nobody who is logged in")
-            await socket.accept()
-            await socket.close(LOGGED_OUT)
-            return
         await socket.accept()
-        if sum(self.viewers.values()) >= MOST_VIEWERS:
-            self._refused(_host(socket), f"more than {MOST_VIEWERS} viewers")
-            await socket.close(FULL)
+        if visitor is None:
+            await self._end(socket, LOGGED_OUT, "a live view for nobody who is logged in")
             return
-        self._names[visitor.number] = visitor.name
-        self.viewers[visitor.number] = self.viewers.get(visitor.number, 0) + 1
+        if self.viewers.total() >= MOST_VIEWERS:
+            await self._end(socket, FULL, f"more than {MOST_VIEWERS} viewers")
+            return
+        self.viewers[visitor] += 1
         cursor = Cursor()
-        tasks = [
-            asyncio.create_task(self._show(socket, cursor, visitor)),
-            asyncio.create_task(self._listen(socket, cursor)),
-        ]
+        works = (self._show(socket, cursor, visitor), self._listen(socket, cursor))
+        tasks = [asyncio.create_task(work) for work in works]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -269,9 +232,14 @@ class Console:
                 gone = isinstance(ended, WebSocketDisconnect | RuntimeError)
                 if isinstance(ended, Exception) and not gone:
                     self._survives.note(ended)
-            self.viewers[visitor.number] -= 1
-            if not self.viewers[visitor.number]:
-                del self.viewers[visitor.number]
+            self.viewers[visitor] -= 1
+            if not self.viewers[visitor]:
+                del self.viewers[visitor]
+
+    async def _end(self, socket: WebSocket, code: int, why: str) -> None:
+        """Log why a live view is refused, and close its websocket with a code."""
+        self._refused(address_of(socket.scope), why)
+        await socket.close(code)
 
     async def _show(self, socket: WebSocket, cursor: Cursor, visitor: Visitor) -> None:
         """Send a viewer the news, at most twenty times a second, until its login ends."""
@@ -300,15 +268,17 @@ class Console:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
                 if message.get("code") == TOO_LARGE:
-                    self._refused(_host(socket), f"a message of more than {LARGEST_MESSAGE} bytes")
+                    self._refused(
+                        address_of(socket.scope), f"a message of more than {LARGEST_MESSAGE} bytes"
+                    )
                 return
             taken = [at for at in taken if loop.time() - at < 1.0]
             taken.append(loop.time())
-            problem = "too many messages" if len(taken) > MESSAGES_PER_S else ""
             rig = _chosen(message)
-            if rig is None or problem:
-                self._refused(_host(socket), problem or "a malformed message")
-                await socket.close(UNWELCOME)
+            too_many = len(taken) > MESSAGES_PER_S
+            if rig is None or too_many:
+                why = "too many messages" if too_many else "a malformed message"
+                await self._end(socket, UNWELCOME, why)
                 return
             cursor.choose(rig)
 
@@ -331,10 +301,6 @@ async def _body(request: Request) -> bytes:
         return await request.body()
     except ClientDisconnect:
         return b""
-
-
-def _host(connection: HTTPConnection) -> str:
-    return connection.client.host if connection.client else "unknown"
 
 
 def _login_page(problem: str, status: int = 200, wait_s: float = 0.0) -> Response:

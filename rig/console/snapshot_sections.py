@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, Final
 
 from rig.channels import BYPASSES, KPA, LITRES_PER_MINUTE, SHOWN
@@ -34,6 +34,8 @@ CONTACTS: Final = (
     ("pump", "pump_loaded", {1: ("loaded", "live"), 0: ("unloaded", "off")}),
 )
 """Name and channel of each contact, and by value the text that is shown and its style."""
+HOMED: Final = {True: ("homed", "good"), False: ("not homed", "off")}
+UNKNOWN: Final = ("not known", "off")
 STAGES: Final = (
     ("lateness", "wakeup"), ("exchange", "exchange"), ("compute", "compute"), ("sample age", "age"),
 )  # fmt: skip
@@ -108,31 +110,31 @@ def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
 
 def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
     health, latest = snapshot.health, snapshot.latest
-    contacts = []
-    for name, channel, meanings in CONTACTS:
-        value = latest.get(channel, float("nan"))
-        if channel in latest:
-            known = meanings.get(round(value)) if isfinite(value) else None
-            text, how = known or ("not known", "off")
-            contacts.append({"name": name, "text": text, "how": how})
-    if contacts:
-        words = {True: ("homed", "good"), False: ("not homed", "off")}
-        text, how = words[bool(health.get("homed"))] if health else ("not known", "off")
-        contacts.append({"name": "position", "text": text, "how": how})
+    words = {
+        name: meanings.get(round(latest[channel]), UNKNOWN)
+        if isfinite(latest[channel])
+        else UNKNOWN
+        for name, channel, meanings in CONTACTS
+        if channel in latest
+    }
+    if words:
+        words["position"] = HOMED[bool(health.get("homed"))] if health else UNKNOWN
     # Trips in a health message of an earlier run are left out.
     trips = _mapping(health.get("trips")) if _is_of_this_run(snapshot, health) else {}
     return {
-        "contacts": contacts,
+        "contacts": [
+            {"name": name, "text": text, "how": how} for name, (text, how) in words.items()
+        ],
         **_texts(health, "action", "sentence"),
         "first_out": [
             {
                 **_texts(trip, "by", "cause", "sentence", "remedy"),
-                "after_ms": _rounded(_scaled(trip.get("after_s"), 1e3), 0),
+                "after_ms": _rounded(trip.get("after_s"), 0, 1e3),
             }
             for trip in _mappings(trips.get("first_out"))
         ],
         "confirmed": [
-            {"step": str(step), "after_ms": _rounded(_scaled(after_s, 1e3), 0)}
+            {"step": str(step), "after_ms": _rounded(after_s, 0, 1e3)}
             for step, after_s in _mapping(trips.get("confirmed")).items()
         ],
     }
@@ -141,18 +143,17 @@ def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
 def _health(snapshot: Snapshot) -> dict[str, Any]:
     health = snapshot.health
     timing = _mapping(health.get("timing"))
-    stages = []
-    for name, stage in STAGES:
-        known = _mapping(timing.get(stage))
-        if known:
-            keys = ("p50", "p99", "max")
-            times = {key: _rounded(_scaled(known.get(f"{key}_s"), 1e6), 0) for key in keys}
-            stages.append({"name": name, **times})
+    stages = [(name, _mapping(timing.get(stage))) for name, stage in STAGES]
+    figures = ("p50", "p99", "max")
     return {
         **_numbers(health, 0, "rate_hz", "missed", "exchange_errors"),
-        "stages_us": stages,
+        "stages_us": [
+            {"name": name, **{key: _rounded(times.get(f"{key}_s"), 0, 1e6) for key in figures}}
+            for name, times in stages
+            if times
+        ],
         "silent_ms": {
-            str(part): _rounded(_scaled(silent_s, 1e3), 0)
+            str(part): _rounded(silent_s, 0, 1e3)
             for part, silent_s in _mapping(health.get("silent_s")).items()
         },
     }
@@ -199,8 +200,7 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
         **_verdict(decision),
         **_numbers(decision, 2, "statistic", "threshold"),
         "thresholds_kPa": [
-            _rounded(_scaled(details.get(f"threshold_{chamber}_Pa"), KPA.factor), 1)
-            for chamber in (1, 2)
+            _rounded(details.get(f"threshold_{chamber}_Pa"), 1, KPA.factor) for chamber in (1, 2)
         ],
         **_numbers(decision, 1, "onset_s", "ended_s"),
         **_texts(decision, "suspected"),
@@ -225,7 +225,7 @@ def _verdict(content: Mapping[str, Any]) -> dict[str, Any]:
         "time_s": _rounded(content.get("time_s"), 1),
         "at_ms": _milliseconds(content.get("sent_ns")),
         "leak_L_per_min": [
-            _rounded(_scaled(value, LITRES_PER_MINUTE.factor), 3)
+            _rounded(value, 3, LITRES_PER_MINUTE.factor)
             for value in (content.get("leak_m3_per_s"), *ends)
         ],
     }
@@ -263,22 +263,12 @@ def _mappings(value: Any) -> list[Mapping[str, Any]]:
     return [item for item in items if isinstance(item, Mapping)]
 
 
-def _number(value: Any) -> float | None:
-    if not isinstance(value, int | float):
-        return None
+def _rounded(value: Any, digits: int, factor: float = 1.0) -> float | None:
+    """Return a value times a factor, rounded; None for anything else than a finite number."""
     with suppress(OverflowError):
-        return float(value) if isfinite(value) else None
+        scaled = float(value) * factor if isinstance(value, int | float) else nan
+        return round(scaled, digits) if isfinite(scaled) else None
     return None
-
-
-def _scaled(value: Any, factor: float) -> float | None:
-    number = _number(value)
-    return None if number is None else number * factor
-
-
-def _rounded(value: Any, digits: int) -> float | None:
-    number = _number(value)
-    return None if number is None or not isfinite(number) else round(number, digits)
 
 
 def _milliseconds(value: Any) -> int | None:

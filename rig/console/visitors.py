@@ -1,4 +1,7 @@
-"""Visitors log in with a token that cannot be guessed, and are then known by a secret cookie."""
+"""Visitors log in with a token that cannot be guessed, and are then known by a secret cookie.
+
+At most one visitor at a time has control and may act on the rigs; everybody sees who it is.
+"""
 
 import hashlib
 import hmac
@@ -8,9 +11,9 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from rig.stream import local_state, make_key, read_key
+from rig.stream import own_key
 
 LIFETIME_S: Final = 12 * 3600.0
 """Time in s after which a login ends: a shift."""
@@ -58,10 +61,8 @@ def console_token() -> tuple[str, Path]:
     Raises:
         KeyFileError: the file cannot be made, or cannot be used.
     """
-    path = local_state() / TOKEN_FILE
-    if not path.exists():
-        make_key(path)
-    return read_key(path).hex(), path
+    key, path = own_key(TOKEN_FILE)
+    return key.hex(), path
 
 
 class Visitors:
@@ -93,8 +94,7 @@ class Visitors:
         if not hmac.compare_digest(given, self._token):
             # Only wrong tokens are limited: 256 bits cannot be guessed, and an attacker behind the
             # same tunnel or proxy shares an address with the operators, who must not be kept out.
-            self._check_rate(address)
-            self._failed(address)
+            self._note_failure(address)
             raise LoginRefused("this is not the token")
         name = " ".join("".join(c if c.isprintable() else " " for c in name).split())
         if not 0 < len(name) <= LONGEST_NAME:
@@ -108,27 +108,95 @@ class Visitors:
 
     def visitor(self, cookie: str | None) -> Visitor | None:
         """Return the visitor who has this cookie; None if nobody has, or the login has ended."""
-        found = self._known.get(cookie) if cookie else None
-        if found is None or found.until < self._clock():
-            return None
-        return found
+        found = self._known.get(cookie or "")
+        return None if found is None or found.until < self._clock() else found
 
     def log_out(self, cookie: str | None) -> None:
         """End the login with this cookie, if there is one."""
-        if cookie:
-            self._known.pop(cookie, None)
+        self._known.pop(cookie or "", None)
 
-    def _check_rate(self, address: str) -> None:
+    def _note_failure(self, address: str) -> None:
+        """Note a wrong token from an address; after too many, raise `LoginRefused` instead."""
         now = self._clock()
-        failed = self._failures.get(address, deque())
+        failed = self._failures.setdefault(address, deque(maxlen=FAILURES))
         while failed and failed[0] < now - FAILURES_S:
             failed.popleft()
         if len(failed) >= FAILURES:
             wait_s = FAILURES_S - (now - failed[0])
             raise LoginRefused(f"too many wrong tokens; wait {wait_s:.0f} s", wait_s)
-
-    def _failed(self, address: str) -> None:
-        self._failures.setdefault(address, deque(maxlen=FAILURES)).append(self._clock())
+        failed.append(now)
         self._failures.move_to_end(address)
         while len(self._failures) > MOST_ADDRESSES:
             self._failures.popitem(last=False)
+
+
+class NotInControl(Exception):  # noqa: N818 (a refusal, not a failure)
+    """The error of a visitor who may not act, or may not take control.
+
+    The message says who has control, or that nobody has. `ControlHolder.take` raises it if somebody
+    else has control, `ControlHolder.require` also if nobody has control.
+    """
+
+
+@dataclass
+class ControlHolder:
+    """The record of which visitor has control; at first nobody has.
+
+    Attributes:
+        say: is called with a sentence on every change.
+        clock_ns: returns the wall clock in ns since 1970.
+        holder: the visitor who has control; None if nobody has.
+        since_ns: time of the last change, ns since 1970; 0 if there was none.
+    """
+
+    say: Callable[[str], None]
+    clock_ns: Callable[[], int] = time.time_ns
+    holder: Visitor | None = None
+    since_ns: int = 0
+
+    def take(self, visitor: Visitor, *, over: bool = False) -> None:
+        """Give a visitor control; do nothing if the visitor has it already.
+
+        Args:
+            visitor: the visitor who asks for control.
+            over: whether control is taken from somebody else who has it, for which the visitor must
+                have asked explicitly.
+
+        Raises:
+            NotInControl: somebody else has control, and `over` is false.
+        """
+        before = self.holder
+        if before == visitor:
+            return
+        if before is not None and not over:
+            raise NotInControl(f"{before.name} has control; take over, if it is agreed")
+        self.holder, self.since_ns = visitor, self.clock_ns()
+        taken = f" over from {before.name}" if before is not None else ""
+        self.say(f"{visitor.name} takes{taken or ' control'}")
+
+    def release(self, visitor: Visitor) -> None:
+        """Release control if this visitor has it; otherwise do nothing."""
+        if self.holder == visitor:
+            self.holder = None
+            self.since_ns = self.clock_ns()
+            self.say(f"{visitor.name} gives control up")
+
+    def require(self, visitor: Visitor) -> None:
+        """Raise unless this visitor has control.
+
+        Raises:
+            NotInControl: somebody else has control, or nobody has.
+        """
+        if self.holder is None:
+            raise NotInControl("nobody has control; take it first")
+        if self.holder != visitor:
+            raise NotInControl(f"{self.holder.name} has control")
+
+    def content(self) -> dict[str, Any]:
+        """Return number and name of the visitor in control (None if nobody), and since when."""
+        holder = self.holder
+        return {
+            "number": None if holder is None else holder.number,
+            "name": None if holder is None else holder.name,
+            "since_ms": self.since_ns // 10**6,
+        }

@@ -94,10 +94,10 @@ class Endpoints:
     control: Address | None = None
 
 
-_SIMULATED: Final = (
-    ("daq", "modbus_daq", Address(HOST, 15502)),
-    ("bypass", "bypass_valves", Address(HOST, 15503)),
-)
+_SIMULATED: Final = {
+    "daq": ("modbus_daq", Address(HOST, 15502)),
+    "bypass": ("bypass_valves", Address(HOST, 15503)),
+}
 """Devices that are served for a simulated rig, which has no drivers; as in the rig `emulated`."""
 
 
@@ -117,15 +117,15 @@ def endpoints_of(
     Raises:
         PortNameError: a port is given for a name that is not that of a driver with a TCP port.
     """
-    places = [(spec.name, spec.type, _place(spec)) for spec in rig.drivers] or list(_SIMULATED)
-    by_port = {name: place for name, _, place in places if isinstance(place, Address)}
+    places = {spec.name: (spec.type, _place(spec)) for spec in rig.drivers} or _SIMULATED
+    by_port = {name: place for name, (_, place) in places.items() if isinstance(place, Address)}
     given = dict(ports or {})
-    if not given.keys() <= by_port.keys():
-        unknown = {name: port for name, port in given.items() if name not in by_port}
+    unknown = {name: port for name, port in given.items() if name not in by_port}
+    if unknown:
         raise PortNameError(unknown, tuple(by_port))
     served: dict[str, Any] = {
         _PARTS[kind]: by_port[name]._replace(port=given[name]) if name in given else place
-        for name, kind, place in places
+        for name, (kind, place) in places.items()
         if kind in _PARTS
     }
     maps = [spec.options.map for spec in rig.drivers if spec.type == "modbus_daq"]

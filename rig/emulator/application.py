@@ -4,19 +4,14 @@ import asyncio
 import gc
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from rig.configuration import Rig
-from rig.emulator.can import CanDevices, ValvePath
+from rig.emulator.can import CanDevices
 from rig.emulator.modbus import IDENTITY, BypassIo, IoDevice, IoNode, MappedDevice, ModbusServer
-from rig.emulator.script import NOTHING, ControlPort, FaultEffects, Injection, Script
-from rig.io import RegisterMap
-from rig.plant import Reading
+from rig.emulator.script import NOTHING, ControlPort, Injection, Script
 
 from .addresses import Endpoints
 from .instruments import Instruments
@@ -44,6 +39,10 @@ class Emulator:
 
     Attributes:
         ports: TCP port or path at which each part is served, by name, once the emulator is open.
+        record: as given.
+        plant, instruments, can, node, operator, daq, bypass, meters: the parts on which faults act;
+            `daq` serves `node`, and `meters` is None if the rig has no flow meters.
+        injection: the faults.
     """
 
     def __init__(
@@ -61,35 +60,42 @@ class Emulator:
         self._endpoints = endpoints
         self._clock = clock
         self._script = script
-        self.plant = _plant(rig, seed, clock, pump_loaded=endpoints.pump is None)
-        self.instruments = Instruments(self.plant)
-        self._can = CanDevices(self.plant, record, endpoints.drive, endpoints.pump)
-        self._valve_path = ValvePath(self.plant, self._can)
-        self.node = _io_device(endpoints.map, self.instruments, self._valve_path.set_analog, record)
-        self.operator = EmulatedOperator(self.node, clock, script.attentive)
-        self._daq = ModbusServer("daq", self.node, record)
-        self._bypass = _bypass_io(rig, record, clock)
-        self._positions = self._bypass.positions()
-        self._meters = _meter_panel(endpoints.meters, self._metered, record)
-        effects = FaultEffects(
-            self.plant,
-            self.instruments,
-            self.node,
-            self._daq,
-            self._bypass,
-            self._can,
-            self._meters,
+        self.plant = EmulatedPlant(
+            rig.plant,
+            rig.sensors,
+            bypass_valves=rig.bypass_valves,
+            return_resistance=rig.return_valve.maximum if rig.return_valve else 0.0,
+            pump_loaded=endpoints.pump is None,
+            seed=seed,
+            clock=clock,
+            spool_sensor=rig.has_spool_sensor,
+            supply_pressure_sensor=rig.has_supply_pressure_sensor,
+            load_cell=rig.has_load_cell,
         )
-        self.injection = Injection(effects, record, clock)
+        self.instruments = Instruments(self.plant)
+        self.can = CanDevices(self.plant, record, endpoints.drive, endpoints.pump)
+        parts = self.instruments, self.can.set_analog, record
+        known = endpoints.map
+        self.node: IoDevice
+        if known is None or known.identity.value == IDENTITY:
+            self.node = IoNode(*parts)
+        else:
+            self.node = MappedDevice(known, *parts)
+        self.operator = EmulatedOperator(self.node, clock, script.attentive)
+        self.daq = ModbusServer("daq", self.node, record)
+        # All balls are as slow as the rig's slowest one.
+        travels = [valve.ball_travel_s for valve in rig.bypass_valves.values()]
+        self.bypass = BypassIo(record, clock, *([max(travels)] if travels else []))
+        self._positions = self.bypass.valves.positions()
+        self.meters: MeterPanel | None = None
+        if endpoints.meters is not None:
+            self.meters = MeterPanel(endpoints.meters, lambda: self.instruments.read()[6:], record)
+        self.injection = Injection(self, record, clock)
         self._control = ControlPort(self)
         self._stopped = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._summed_ns = clock()
         self._summed = 0
-
-    def _metered(self) -> tuple[float, ...]:
-        """Return the flow meters' readings in m^3/s."""
-        return tuple(self.instruments.read()[6:])
 
     async def open(self) -> None:
         """Begin to serve all parts; the times of the script count from now.
@@ -111,16 +117,16 @@ class Emulator:
         gc.freeze()
 
     async def _open(self, at: Endpoints) -> None:
-        self.ports["daq"] = await self._daq.open(*at.daq)
+        self.ports["daq"] = await self.daq.open(*at.daq)
         if isinstance(at.bypass, Path):
-            await self._bypass.open_serial(at.bypass)
+            await self.bypass.open_serial(at.bypass)
             self.ports["bypass"] = str(at.bypass)
         elif at.bypass is not None:
-            self.ports["bypass"] = await self._bypass.open(*at.bypass)
-        self.ports.update(self._can.open())
-        if self._meters is not None:
-            self._meters.plug_in()
-            self._tasks.append(asyncio.create_task(self._meters.run()))
+            self.ports["bypass"] = await self.bypass.open(*at.bypass)
+        self.ports.update(self.can.open())
+        if self.meters is not None:
+            self.meters.plug_in()
+            self._tasks.append(asyncio.create_task(self.meters.run()))
             self.ports["meters"] = str(at.meters)
         if at.control is not None:
             self.ports["control"] = await self._control.open(*at.control)
@@ -132,7 +138,7 @@ class Emulator:
         """
         while not self._stopped.is_set():
             self.tend()
-            for task in (*self._tasks, *self._can.tasks):
+            for task in (*self._tasks, *self.can.tasks):
                 if task.done():
                     task.result()
             with suppress(TimeoutError):
@@ -143,7 +149,7 @@ class Emulator:
         self.plant.catch_up()
         self.node.tend()
         self.operator.tend()
-        self._valve_path.tend()
+        self.can.tend()
         self._move_bypasses()
         if self.node.enabled:
             self.injection.valve_enabled()
@@ -152,7 +158,7 @@ class Emulator:
 
     def _move_bypasses(self) -> None:
         """Set the plant's leaks to the true positions of the bypass valves."""
-        positions = self._bypass.positions()
+        positions = self.bypass.valves.positions()
         for bypass, (ball, needle) in positions.items():
             if (ball, needle) != self._positions[bypass]:
                 self.plant.set_bypass(bypass, ball, needle)
@@ -179,21 +185,21 @@ class Emulator:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._tasks = []
-        await self._can.close()
-        if self._meters is not None:
-            self._meters.close()
-        self._bypass.close()
+        await self.can.close()
+        if self.meters is not None:
+            self.meters.close()
+        self.bypass.close()
         self._control.close()
-        self._daq.close()
+        self.daq.close()
 
     def status(self) -> dict[str, Any]:
         """Return the state of every device, and the plant's true state, SI."""
         truth = self.plant.truth
         return {
             "time_ns": self.plant.time_ns,
-            "daq": {"requests": self._daq.requests, **self.node.state()},
-            "bypass": self._bypass.state(),
-            "can": self._can.state(),
+            "daq": {"requests": self.daq.requests, **self.node.state()},
+            "bypass": self.bypass.state(),
+            "can": self.can.state(),
             "plant": {**truth._asdict(), **self.plant.coefficients},
             "faults": self.injection.state(),
         }
@@ -206,49 +212,3 @@ class Emulator:
         """
         events = Counter(event["event"] for event in self.record.events)
         return {"exchange": self.node.exchanges, **events}
-
-
-def _plant(rig: Rig, seed: int, clock: Clock, pump_loaded: bool) -> EmulatedPlant:
-    """Return the plant of a rig file, at rest at mid stroke."""
-    fitted = np.ones(len(Reading._fields))
-    for field, present in (
-        ("spool", rig.has_spool_sensor),
-        ("supply_pressure", rig.has_supply_pressure_sensor),
-        ("load", rig.has_load_cell),
-    ):
-        if not present:
-            fitted[Reading._fields.index(field)] = np.nan
-    return EmulatedPlant(
-        rig.plant,
-        rig.sensors,
-        bypass_valves=rig.bypass_valves,
-        return_resistance=rig.return_valve.maximum if rig.return_valve else 0.0,
-        fitted=fitted,
-        pump_loaded=pump_loaded,
-        seed=seed,
-        clock=clock,
-    )
-
-
-def _bypass_io(rig: Rig, record: Record, clock: Clock) -> BypassIo:
-    """Return the bypass valves of a rig; all balls are as slow as the rig's slowest one."""
-    travels = [valve.ball_travel_s for valve in rig.bypass_valves.values()]
-    return BypassIo(record, clock, *([max(travels)] if travels else []))
-
-
-def _meter_panel(
-    path: Path | None, flows: Callable[[], Sequence[float]], record: Record
-) -> MeterPanel | None:
-    return None if path is None else MeterPanel(path, flows, record)
-
-
-def _io_device(
-    register_map: RegisterMap | None,
-    instruments: Instruments,
-    valve: Callable[[float, int], None],
-    record: Record,
-) -> IoDevice:
-    """Return the generic I/O node, or the device that another map describes."""
-    if register_map is None or register_map.identity.value == IDENTITY:
-        return IoNode(instruments, valve, record)
-    return MappedDevice(register_map, instruments, valve, record)

@@ -1,6 +1,6 @@
 """The transducers' readings for the rig's electronics, with transducers that have failed."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from math import nan
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -25,28 +25,14 @@ else:
 Failure = Literal["nan", "zero", "low", "high", "drift"]
 
 
-@dataclass
-class FailedSensor:
-    """One transducer that no longer reads the true value.
-
-    Attributes:
-        reads: how it reads: not a number, zero, an end of its range, or drifting away.
-        rate_per_s: rate of a drift, in its own unit a second.
-        since_ns: time at which it failed, ns.
-    """
-
-    reads: Failure
-    rate_per_s: float
-    since_ns: int
-
-
 class Instruments:
     """Reads the plant's transducers, of which some may be frozen or have failed."""
 
     def __init__(self, plant: EmulatedPlant) -> None:
         self.plant = plant
         self._frozen: dict[int, float] = {}
-        self._failed: dict[int, FailedSensor] = {}
+        # What a failed transducer reads, SI, given the true value.
+        self._failed: dict[int, Callable[[float], float]] = {}
 
     def read(self) -> Reading:
         """Return one sample of the transducers of `Reading`, SI; frozen and failed ones read so."""
@@ -66,18 +52,7 @@ class Instruments:
         """Return the reading of the transducer at an index in `CHANNELS`, given its value, SI."""
         if index in self._frozen:
             return self._frozen[index]
-        failed = self._failed.get(index)
-        return value if failed is None else self._wrong(index, value, failed)
-
-    def _wrong(self, index: int, value: float, failed: FailedSensor) -> float:
-        if failed.reads == "nan":
-            return nan
-        if failed.reads == "zero":
-            return 0.0
-        if failed.reads == "drift":
-            return value + failed.rate_per_s * 1e-9 * (self.plant.time_ns - failed.since_ns)
-        low, high = rails(self.plant.sensors)[index]
-        return low if failed.reads == "low" else high
+        return self._failed[index](value) if index in self._failed else value
 
     def freeze(self, channel: Channel, frozen: bool) -> None:
         """Freeze a channel at its present reading, which may be a wrong one, or end that."""
@@ -88,9 +63,24 @@ class Instruments:
             self._frozen.pop(index, None)
 
     def fail(self, channel: Channel, reads: Failure, rate_per_s: float = 0.0) -> None:
-        """Make the transducer of a channel fail from now on; see `FailedSensor`."""
+        """Make the transducer of a channel fail from now on.
+
+        Args:
+            channel: name of the channel.
+            reads: how it reads: not a number, zero, an end of its range, or drifting away.
+            rate_per_s: rate of a drift, in its own unit a second.
+        """
         index = CHANNELS.index(channel)
-        self._failed[index] = FailedSensor(reads, rate_per_s, self.plant.clock())
+        low, high = rails(self.plant.sensors)[index]
+        constant = {"nan": nan, "zero": 0.0, "low": low, "high": high}.get(reads)
+        since_ns = self.plant.clock()
+
+        def shown(value: float) -> float:
+            if constant is not None:
+                return constant
+            return value + rate_per_s * 1e-9 * (self.plant.time_ns - since_ns)
+
+        self._failed[index] = shown
 
     def mend(self, channel: Channel) -> None:
         """Make a failed transducer read the true value again; a frozen one stays frozen."""

@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from math import exp
 from typing import Final
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from faults import BypassValve, Verdict
 from rig.channels import BYPASSES
+from rig.io import simulated_rig
 from rig.plant import (
     DATA_SHEET,
     FAULT_COLUMNS,
@@ -19,10 +21,7 @@ from rig.plant import (
     PlantState,
     Reading,
     SensorParameters,
-    command_path,
     hold_reference,
-    rest_state,
-    transducers,
 )
 
 from .advancing import advance_plant, sample_plant, shown_position
@@ -41,8 +40,6 @@ _PUMP_STEP_NS: Final = 1_000_000
 _PUMP_SETTLED: Final = 1e3
 """Distance in Pa from its target within which the supply pressure counts as having reached it."""
 
-_FLOW_METERS: Final = 3
-
 
 class EmulatedPlant:
     """The rig's plant with valves, pump and transducers, which moves with a clock.
@@ -54,10 +51,14 @@ class EmulatedPlant:
         sensors: data sheet of its transducers.
         bypass_valves: the bypass valves, by the fault that each makes; the others make none.
         return_resistance: resistance of the return throttle when shut, Pa/(m^3/s)^2.
-        fitted: float64 (9,), 1 where the rig has the transducer of `Reading`, else NaN.
         pump_loaded: whether there is pressure from the start.
         seed: seed of the noise.
         clock: returns the time in ns.
+        fitted: which transducers the rig has, by the names that `rig.io.simulated_rig` takes.
+
+    Attributes:
+        pump_loaded: whether the pump delivers pressure.
+        time_ns: time in ns up to which the plant has been advanced.
     """
 
     def __init__(
@@ -67,10 +68,10 @@ class EmulatedPlant:
         *,
         bypass_valves: Mapping[str, BypassValve] | None = None,
         return_resistance: float = 0.0,
-        fitted: NDArray[np.float64] | None = None,
         pump_loaded: bool = True,
         seed: int = 0,
         clock: Clock = time.monotonic_ns,
+        **fitted: bool,
     ) -> None:
         self.clock = clock
         self.sensors = sensors
@@ -79,34 +80,29 @@ class EmulatedPlant:
         self._full_ripple = self._par.supply_ripple
         self._bypass_valves = dict(bypass_valves or {})
         self._return_resistance = return_resistance
-        self._fitted = np.ones(READING_COUNT) if fitted is None else fitted
-        self._generator = np.random.default_rng(seed)
-        errors = sensors.flow_error * self._generator.standard_normal(_FLOW_METERS)
-        self._flow_offsets = np.abs(errors)
-        self._flows = np.zeros(_FLOW_METERS)
         self._fault = np.zeros(len(FAULT_COLUMNS))
         self._sampled = np.empty(READING_COUNT)
         self._command = 0.0
         self._stuck_at: float | None = None
-        self._pump_loaded = pump_loaded
+        self.pump_loaded = pump_loaded
         if not pump_loaded:
             self._set_supply(self._par.return_pressure)
-        middle = 0.5 * (self._par.stroke_min + self._par.stroke_max)
-        self._state = rest_state(self._par, middle)
-        self._path = command_path(self._par)
-        self._seen = transducers(self._par, self._state)
+        at_rest = replace(model, parameters=self._par)
+        self._rig = simulated_rig(at_rest, seed, sensors=sensors, **fitted)
+        self._state = self._rig.state
         self._delay_ns = round(1e9 * self._par.command_delay)
         self._sent: deque[tuple[int, float]] = deque()
         self._compile()
-        self._time_ns = clock()
+        self.time_ns = clock()
 
     def _compile(self) -> None:
         """Compile, or load from the cache, the functions that run whenever the plant is read."""
+        rig = self._rig
         advance_plant(
-            self._state.copy(), self._path.copy(), self._seen.copy(), self._flows.copy(), 0.0,
+            rig.state.copy(), rig.path.copy(), rig.seen.copy(), rig.meters.copy(), 0.0,
             self._par, self._fault, 1e-6, self.sensors.flow_time_constant,
         )  # fmt: skip
-        shown_position(self._state, self._seen, self._par)
+        shown_position(rig.state, rig.seen, self._par)
         self._sample(np.zeros(READING_COUNT))
 
     def catch_up(self, until_ns: int | None = None) -> None:
@@ -123,39 +119,27 @@ class EmulatedPlant:
 
     def _move(self, until_ns: int) -> None:
         """Advance to a moment in ns, up to which the acting command does not change."""
-        while self._pump_moves and self._time_ns < until_ns:
-            step_ns = min(_PUMP_STEP_NS, until_ns - self._time_ns)
-            self._move_supply(step_ns * 1e-9)
+        target = self._full_pressure if self.pump_loaded else self._par.return_pressure
+        while self._par.supply_pressure != target and self.time_ns < until_ns:
+            step_ns = min(_PUMP_STEP_NS, until_ns - self.time_ns)
+            left = self._par.supply_pressure - target
+            left *= exp(-step_ns * 1e-9 / PUMP_TIME_CONSTANT)
+            self._set_supply(target + left if abs(left) > _PUMP_SETTLED else target)
             self._advance(step_ns)
-        self._advance(until_ns - self._time_ns)
+        self._advance(until_ns - self.time_ns)
 
     def _advance(self, duration_ns: int) -> None:
         if duration_ns <= 0:
             return
+        rig = self._rig
+        # A stuck spool stands where this command would hold it.
+        stuck, command = self._stuck_at, self._command
+        acting = command if stuck is None else stuck / self._par.valve_gain
         advance_plant(
-            self._state, self._path, self._seen, self._flows, self._acting_command, self._par,
+            rig.state, rig.path, rig.seen, rig.meters, acting, self._par,
             self._fault, duration_ns * 1e-9, self.sensors.flow_time_constant,
         )  # fmt: skip
-        self._time_ns += duration_ns
-
-    @property
-    def _acting_command(self) -> float:
-        """Return the command in V that the spool follows; if it is stuck, that of its position."""
-        return self._command if self._stuck_at is None else self._stuck_at / self._par.valve_gain
-
-    @property
-    def _supply_target(self) -> float:
-        return self._full_pressure if self._pump_loaded else self._par.return_pressure
-
-    @property
-    def _pump_moves(self) -> bool:
-        return self._par.supply_pressure != self._supply_target
-
-    def _move_supply(self, duration: float) -> None:
-        target = self._supply_target
-        left = (self._par.supply_pressure - target) * exp(-duration / PUMP_TIME_CONSTANT)
-        pressure = target + left if abs(left) > _PUMP_SETTLED else target
-        self._set_supply(pressure)
+        self.time_ns += duration_ns
 
     def _set_supply(self, pressure: float) -> None:
         """Set the pump's pressure in Pa; its ripple is in proportion to the pressure."""
@@ -173,7 +157,7 @@ class EmulatedPlant:
         self.catch_up(at_ns)
         command = min(max(command_V, -COMMAND_RANGE), COMMAND_RANGE)
         if self._delay_ns:
-            sent_ns = self._time_ns if at_ns is None else max(at_ns, self._time_ns)
+            sent_ns = self.time_ns if at_ns is None else max(at_ns, self.time_ns)
             self._sent.append((sent_ns + self._delay_ns, command))
         else:
             self._command = command
@@ -182,7 +166,7 @@ class EmulatedPlant:
         """Jam the spool where it is, or free it."""
         self.catch_up()
         self._stuck_at = float(self._state[0]) if stuck else None
-        hold_reference(self._path, float(self._state[0]))
+        hold_reference(self._rig.path, float(self._state[0]))
         self._state[1] = 0.0
 
     def load_pump(self, loaded: bool) -> None:
@@ -191,12 +175,7 @@ class EmulatedPlant:
         The pressure follows with `PUMP_TIME_CONSTANT`.
         """
         self.catch_up()
-        self._pump_loaded = loaded
-
-    @property
-    def pump_loaded(self) -> bool:
-        """Whether the pump delivers pressure."""
-        return self._pump_loaded
+        self.pump_loaded = loaded
 
     def set_bypass(self, bypass: str, ball: float, needle: float) -> None:
         """Set the true positions of a bypass, 0 shut to 1 open; the leak by them acts from now on.
@@ -209,23 +188,16 @@ class EmulatedPlant:
         if bypass not in BYPASSES:
             raise ValueError(f"{bypass}: no such bypass; there are {', '.join(BYPASSES)}")
         self.catch_up()
-        self._fault[FAULT_COLUMNS.index(bypass)] = self._coefficient(bypass, ball, needle)
-
-    def _coefficient(self, bypass: str, ball: float, needle: float) -> float:
-        if bypass == Verdict.RETURN_BLOCKAGE:
-            return self._return_resistance * needle
-        valve = self._bypass_valves.get(bypass)
-        return valve.effective(needle, ball) if valve else 0.0
+        coefficient = self._return_resistance * needle
+        if bypass != Verdict.RETURN_BLOCKAGE:
+            valve = self._bypass_valves.get(bypass)
+            coefficient = valve.effective(needle, ball) if valve else 0.0
+        self._fault[FAULT_COLUMNS.index(bypass)] = coefficient
 
     @property
     def coefficients(self) -> dict[str, float]:
         """The fault coefficients that act now, SI, by the names `FAULT_COLUMNS`."""
         return dict(zip(FAULT_COLUMNS, map(float, self._fault), strict=True))
-
-    @property
-    def time_ns(self) -> int:
-        """Time in ns up to which the plant has been advanced."""
-        return self._time_ns
 
     @property
     def truth(self) -> PlantState:
@@ -236,17 +208,18 @@ class EmulatedPlant:
     def reading(self) -> Reading:
         """Return a sample of every transducer now, with noise; NaN for those that the rig lacks."""
         self.catch_up()
-        return self._sample(self._generator.standard_normal(READING_COUNT))
+        return self._sample(self._rig.noise(1)[0])
 
     def _sample(self, noise: NDArray[np.float64]) -> Reading:
+        rig = self._rig
         sample_plant(
-            self._state, self._seen, self._flows, self._flow_offsets, noise, self._par,
-            self.sensors, self._fitted, self._sampled,
+            rig.state, rig.seen, rig.meters, rig.offsets, noise, self._par,
+            self.sensors, rig.fitted, self._sampled,
         )  # fmt: skip
         return Reading(*self._sampled.tolist())
 
     def encoder_counts(self) -> int:
         """Return the encoder's count now, from position 0 of the plant, as a whole number."""
         self.catch_up()
-        shown = shown_position(self._state, self._seen, self._par)
+        shown = shown_position(self._state, self._rig.seen, self._par)
         return round(shown / self.sensors.position_resolution)

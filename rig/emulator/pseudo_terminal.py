@@ -4,6 +4,10 @@ import os
 import tty
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
+
+_UNPLUGGED: Final = -1
+"""Stands for the descriptors of a line that is not plugged in."""
 
 
 class LinkError(ValueError):
@@ -25,8 +29,8 @@ class PseudoTerminal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._far: int | None = None
-        self._near: int | None = None
+        # The near end stays open here too, so that a line without users is not a broken one.
+        self._far = self._near = _UNPLUGGED
 
     def plug_in(self) -> None:
         """Make the line and its link; nothing happens if it is plugged in already.
@@ -34,29 +38,28 @@ class PseudoTerminal:
         Raises:
             LinkError: the path is no link, or its folder cannot be written to.
         """
-        if self._far is not None:
+        if self._far != _UNPLUGGED:
             return
-        far, near = os.openpty()
+        self._far, self._near = os.openpty()
         try:
-            tty.setraw(near)
-            os.set_blocking(far, False)
-            self._name(os.ttyname(near))
+            tty.setraw(self._near)
+            os.set_blocking(self._far, False)
+            self._name(os.ttyname(self._near))
         except BaseException:
-            os.close(far)
-            os.close(near)
+            self._close()
             raise
-        # The near end stays open here too, so that a line without users is not a broken one.
-        self._far, self._near = far, near
 
     def unplug(self) -> None:
         """Remove the line, as a pulled plug does; repeated calls do no harm."""
-        if self._far is None or self._near is None:
-            return
-        with suppress(OSError):
-            self.path.unlink()
-        os.close(self._far)
-        os.close(self._near)
-        self._far = self._near = None
+        if self._far != _UNPLUGGED:
+            with suppress(OSError):
+                self.path.unlink()
+            self._close()
+
+    def _close(self) -> None:
+        for end in (self._far, self._near):
+            os.close(end)
+        self._far = self._near = _UNPLUGGED
 
     def fileno(self) -> int:
         """Return the descriptor of the far end.
@@ -64,7 +67,7 @@ class PseudoTerminal:
         Raises:
             OSError: the line is unplugged.
         """
-        if self._far is None:
+        if self._far == _UNPLUGGED:
             raise OSError("the line is unplugged")
         return self._far
 
@@ -73,7 +76,7 @@ class PseudoTerminal:
 
         All are lost while the line is unplugged.
         """
-        if self._far is not None:
+        if self._far != _UNPLUGGED:
             with suppress(BlockingIOError):
                 os.write(self._far, data)
 
@@ -82,7 +85,7 @@ class PseudoTerminal:
 
         The result is empty if there are none, or the line is unplugged.
         """
-        if self._far is None:
+        if self._far == _UNPLUGGED:
             return b""
         try:
             return os.read(self._far, 4096)

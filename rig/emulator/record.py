@@ -37,9 +37,8 @@ class Record:
         self.events: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
         self._clock = clock
         self._file: TextIO | None = path.open("a", buffering=1, encoding="utf-8") if path else None
-        self._trace: TextIO | None = None
-        if trace is not None:
-            self._trace = trace.open("w", encoding="utf-8")
+        self._trace: TextIO | None = trace.open("w", encoding="utf-8") if trace else None
+        if self._trace is not None:
             self._trace.write("time_ns,command_V,output_V,valve_enabled\n")
 
     def note(self, event: str, at_ns: int | None = None, **details: Any) -> None:

@@ -3,7 +3,6 @@
 import asyncio
 import threading
 from concurrent.futures import Future, TimeoutError as StillRunning
-from types import TracebackType
 from typing import Any, Final
 
 from rig.configuration import Rig, load_rig
@@ -84,19 +83,14 @@ class EmulatorThread:
         except Exception as error:  # the next question or the end of the `with` block raises it
             self._failure = error
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Stop serving and end the thread; raise the error by which it ended before, if any."""
         assert self._emulator is not None
         self._loop.call_soon_threadsafe(self._emulator.stop)
         self._thread.join()
         self._loop.run_until_complete(self._emulator.close())
         self._end()
-        if self._failure is not None and error is None:
+        if self._failure is not None and kind is None:
             raise self._failure
 
     def _end(self) -> None:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, is_dataclass
+from functools import wraps
 from math import isfinite, isinf, isnan, nan
 from typing import Any, Final
 
@@ -74,210 +75,203 @@ Factory = Callable[[], AbstractContextManager[Specimen]]
 
 Check = Callable[[Factory], None]
 
+_CHECKS: Final[list[Check]] = []
 
-def check_declaration(factory: Factory) -> None:
+
+def _check(body: Callable[[Specimen, Driver], None]) -> Check:
+    """Add a check that makes a specimen, which `body` judges, to `CHECKS`; return that check."""
+
+    @wraps(body)
+    def check(factory: Factory) -> None:
+        with factory() as specimen:
+            body(specimen, specimen.driver)
+
+    _CHECKS.append(check)
+    return check
+
+
+@_check
+def check_declaration(specimen: Specimen, driver: Driver) -> None:
     """Check that name, kind, options, signals and rate are declared and valid for a rig."""
-    with factory() as specimen:
-        driver = specimen.driver
-        _require(isinstance(driver, Driver), "lacks part of the protocol rig.io.driver.Driver")
-        _require(is_dataclass(driver.Options), "has Options that are no dataclass")
-        _require(driver.kind in _NAMES, f"is of kind {driver.kind!r}, neither fast nor slow")
-        if driver.kind == "fast":
-            fast = isinstance(driver, FastDriver)
-            _require(fast, "is fast, and lacks part of the protocol rig.io.driver.FastDriver")
-        known_inputs, known_outputs = _NAMES[driver.kind]
-        for what, names, known in (
-            ("inputs", driver.inputs, known_inputs),
-            ("outputs", driver.outputs, known_outputs),
-        ):
-            unknown = sorted(set(names) - set(known))
-            _require(not unknown, f"has {what} that no {driver.kind} driver has: {unknown}")
-            _require(len(set(names)) == len(names), f"has the same twice among its {what}")
-        rate = driver.rate_hz
-        _require(isfinite(rate) and rate > 0.0, f"has the rate {rate} Hz")
+    _require(isinstance(driver, Driver), "lacks part of the protocol rig.io.driver.Driver")
+    _require(is_dataclass(driver.Options), "has Options that are no dataclass")
+    _require(driver.kind in _NAMES, f"is of kind {driver.kind!r}, neither fast nor slow")
+    if driver.kind == "fast":
+        fast = isinstance(driver, FastDriver)
+        _require(fast, "is fast, and lacks part of the protocol rig.io.driver.FastDriver")
+    known_inputs, known_outputs = _NAMES[driver.kind]
+    for what, names, known in (
+        ("inputs", driver.inputs, known_inputs),
+        ("outputs", driver.outputs, known_outputs),
+    ):
+        unknown = sorted(set(names) - set(known))
+        _require(not unknown, f"has {what} that no {driver.kind} driver has: {unknown}")
+        _require(len(set(names)) == len(names), f"has the same twice among its {what}")
+    rate = driver.rate_hz
+    _require(isfinite(rate) and rate > 0.0, f"has the rate {rate} Hz")
 
 
-def check_open_and_close(factory: Factory) -> None:
+@_check
+def check_open_and_close(specimen: Specimen, driver: Driver) -> None:
     """Check that repeated open and close do no harm, and that a closed driver can be reopened."""
-    with factory() as specimen:
-        driver = specimen.driver
+    driver.close()
+    for _ in range(2):
+        driver.open()
+        driver.open()
+        driver.read()
         driver.close()
-        for _ in range(2):
-            driver.open()
-            driver.open()
-            driver.read()
-            driver.close()
-            driver.close()
+        driver.close()
 
 
-def check_not_open(factory: Factory) -> None:
+@_check
+def check_not_open(specimen: Specimen, driver: Driver) -> None:
     """Check that a driver that is not open, or is closed again, refuses to read and to write.
 
     Only a driver with `moves` is asked to write, and the device must stay in its safe state.
     """
-    with factory() as specimen:
-        driver = specimen.driver
-        for when in ("before it is open", "after it is closed"):
-            _refusal(driver, f"reads {when}", driver.read)
-            if specimen.moves:
-                _refusal(driver, f"writes {when}", driver.write, specimen.moves)
-            driver.open()
-            driver.close()
-        _require(specimen.is_safe(), "moves something though it is not open")
+    for when in ("before it is open", "after it is closed"):
+        _refusal(driver, f"reads {when}", driver.read)
+        if specimen.moves:
+            _refusal(driver, f"writes {when}", driver.write, specimen.moves)
+        driver.open()
+        driver.close()
+    _require(specimen.is_safe(), "moves something though it is not open")
 
 
-def check_open_moves_nothing(factory: Factory) -> None:
+@_check
+def check_open_moves_nothing(specimen: Specimen, driver: Driver) -> None:
     """Check that opening, reading and closing change no output of the device."""
-    with factory() as specimen:
-        driver, before = specimen.driver, specimen.standing()
-        driver.open()
-        for _ in range(3):
-            specimen.wait(1.0 / driver.rate_hz)
-            driver.read()
-        driver.close()
-        after = specimen.standing()
-        _require(after == before, f"moves something before the first write: {before} to {after}")
+    before = specimen.standing()
+    driver.open()
+    for _ in range(3):
+        specimen.wait(1.0 / driver.rate_hz)
+        driver.read()
+    driver.close()
+    after = specimen.standing()
+    _require(after == before, f"moves something before the first write: {before} to {after}")
 
 
-def check_readings(factory: Factory) -> None:
+@_check
+def check_readings(specimen: Specimen, driver: Driver) -> None:
     """Check that all declared inputs and no others are read, as floats that are finite or NaN."""
-    with factory() as specimen:
-        driver = specimen.driver
-        driver.open()
-        found: dict[str, float] = {}
-        for _ in range(_READINGS):
-            for signal, value in driver.read().items():
-                _require(signal in driver.inputs, f"reads {signal}, which it does not declare")
-                _require(isinstance(value, float), f"reads {signal} as {type(value).__name__}")
-                _require(not isinf(value), f"reads {signal} as {value}")
-                found[signal] = value
-            if len(found) == len(driver.inputs):
-                return
-            specimen.wait(1.0 / driver.rate_hz)
-        lacking = [signal for signal in driver.inputs if signal not in found]
-        _require(False, f"never reads {', '.join(lacking)}")
+    driver.open()
+    found: dict[str, float] = {}
+    for _ in range(_READINGS):
+        for signal, value in driver.read().items():
+            _require(signal in driver.inputs, f"reads {signal}, which it does not declare")
+            _require(isinstance(value, float), f"reads {signal} as {type(value).__name__}")
+            _require(not isinf(value), f"reads {signal} as {value}")
+            found[signal] = value
+        if len(found) == len(driver.inputs):
+            return
+        specimen.wait(1.0 / driver.rate_hz)
+    lacking = [signal for signal in driver.inputs if signal not in found]
+    _require(False, f"never reads {', '.join(lacking)}")
 
 
-def check_bad_outputs(factory: Factory) -> None:
+@_check
+def check_bad_outputs(specimen: Specimen, driver: Driver) -> None:
     """Check that an unknown output or a NaN is refused by an error that names it, and not sent."""
-    with factory() as specimen:
-        driver = specimen.driver
-        driver.open()
-        before = specimen.standing()
-        for signal, value in {_NO_SIGNAL: 1.0, **dict.fromkeys(driver.outputs, nan)}.items():
-            outputs = {**specimen.moves, signal: value}
-            error = _refusal(driver, f"writes {signal} = {value}", driver.write, outputs)
-            named = signal in error.channel
-            _require(named, f"refuses {signal} = {value} without naming it: {error}")
-        after = specimen.standing()
-        _require(after == before, f"obeys a write that it refuses: {before} to {after}")
+    driver.open()
+    before = specimen.standing()
+    for signal, value in {_NO_SIGNAL: 1.0, **dict.fromkeys(driver.outputs, nan)}.items():
+        outputs = {**specimen.moves, signal: value}
+        error = _refusal(driver, f"writes {signal} = {value}", driver.write, outputs)
+        named = signal in error.channel
+        _require(named, f"refuses {signal} = {value} without naming it: {error}")
+    after = specimen.standing()
+    _require(after == before, f"obeys a write that it refuses: {before} to {after}")
 
 
-def check_safe_state(factory: Factory) -> None:
+@_check
+def check_safe_state(specimen: Specimen, driver: Driver) -> None:
     """Check that `safe_state` works before open, after open, after a move, twice, after close."""
-    with factory() as specimen:
-        driver = specimen.driver
-        _safe(specimen, "before it is open")
-        driver.close()
-        driver.open()
-        _safe(specimen, "before the first write")
-        _safe(specimen, "again")
-        driver.close()
-        driver.open()
-        driver.write(specimen.moves)
-        _require(_leaves_safety(specimen), "does not leave its safe state by the moves given")
-        _safe(specimen, "after a move")
-        driver.close()
-        _safe(specimen, "after it is closed")
+    _safe(specimen, "before it is open")
+    driver.close()
+    driver.open()
+    _safe(specimen, "before the first write")
+    _safe(specimen, "again")
+    driver.close()
+    driver.open()
+    driver.write(specimen.moves)
+    _require(_leaves_safety(specimen), "does not leave its safe state by the moves given")
+    _safe(specimen, "after a move")
+    driver.close()
+    _safe(specimen, "after it is closed")
 
 
-def check_vanished_device(factory: Factory) -> None:
+@_check
+def check_vanished_device(specimen: Specimen, driver: Driver) -> None:
     """Check that a vanished device is noticed, by an error if it has outputs, and no call hangs."""
-    with factory() as specimen:
-        driver = specimen.driver
-        driver.open()
-        driver.write(specimen.moves)
-        specimen.unplug()
-        _require(_notices(specimen), "does not notice that its device is gone")
-        if driver.outputs:
-            _refusal(driver, "calls itself safe without its device", driver.safe_state)
-        else:
-            _bounded("safe_state", driver.safe_state)
-        for _ in range(2):
-            _bounded("close", driver.close)
+    driver.open()
+    driver.write(specimen.moves)
+    specimen.unplug()
+    _require(_notices(specimen), "does not notice that its device is gone")
+    if driver.outputs:
+        _refusal(driver, "calls itself safe without its device", driver.safe_state)
+    else:
+        _bounded("safe_state", driver.safe_state)
+    for _ in range(2):
+        _bounded("close", driver.close)
 
 
-def check_absent_device(factory: Factory) -> None:
+@_check
+def check_absent_device(specimen: Specimen, driver: Driver) -> None:
     """Check that `open` raises a `DriverError` if the device is not there."""
-    with factory() as specimen:
-        specimen.unplug()
-        _refusal(specimen.driver, "opens without its device", specimen.driver.open)
-        specimen.driver.close()
+    specimen.unplug()
+    _refusal(driver, "opens without its device", driver.open)
+    driver.close()
 
 
-def check_exchange(factory: Factory) -> None:
+@_check
+def check_exchange(specimen: Specimen, driver: Driver) -> None:
     """Check that both plans of a fast driver exchange when compiled; the look plan only reads.
 
     The driver must have no `fileno` before it is open, and `driven` must tell a driven valve from
     one in its safe state. A slow driver passes.
     """
-    with factory() as specimen:
-        driver = specimen.driver
-        if not isinstance(driver, FastDriver):
-            return
-        plan, look = driver.plan(), driver.look_plan()
-        _require(type(plan) is type(look), "has plans of two types")
-        _compile_exchange(driver)
-        _refusal(driver, "has a connection before it is open", driver.fileno)
-        driver.open()
-        _require(driver.fileno() >= 0, "has a connection below 0, which means none")
-        before = specimen.standing()
-        _exchange_well(specimen, driver, look)
-        after = specimen.standing()
-        _require(after == before, f"moves something by its look plan: {before} to {after}")
-        _exchange_well(specimen, driver, plan)
-        _require(not specimen.moves or not specimen.is_safe(), "writes nothing by its plan")
-        _require(not specimen.moves or bool(driver.driven()), "calls what it drives null")
-        _safe(specimen, "after exchanges")
-        _require(not driver.driven(), "calls its safe state driven")
+    if not isinstance(driver, FastDriver):
+        return
+    plan, look = driver.plan(), driver.look_plan()
+    _require(type(plan) is type(look), "has plans of two types")
+    _compile_exchange(driver)
+    _refusal(driver, "has a connection before it is open", driver.fileno)
+    driver.open()
+    _require(driver.fileno() >= 0, "has a connection below 0, which means none")
+    before = specimen.standing()
+    _exchange_well(specimen, driver, look)
+    after = specimen.standing()
+    _require(after == before, f"moves something by its look plan: {before} to {after}")
+    _exchange_well(specimen, driver, plan)
+    _require(not specimen.moves or not specimen.is_safe(), "writes nothing by its plan")
+    _require(not specimen.moves or bool(driver.driven()), "calls what it drives null")
+    _safe(specimen, "after exchanges")
+    _require(not driver.driven(), "calls its safe state driven")
 
 
-def check_lost_exchange(factory: Factory) -> None:
+@_check
+def check_lost_exchange(specimen: Specimen, driver: Driver) -> None:
     """Check that a fast driver's exchange ends in time, with NaN inputs, if the device is gone.
 
     Then `driven` must raise a `DriverError`. A slow driver passes.
     """
-    with factory() as specimen:
-        driver = specimen.driver
-        if not isinstance(driver, FastDriver):
-            return
-        _compile_exchange(driver)
-        driver.open()
-        specimen.unplug()
-        for plan in (driver.look_plan(), driver.plan()):
-            # A reply that the device sent before it was unplugged may still come; later none does.
-            for sequence in range(_READINGS):
-                status, _, inputs = _exchanged(driver, plan, sequence, {}, 1.0 / driver.rate_hz)
-                if status != ExchangeStatus.OK:
-                    break
-            _require(status != ExchangeStatus.OK, "exchanges without its device")
-            _require(bool(np.isnan(inputs).all()), f"has inputs after {ExchangeStatus(status)!r}")
-        _refusal(driver, "calls its valve null without its device", driver.driven)
+    if not isinstance(driver, FastDriver):
+        return
+    _compile_exchange(driver)
+    driver.open()
+    specimen.unplug()
+    for plan in (driver.look_plan(), driver.plan()):
+        # A reply that the device sent before it was unplugged may still come; later none does.
+        for sequence in range(_READINGS):
+            status, _, inputs = _exchanged(driver, plan, sequence, {}, 1.0 / driver.rate_hz)
+            if status != ExchangeStatus.OK:
+                break
+        _require(status != ExchangeStatus.OK, "exchanges without its device")
+        _require(bool(np.isnan(inputs).all()), f"has inputs after {ExchangeStatus(status)!r}")
+    _refusal(driver, "calls its valve null without its device", driver.driven)
 
 
-CHECKS: Final[tuple[Check, ...]] = (
-    check_declaration,
-    check_open_and_close,
-    check_not_open,
-    check_open_moves_nothing,
-    check_readings,
-    check_bad_outputs,
-    check_safe_state,
-    check_vanished_device,
-    check_absent_device,
-    check_exchange,
-    check_lost_exchange,
-)
+CHECKS: Final = tuple(_CHECKS)
 """All checks; they are called one by one, and each makes a specimen of its own."""
 
 

@@ -51,8 +51,11 @@ class DriverSpec:
                 refuses its options.
         """
         entry, driver = _entry_point(driver_type), driver_class(driver_type)(name, options)
-        if driver.kind == "fast":
-            _check_plans(entry, driver)
+        for way in ("plan", "look_plan") if driver.kind == "fast" else ():
+            plan = getattr(driver, way)()
+            if not (isinstance(plan, tuple) and isinstance(plan, Plan)):
+                made = f"a {type(plan).__name__}, no NamedTuple with an exchange"
+                raise _broken(entry, f"returns by {way}() {made}")
         says = driver.kind, driver.inputs, driver.outputs, driver.rate_hz
         return cls(name, driver_type, entry.value, options, *says)
 
@@ -103,14 +106,6 @@ def driver_class(driver_type: str) -> Any:
     if found.kind == "fast" and lacking:
         raise _broken(entry, f"is not a fast driver: it lacks {', '.join(lacking)}")
     return found
-
-
-def _check_plans(entry: EntryPoint, driver: FastDriver) -> None:
-    """Raise `DriverError` unless both plans of a fast driver are such as the loop needs."""
-    for name, plan in (("plan", driver.plan()), ("look_plan", driver.look_plan())):
-        if not (isinstance(plan, tuple) and isinstance(plan, Plan)):
-            state = f"returns by {name}() a {type(plan).__name__}, no NamedTuple with an exchange"
-            raise _broken(entry, state)
 
 
 def _entry_point(driver_type: str) -> EntryPoint:

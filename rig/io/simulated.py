@@ -94,9 +94,7 @@ def simulated_rig(
     par = model.parameters
     generator = np.random.default_rng(seed)
     fitted = np.ones(READING_COUNT)
-    for index, present in ((3, spool_sensor), (4, supply_pressure_sensor), (5, load_cell)):
-        if not present:
-            fitted[index] = np.nan
+    fitted[3:6] = np.where([spool_sensor, supply_pressure_sensor, load_cell], 1.0, np.nan)
     offsets = np.abs(sensors.flow_error * generator.standard_normal(_FLOW_METERS))
     middle = 0.5 * (par.stroke_min + par.stroke_max)
     state = rest_state(par, middle if position is None else position)

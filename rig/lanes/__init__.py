@@ -6,36 +6,9 @@ A compiled function that was written for floats takes lanes as well, under two c
 (SIMD). Every operation except e^x rounds exactly as on floats.
 """
 
-from . import arithmetic, exponential
-from .alignment import align_stack, aligned, empty_lanes
-from .arithmetic import emit_function
-from .arrays import in_lanes
-from .choosing import anywhere, everywhere, select
-from .kinds import LANES, intrinsic, lanes, truths
-from .memory import gather, load, load_fields, scatter, store
-from .normal import fill_normal, sine_and_cosine, start_streams
+from lazy_loader import attach_stub
 
-__all__ = [
-    "LANES",
-    "align_stack",
-    "aligned",
-    "anywhere",
-    "arithmetic",
-    "emit_function",
-    "empty_lanes",
-    "everywhere",
-    "exponential",
-    "fill_normal",
-    "gather",
-    "in_lanes",
-    "intrinsic",
-    "lanes",
-    "load",
-    "load_fields",
-    "scatter",
-    "select",
-    "sine_and_cosine",
-    "start_streams",
-    "store",
-    "truths",
-]
+# These two teach the compiler what operators and functions do with lanes.
+from . import arithmetic as arithmetic, exponential as exponential
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -30,20 +30,19 @@ def _teach(function: Any, result: Any, arguments: tuple[Any, ...], emit: Emit) -
         arguments: numba type of each argument.
         emit: writes the instructions.
     """
-    kinds = tuple(type(argument) for argument in arguments)
 
     class Typed(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
-            if len(args) != len(kinds) or not any(isinstance(given, kinds) for given in args):
+            if len(args) != len(arguments) or not any(given in arguments for given in args):
                 return None
-            fit = all(isinstance(given, (*kinds, *NUMBERS)) for given in args)
+            fit = all(given in arguments or isinstance(given, NUMBERS) for given in args)
             return signature(result, *arguments) if fit else None
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return emit(builder, *args)
 
     infer_global(function)(Typed)
-    lower_builtin(function, *kinds)(lower)
+    lower_builtin(function, *arguments)(lower)
 
 
 def _instruction(name: str) -> Emit:
@@ -57,18 +56,10 @@ def emit_function(name: str, builder: Any, *args: Any) -> Any:
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, name_of_vector), args)
 
 
-def _function(name: str) -> Emit:
-    return partial(emit_function, name)
-
-
 def _comparison(sign: str) -> Emit:
     """Return an `Emit` for a comparison by IEEE 754: with a NaN, only != is true."""
-
-    def emit(builder: Any, a: Any, b: Any) -> Any:
-        compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
-        return compare(sign, a, b)
-
-    return emit
+    compare = "fcmp_unordered" if sign == "!=" else "fcmp_ordered"
+    return lambda builder, a, b: getattr(builder, compare)(sign, a, b)
 
 
 def _extreme(sign: str) -> Emit:
@@ -94,12 +85,12 @@ _teach(operator.and_, truths, (truths, truths), _instruction("and_"))
 _teach(operator.or_, truths, (truths, truths), _instruction("or_"))
 _teach(operator.invert, truths, (truths,), _instruction("not_"))
 _teach(operator.neg, lanes, (lanes,), _instruction("fneg"))
-_teach(abs, lanes, (lanes,), _function("fabs"))
+_teach(abs, lanes, (lanes,), partial(emit_function, "fabs"))
 _teach(min, lanes, (lanes, lanes), _extreme("<"))
 _teach(max, lanes, (lanes, lanes), _extreme(">"))
-_teach(math.sqrt, lanes, (lanes,), _function("sqrt"))
-_teach(math.floor, lanes, (lanes,), _function("floor"))
-_teach(math.copysign, lanes, (lanes, lanes), _function("copysign"))
+_teach(math.sqrt, lanes, (lanes,), partial(emit_function, "sqrt"))
+_teach(math.floor, lanes, (lanes,), partial(emit_function, "floor"))
+_teach(math.copysign, lanes, (lanes, lanes), partial(emit_function, "copysign"))
 
 
 @overload(np.sqrt, jit_options=INLINED)

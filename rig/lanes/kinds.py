@@ -1,4 +1,4 @@
-"""The compiler's two types of lanes: numbers and truth values, each a vector of LLVM."""
+"""The compiler's types of lanes: numbers and truth values, each a vector of LLVM."""
 
 from typing import Any, Final
 
@@ -23,49 +23,38 @@ NUMBERS: Final = (types.Float, types.Integer)
 
 
 class LanesType(types.Type):
-    """The compiler's type of float64 numbers, one for each lane."""
+    """The compiler's type of values of one kind, one for each lane.
 
-    def __init__(self) -> None:
-        super().__init__("lanes")
+    Args:
+        name: name of the type.
+        of: numba type of each value; values of this kind fill all lanes where lanes are asked for.
+        vector: LLVM's type of all values together.
+    """
 
-    def can_convert_from(self, typing_context: Any, other: Any) -> Any:
-        """Return a safe conversion from a number, which fills all lanes; None for other types."""
-        return Conversion.safe if isinstance(other, NUMBERS) else None
+    def __init__(self, name: str, of: Any, vector: Any) -> None:
+        self.of, self.vector = of, vector
+        super().__init__(name)
 
-    def unify(self, typing_context: Any, other: Any) -> Any:
-        """Return lanes as the type of a variable that is a number on another path; else None."""
-        return self if isinstance(other, NUMBERS) else None
-
-
-class TruthsType(types.Type):
-    """The compiler's type of truth values, one for each lane."""
-
-    def __init__(self) -> None:
-        super().__init__("truths")
+    def _is_filled_by(self, other: Any) -> bool:
+        return isinstance(other, types.Boolean if self.of == types.boolean else NUMBERS)
 
     def can_convert_from(self, typing_context: Any, other: Any) -> Any:
-        """Return a safe conversion from a boolean, which fills all lanes; None for other types."""
-        return Conversion.safe if isinstance(other, types.Boolean) else None
+        """Return a safe conversion from one value, which fills all lanes; None for other types."""
+        return Conversion.safe if self._is_filled_by(other) else None
 
     def unify(self, typing_context: Any, other: Any) -> Any:
-        """Return truths as the type of a variable that is a boolean on another path; else None."""
-        return self if isinstance(other, types.Boolean) else None
+        """Return lanes as the type of a variable that is one value on another path; else None."""
+        return self if self._is_filled_by(other) else None
 
 
-lanes: Final = LanesType()
-truths: Final = TruthsType()
+lanes: Final = LanesType("lanes", types.float64, VECTOR)
+truths: Final = LanesType("truths", types.boolean, TRUTHS)
 
 
 @register_model(LanesType)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, VECTOR)
-
-
-@register_model(TruthsType)
-class _TruthsModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, TRUTHS)
+        super().__init__(manager, kind, kind.vector)
 
 
 def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
@@ -76,12 +65,8 @@ def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
     return builder.shuffle_vector(first, nothing, order)
 
 
+@lower_cast(types.Boolean, LanesType)
 @lower_cast(types.Float, LanesType)
 @lower_cast(types.Integer, LanesType)
-def _number_in_lanes(context: Any, builder: Any, given: Any, _: Any, value: Any) -> Any:
-    return in_all_lanes(builder, context.cast(builder, value, given, types.float64), VECTOR)
-
-
-@lower_cast(types.Boolean, TruthsType)
-def _truth_in_lanes(context: Any, builder: Any, given: Any, _: Any, value: Any) -> Any:
-    return in_all_lanes(builder, value, TRUTHS)
+def _fill_lanes(context: Any, builder: Any, given: Any, kind: Any, value: Any) -> Any:
+    return in_all_lanes(builder, context.cast(builder, value, given, kind.of), kind.vector)

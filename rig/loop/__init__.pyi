@@ -1,4 +1,5 @@
-from .board import RING_ROWS as RING_ROWS, Board as Board, Word as Word
+from .board import RING_ROWS as RING_ROWS, Board as Board, RingReader as RingReader, Word as Word
+from .clock import wakeup_lateness as wakeup_lateness
 from .cycle import guard as guard, judge as judge, sample_row as sample_row
 from .decided import (
     PRESENT as PRESENT,
@@ -8,14 +9,12 @@ from .decided import (
     confirmed_fault as confirmed_fault,
     no_decision as no_decision,
 )
-from .decision_post import prepare as prepare
 from .homing import (
     Homing as Homing,
     HomingError as HomingError,
     HomingSample as HomingSample,
     Phase as Phase,
 )
-from .idle import wakeup_lateness as wakeup_lateness
 from .interlocks import (
     FULL as FULL,
     NO_CHANNEL as NO_CHANNEL,
@@ -25,6 +24,7 @@ from .interlocks import (
     LoopStoppedError as LoopStoppedError,
     StopRequestedError as StopRequestedError,
     TripError as TripError,
+    channel_name as channel_name,
     explain as explain,
     interlock as interlock,
     limit_table as limit_table,
@@ -54,7 +54,6 @@ from .reaction import (
     tolerating as tolerating,
 )
 from .realtime import Grant as Grant, RealTime as RealTime
-from .ring import RingReader as RingReader
 from .simulated_loop import (
     Motion as Motion,
     SimulatedLoop as SimulatedLoop,
@@ -84,7 +83,7 @@ from .wire import (
     course as course,
     orders as orders,
     pace as pace,
-    shared_memory as shared_memory,
+    post_decision as post_decision,
     wire_channels as wire_channels,
     wire_memory as wire_memory,
     wire_ticks as wire_ticks,

@@ -3,13 +3,13 @@
 It is anonymous (memfd), so that nothing is left of it however the processes end. Every word, every
 slow value and the ring have one writer each, which uses aligned 8-byte stores. A row is written
 before the word that counts it (`store_release`), so that a reader that sees the count sees the row.
+A `RingReader` reads every row once, in order, while the loop goes on writing.
 """
 
 import mmap
 import os
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,15 +92,17 @@ class Word(IntEnum):
     """Publisher: number of the row that it reads next, where a restarted publisher goes on."""
 
 
+_MARGIN: Final = 256
+"""Number of oldest rows that a reader counts as lost, as the loop may overwrite them meanwhile."""
+
 _WORDS: Final = 64
 _SLOW: Final = 64
 _DECISION: Final = 1 + len(DECIDED)
 _RING_AT: Final = _WORDS + 2 * _SLOW + DECISIONS_KEPT * _DECISION
 
 
-@dataclass(frozen=True)
-class Board:
-    """The shared memory, mapped into this process.
+class Board(NamedTuple):
+    """The shared memory, mapped into this process; compiled code takes this tuple.
 
     Attributes:
         fd: descriptor to pass to child processes (`subprocess` pass_fds).
@@ -142,3 +144,54 @@ class Board:
             floats[_WORDS + 2 * _SLOW : _RING_AT].reshape(DECISIONS_KEPT, _DECISION),
             floats[_RING_AT:].reshape(RING_ROWS, -1),
         )
+
+
+class RingReader:
+    """One reader of the ring, which does not disturb the loop or other readers.
+
+    It begins with the next row that is written.
+
+    Attributes:
+        next_row: number in the session of the row that is read next.
+        lost: number of rows that were overwritten, or about to be, before they were read; a caller
+            may set it to 0.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._words, self._ring = board.words, board.ring
+        self.next_row = int(board.words[Word.ROWS])
+        self.lost = 0
+
+    def go_on_from(self, row: int) -> None:
+        """Read on from row number `row` of the session; rows that are overwritten count as lost."""
+        self.next_row = min(row, int(self._words[Word.ROWS]))
+
+    @property
+    def waiting(self) -> int:
+        """Number of rows that are written and not yet read, with those that are lost already."""
+        return int(self._words[Word.ROWS]) - self.next_row
+
+    def skip_to_end(self) -> None:
+        """Skip all rows written so far, so that the next row that is written is read next."""
+        self.next_row = int(self._words[Word.ROWS])
+
+    def take(self, most: int = RING_ROWS) -> Array:
+        """Return the rows that were not yet read, at most `most`, float64 (n, columns).
+
+        It does not wait: n is 0 if there is none. Rows that were overwritten before that, or may be
+        at any moment, are left out and counted in `lost`.
+        """
+        end = int(self._words[Word.ROWS])
+        oldest = end - RING_ROWS + _MARGIN
+        if self.next_row < oldest:
+            self.lost += oldest - self.next_row
+            self.next_row = oldest
+        end = min(end, self.next_row + most)
+        rows = self._ring[np.arange(self.next_row, end) % RING_ROWS]
+        self.next_row = end
+        return rows
+
+    def latest(self, count: int) -> Array:
+        """Return the last rows written, at most `count`; `take` still returns those unread."""
+        end = int(self._words[Word.ROWS])
+        return self._ring[np.arange(max(end - count, 0), end) % RING_ROWS]

@@ -1,8 +1,14 @@
-"""Sleep until a time on the monotonic clock, for compiled code; `rig.io.libc` reads the clock."""
+"""Sleep until a time on the monotonic clock, for compiled code, and measure how late one wakes.
+
+`rig.io.libc` reads the clock.
+"""
 
 from typing import Final
 
-from rig.io import bind, scratch
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.io import bind, monotonic_ns, scratch
 from rig.jit import njit
 
 _CLOCK_MONOTONIC: Final = 1  # linux/time.h
@@ -20,3 +26,30 @@ def sleep_until(time_ns):
     # When a signal arrives, the call returns early and not with 0.
     while _clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, timespec.ctypes.data, 0) != 0:
         pass
+
+
+def wakeup_lateness(period_s: float, ticks: int) -> NDArray[np.float64]:
+    """Return float64 (ticks,), s: how late each tick of an idle loop woke; NaN for a missed one.
+
+    The loop does nothing but wake at every tick. The result depends on how the calling thread is
+    scheduled (`rig.loop.realtime`).
+    """
+    # The first call makes numba compile or load the function, which must not be timed.
+    _wake(round(1e9 * period_s), np.empty(1))
+    lateness = np.full(ticks, np.nan)
+    _wake(round(1e9 * period_s), lateness)
+    return lateness
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _wake(period_ns, lateness):
+    due = monotonic_ns() + period_ns
+    tick = 0
+    while tick < lateness.size:
+        sleep_until(due)
+        late = monotonic_ns() - due
+        lateness[tick] = 1e-9 * late
+        # Ticks that are past by a period or more are skipped, as in the loop.
+        steps = 1 + late // period_ns
+        tick += steps
+        due += steps * period_ns

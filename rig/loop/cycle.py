@@ -75,13 +75,8 @@ class Guard(NamedTuple):
 
 def guard(interlock: Interlock, watched: bool) -> Guard:
     """Return the guard of a test that begins; a hold and any worse action end its ticks."""
-    return Guard(
-        watched,
-        interlock,
-        int(Action.HOLD),
-        np.array([0, 0, NO_CHANNEL]),
-        np.full(len(FAST_INPUTS), nan),
-    )
+    stopped, inputs = np.array([0, 0, NO_CHANNEL]), np.full(len(FAST_INPUTS), nan)
+    return Guard(watched, interlock, int(Action.HOLD), stopped, inputs)
 
 
 def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ upon. All columns are NaN before the first decision.
 """
 
 from enum import IntEnum
-from math import isnan
 from typing import Final
 
 import numpy as np
@@ -66,13 +65,8 @@ def no_decision() -> Array:
     return np.full(len(DECIDED), np.nan)
 
 
-def verdict_of(code: float) -> str:
-    """Return the verdict of a recorded code; empty for NaN, which means no decision yet."""
-    return "" if isnan(code) else str(VERDICT_CODES[int(code)])
-
-
 def confirmed_fault(row: Array) -> str:
     """Return the confirmed fault, such as "external_leakage_1 confirmed"; empty if none."""
     if row[Decided.CONFIRMED] != 1.0:
         return ""
-    return f"{verdict_of(row[Decided.VERDICT])} confirmed"
+    return f"{VERDICT_CODES[int(row[Decided.VERDICT])]} confirmed"

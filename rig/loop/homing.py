@@ -41,6 +41,15 @@ class Phase(Enum):
     DONE = "done"
 
 
+_PARTS: Final = {
+    Phase.APPROACH: 1.0,
+    Phase.BACK_OFF: -1.0,
+    Phase.SECOND_APPROACH: SLOWER,
+    Phase.DONE: 0.0,
+}
+"""Command of each phase towards the stop, in that of the first approach."""
+
+
 @dataclass(frozen=True)
 class HomingSample:
     """The measured values that homing needs, at least ten times a second.
@@ -90,15 +99,7 @@ class Homing:
     @property
     def command_V(self) -> float:  # noqa: N802
         """The valve command of the present phase in V; it changes only with the phase."""
-        return (
-            self._outward
-            * {
-                Phase.APPROACH: self._settings.command,
-                Phase.BACK_OFF: -self._settings.command,
-                Phase.SECOND_APPROACH: SLOWER * self._settings.command,
-                Phase.DONE: 0.0,
-            }[self.phase]
-        )
+        return self._outward * (_PARTS[self.phase] * self._settings.command)
 
     def next_command(self, sample: HomingSample) -> float:
         """Take one sample and return the command in V from now on; 0 when homing is done.
@@ -111,10 +112,13 @@ class Homing:
             return 0.0
         if self._began is None:
             self._began = sample
-        self._remember(sample)
+        recent, since = self._recent, sample.time_s - self._settings.standstill
+        recent.append(sample)
+        while len(recent) > 1 and recent[1].time_s <= since:
+            recent.popleft()
         self._check_way(sample, self._began)
         if self.phase is Phase.BACK_OFF:
-            if self._way(sample) <= -BACK_OFF:
+            if self._way(sample, self._began) <= -BACK_OFF:
                 self._enter(Phase.SECOND_APPROACH)
         elif self._stands():
             self._check_contact()
@@ -125,16 +129,9 @@ class Homing:
         self.phase, self._began = phase, None
         self._recent.clear()
 
-    def _way(self, sample: HomingSample) -> float:
+    def _way(self, sample: HomingSample, began: HomingSample) -> float:
         """Return the way in m that the ram has gone towards the stop since the phase began."""
-        began = self._began or sample
         return self._outward * (sample.position_m - began.position_m)
-
-    def _remember(self, sample: HomingSample) -> None:
-        self._recent.append(sample)
-        recent, since = self._recent, sample.time_s - self._settings.standstill
-        while len(recent) > 1 and recent[1].time_s <= since:
-            recent.popleft()
 
     def _stands(self) -> bool:
         """Return whether the ram has stayed below its speed limit for the time of standstill."""
@@ -162,7 +159,7 @@ class Homing:
         self._enter(Phase.DONE)
 
     def _check_way(self, sample: HomingSample, began: HomingSample) -> None:
-        way = self._way(sample)
+        way = self._way(sample, began)
         wrong = way > BACK_OFF if self.phase is Phase.BACK_OFF else way < -BACK_OFF
         if wrong:
             raise HomingError(

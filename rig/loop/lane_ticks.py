@@ -33,13 +33,8 @@ LOGGED: Final = 7
 measure, the return pressure, and the command. A small log stays in the processor's cache."""
 LOGGED_OF_CHAMBERS: Final = 5
 """The same number without spool and supply pressure, for a filter that does not use them."""
-POSITION: Final = 0
-PRESSURE_1: Final = 1
-PRESSURE_2: Final = 2
-COMMAND: Final = 3
-RETURN: Final = 4
-SPOOL: Final = 5
-SUPPLY: Final = 6
+POSITION, PRESSURE_1, PRESSURE_2, COMMAND, RETURN, SPOOL, SUPPLY = range(LOGGED)
+"""Indices of these quantities in a step of the log."""
 MOST_STEPS: Final = 80
 """Number of steps that are enough for a tick: 64 of the shortest length, and some that end where a
 ram comes to rest."""
@@ -80,20 +75,6 @@ class LaneRigs(NamedTuple):
     """(8, LANES) coefficients (`rig.plant.faults.FaultInput`)."""
     onset: NDArray[np.float64]
     """(1, LANES), number of the tick from which on the faults act."""
-
-
-@inlined
-def _store_states(plant, y):
-    """Write the nine states `y`, each one vector of lanes, to an array (9, LANES)."""
-    store(plant, 0, y[0])
-    store(plant, 1, y[1])
-    store(plant, 2, y[2])
-    store(plant, 3, y[3])
-    store(plant, 4, y[4])
-    store(plant, 5, y[5])
-    store(plant, 6, y[6])
-    store(plant, 7, y[7])
-    store(plant, 8, y[8])
 
 
 @inlined
@@ -172,7 +153,8 @@ def plant_ticks(first, setpoint, open_loop, loop, rigs, like, sensors, log, rows
             remaining = select(begins, TICK, remaining)
             scatter(rows, tick, nothing + row, begins)
         if not anywhere(remaining > 0.0):
-            _store_states(plant, y)
+            for state in range(len(y)):
+                store(plant, state, y[state])
             return True
         _log_step(log, row * log.shape[1], y, command)
         y, remaining = next_step(y, remaining, longest, shortest, command, par, fault)

@@ -40,12 +40,8 @@ class Reaction(IntEnum):
     """The rig trips, as for any other cause."""
 
 
-_IGNORE: Final = int(Reaction.IGNORE)
-_TOLERATE: Final = int(Reaction.TOLERATE)
-_HOLD: Final = int(Reaction.HOLD)
-_AT_S: Final = int(Decided.AT_S)
-_CONFIRMED: Final = int(Decided.CONFIRMED)
-_PRESENT: Final = int(Decided.PRESENT)
+_IGNORE, _TOLERATE, _HOLD, _ = (int(reaction) for reaction in Reaction)
+_AT_S, _, _CONFIRMED, _PRESENT = (int(index) for index in Decided)
 _PRESSURE_1: Final = 1
 _PRESSURE_2: Final = 2
 """Indices of the two chamber pressures among the states of every filter."""

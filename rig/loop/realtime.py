@@ -9,9 +9,9 @@ import gc
 import os
 import struct
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 _MCL_CURRENT: Final = 1  # sys/mman.h
 _MCL_FUTURE: Final = 2
@@ -43,10 +43,11 @@ class Grant:
     remedy: str = ""
 
 
-class RealTime:
+class RealTime(ExitStack):
     """All requests for the calling thread and its process; a context manager that undoes them.
 
-    The requests are made when the object is made. A refused one raises no error.
+    The requests are made when the object is made. A refused one raises no error. `close` undoes
+    what was granted, except the timer slack; repeated calls do no harm.
 
     Args:
         cpu: processor to which the thread is pinned; None leaves it to the kernel.
@@ -57,99 +58,68 @@ class RealTime:
     """
 
     def __init__(self, cpu: int | None, priority: int) -> None:
-        self._latency_fd: int | None = None
-        self._affinity = os.sched_getaffinity(0)
-        requests: list[_Request] = []
+        super().__init__()
+        affinity = os.sched_getaffinity(0)
+        self.callback(os.sched_setaffinity, 0, affinity)
+        self.callback(_leave_fifo)
+        self.grants: tuple[Grant, ...] = ()
         if cpu is not None:
-            requests.append(
-                _Request(
-                    f"processor {cpu}",
-                    lambda: os.sched_setaffinity(0, {cpu}),
-                    "the loop does not move to a cold cache",
-                    f"name one of {', '.join(map(str, sorted(self._affinity)))} as loop: cpu",
-                )
+            self._ask(
+                f"processor {cpu}",
+                lambda: os.sched_setaffinity(0, {cpu}),
+                "the loop does not move to a cold cache",
+                f"name one of {', '.join(map(str, sorted(affinity)))} as loop: cpu",
             )
         if priority:
-            requests.append(
-                _Request(
-                    f"SCHED_FIFO {priority}",
-                    lambda: _set_fifo(priority),
-                    "no other program delays the loop",
-                    "ulimit -r 99, LimitRTPRIO=99 in the service, or CAP_SYS_NICE",
-                )
+            self._ask(
+                f"SCHED_FIFO {priority}",
+                lambda: os.sched_setscheduler(0, _FIFO, os.sched_param(priority)),
+                "no other program delays the loop",
+                "ulimit -r 99, LimitRTPRIO=99 in the service, or CAP_SYS_NICE",
             )
-        requests += [
-            _Request(
-                "timer slack 1 us",
-                lambda: _checked(_libc.prctl(_PR_SET_TIMERSLACK, _TIMER_SLACK_NS, 0, 0, 0)),
-                "a thread without SCHED_FIFO wakes 50 us earlier",
-                "a seccomp filter forbids prctl: allow it",
-            ),
-            _Request(
-                "locked memory",
-                lambda: _checked(_libc.mlockall(_MCL_CURRENT | _MCL_FUTURE)),
-                "no page of the loop must be fetched from disk",
-                "ulimit -l unlimited, LimitMEMLOCK=infinity in the service, or CAP_IPC_LOCK",
-            ),
-            _Request(
-                "processor awake",
-                self._hold_latency,
-                "the processor does not sleep deeply between ticks",
-                f"allow this user to write {_LATENCY_FILE}, by a udev rule",
-            ),
-        ]
-        self.grants = tuple(_made(request) for request in requests)
+        self._ask(
+            "timer slack 1 us",
+            lambda: _checked(_libc.prctl(_PR_SET_TIMERSLACK, _TIMER_SLACK_NS, 0, 0, 0)),
+            "a thread without SCHED_FIFO wakes 50 us earlier",
+            "a seccomp filter forbids prctl: allow it",
+        )
+        self._ask(
+            "locked memory",
+            lambda: _checked(_libc.mlockall(_MCL_CURRENT | _MCL_FUTURE)),
+            "no page of the loop must be fetched from disk",
+            "ulimit -l unlimited, LimitMEMLOCK=infinity in the service, or CAP_IPC_LOCK",
+        )
+        self._ask(
+            "processor awake",
+            self._hold_latency,
+            "the processor does not sleep deeply between ticks",
+            f"allow this user to write {_LATENCY_FILE}, by a udev rule",
+        )
         # Objects that exist now are never garbage, so that the collector may ignore them.
         gc.collect()
         gc.freeze()
+        self.callback(_libc.munlockall)
+        self.callback(gc.unfreeze)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Undo what was granted, except the timer slack; repeated calls do no harm."""
-        gc.unfreeze()
-        _libc.munlockall()
-        if self._latency_fd is not None:
-            os.close(self._latency_fd)
-            self._latency_fd = None
-        if os.sched_getscheduler(0) == _FIFO:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.sched_setaffinity(0, self._affinity)
+    def _ask(self, name: str, request: Callable[[], object], why: str, remedy: str) -> None:
+        """Make a request, and note the kernel's answer as a `Grant`."""
+        granted = Grant(name, True, why)
+        try:
+            request()
+        except OSError as error:
+            granted = Grant(name, False, error.strerror or str(error), remedy)
+        self.grants += (granted,)
 
     def _hold_latency(self) -> None:
         # This is in force as long as the file is open (Documentation/power/pm_qos_interface.rst).
         fd = os.open(_LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC)
-        self._latency_fd = fd
+        self.callback(os.close, fd)
         os.write(fd, struct.pack("i", 0))
 
 
-@dataclass(frozen=True)
-class _Request:
-    name: str
-    ask: Callable[[], object]
-    why: str
-    remedy: str
-
-
-def _made(request: _Request) -> Grant:
-    try:
-        request.ask()
-    except OSError as error:
-        return Grant(request.name, False, error.strerror or str(error), request.remedy)
-    return Grant(request.name, True, request.why)
-
-
-def _set_fifo(priority: int) -> None:
-    os.sched_setscheduler(0, _FIFO, os.sched_param(priority))
+def _leave_fifo() -> None:
+    if os.sched_getscheduler(0) == _FIFO:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _checked(result: int) -> None:

@@ -1,6 +1,6 @@
 """The loop on the simulated backend, which runs compiled ticks in batches of any length."""
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +9,13 @@ from control import COMMAND_LIMIT, POSITION_GAIN, raised_cosine
 from estimator.accounts import BLOCK_TICKS
 from estimator.filters import FilterMemory, FilterRun, compiled_filter
 from rig.channels import READINGS
-from rig.io import FAST_INPUTS, HomingSettings, SimulatedRig
+from rig.io import HomingSettings, SimulatedRig
 from rig.loop.interlocks import (
-    NO_CHANNEL,
     Action,
     Cause,
     Interlock,
     LoopStoppedError,
+    channel_name,
     held_position,
     interlock,
     limit_table,
@@ -50,6 +50,7 @@ class Motion:
     settle_ticks: int
 
 
+@dataclass(eq=False, repr=False)
 class SimulatedLoop:
     """One test on a simulated rig, advanced any number of ticks at a time.
 
@@ -70,39 +71,34 @@ class SimulatedLoop:
         ValueError: setpoint and fault table differ in length.
     """
 
-    def __init__(
-        self,
-        rig: SimulatedRig,
-        motion: Motion,
-        memory: FilterMemory,
-        assumed: Parameters,
-        *,
-        gain: float = POSITION_GAIN,
-        limit: float = COMMAND_LIMIT,
-        on_fault: Reaction = Reaction.IGNORE,
-        interlock: Interlock | None = None,
-    ) -> None:
+    rig: SimulatedRig
+    motion: Motion
+    memory: FilterMemory
+    assumed: Parameters
+    _: KW_ONLY
+    gain: float = POSITION_GAIN
+    limit: float = COMMAND_LIMIT
+    on_fault: Reaction = Reaction.IGNORE
+    interlock: Interlock | None = None
+
+    def __post_init__(self) -> None:
+        motion, rig, assumed = self.motion, self.rig, self.assumed
         if motion.faults.shape != (motion.setpoint.size, len(NO_FAULT)):
             raise ValueError(
                 f"fault table {motion.faults.shape} does not fit {motion.setpoint.size} setpoints"
             )
-        self._rig = rig
-        self._motion = motion
-        self._memory = memory
-        self._assumed = assumed
-        self._gain, self._limit = gain, limit
         self._held = np.zeros(1)
         self._tick = 0
-        self._on_fault = int(on_fault)
         self._decided = no_decision()
         self._reaction = reaction_memory()
-        self._guard = guard(interlock or _no_interlock(rig, assumed), interlock is not None)
-        self.channels = row_channels(memory.filter.states, motion.open_loop)
+        judged = self.interlock is not None
+        self._guard = guard(self.interlock or _no_interlock(rig, assumed), judged)
+        self.channels = row_channels(self.memory.filter.states, motion.open_loop)
 
     @property
     def ticks_left(self) -> int:
         """Number of ticks still to run; at least 1 after a stop, so that `advance` can raise it."""
-        left = self._motion.setpoint.size - self._tick
+        left = self.motion.setpoint.size - self._tick
         return max(left, 1) if self._is_stopped else left
 
     @property
@@ -112,18 +108,13 @@ class SimulatedLoop:
     @property
     def indicated(self) -> tuple[Cause, str]:
         """Cause and channel of the interlock's worst action so far; `Cause.NONE` if none."""
-        return Cause(int(self._guard.stopped[1])), self._channel
-
-    @property
-    def _channel(self) -> str:
-        channel = int(self._guard.stopped[2])
-        return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
+        _, cause, channel = self._guard.stopped.tolist()
+        return Cause(cause), channel_name(channel)
 
     @property
     def stopped(self) -> LoopStoppedError:
         """The error to raise for what stopped the loop: action, cause and channel."""
-        action, cause, _ = self._guard.stopped
-        return LoopStoppedError(Action(int(action)), Cause(int(cause)), self._channel)
+        return LoopStoppedError(Action(int(self._guard.stopped[0])), *self.indicated)
 
     def position(self) -> None:
         """Bring the ram to its start position by the position loop, along a raised cosine.
@@ -134,16 +125,11 @@ class SimulatedLoop:
         Raises:
             LoopStoppedError: the interlock stopped the motion.
         """
-        rig = self._rig
-        setpoint = raised_cosine(
-            rig.state[4], self._motion.start_position, self._motion.settle_ticks
-        )
+        rig = self.rig
+        setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
-        self._ticks(
-            0, setpoint, False, no_faults, rig.noise_apart(setpoint.size), rig.meters.copy(),
-            self._memory.copy(), Reaction.IGNORE,
-        )  # fmt: skip
+        self._run(setpoint, False, no_faults, apart=True)
         rig.start_clock(0.0)
         if self._is_stopped:
             self._held[0] = 0.0
@@ -162,7 +148,7 @@ class SimulatedLoop:
             raise self.stopped
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
-        motion = self._motion
+        motion = self.motion
         rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part])
         self._tick += len(rows)
         if self._is_stopped and not len(rows):
@@ -176,16 +162,14 @@ class SimulatedLoop:
         and `stopped` is that trip.
         """
         left = 1.0 - np.arange(round(RAMP_S / TICK)) / round(RAMP_S / TICK)
-        command = self._holding_command if self._guard.stopped[0] == Action.HOLD else self._held[0]
+        command = self._held[0]
+        if self._guard.stopped[0] == Action.HOLD:
+            # A hold begins with the command of the ram where it is, or well within its limits.
+            position = self._guard.inputs[0]
+            held = held_position(position, True, self._guard.interlock.limits)
+            command = float(np.clip(self.gain * (held - position), -self.limit, self.limit))
         self._guard = self._guard._replace(ends_from=int(Action.TRIP))
         return self._run(command * left, True, np.tile(NO_FAULT, (left.size, 1)))
-
-    @property
-    def _holding_command(self) -> float:
-        """The first command in V of a hold: of the ram where it is, or well within its limits."""
-        position = self._guard.inputs[0]
-        held = held_position(position, True, self._guard.interlock.limits)
-        return float(np.clip(self._gain * (held - position), -self._limit, self._limit))
 
     def last_sample(self) -> Array:
         """Return the sample that was judged last as a row, float64 (1, columns); the rest is NaN.
@@ -197,37 +181,26 @@ class SimulatedLoop:
         row[0, READINGS_AT : READINGS_AT + len(READINGS)] = self._guard.inputs[: len(READINGS)]
         return row
 
-    def _run(self, setpoint: Array, open_loop: bool, faults: Array) -> Array:
-        """Run ticks of the test until something ends them, and return their rows."""
-        rig = self._rig
-        return self._ticks(
-            self._tick, setpoint, open_loop, faults, rig.noise(setpoint.size), rig.meters,
-            self._memory, self._on_fault,
-        )  # fmt: skip
+    def _run(self, setpoint: Array, open_loop: bool, faults: Array, apart: bool = False) -> Array:
+        """Run ticks until something ends them, and return their rows; see `simulated_ticks`.
 
-    def _ticks(
-        self,
-        first: int,
-        setpoint: Array,
-        open_loop: bool,
-        faults: Array,
-        noise: Array,
-        meters: Array,
-        memory: FilterMemory,
-        on_fault: int,
-    ) -> Array:
-        """Run ticks until something ends them, and return their rows; see `simulated_ticks`."""
-        rig = self._rig
+        Ticks that are `apart` come before the test: they have noise, meters and a filter of their
+        own, and the loop does not react to faults.
+        """
+        rig, memory, meters, on_fault = self.rig, self.memory, self.rig.meters, int(self.on_fault)
+        if apart:
+            memory, meters, on_fault = memory.copy(), meters.copy(), int(Reaction.IGNORE)
+        noise = rig.noise_apart(setpoint.size) if apart else rig.noise(setpoint.size)
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
-            first,
+            self._tick,
             Ticks(setpoint, faults, noise),
-            Steering(open_loop, self._gain, self._limit, int(on_fault)),
+            Steering(open_loop, self.gain, self.limit, on_fault),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
                 rig.parameters, rig.sensors,
             ),
-            compiled_filter(memory, self._assumed),
+            compiled_filter(memory, self.assumed),
             self._decided,
             self._reaction,
             self._guard,
@@ -245,7 +218,7 @@ class SimulatedLoop:
         The motion's table of faults is changed in place.
         """
         self._held[0] = 0.0
-        self._motion.faults[self._tick :] = 0.0
+        self.motion.faults[self._tick :] = 0.0
 
 
 def _no_interlock(rig: SimulatedRig, assumed: Parameters) -> Interlock:
@@ -256,15 +229,10 @@ def _no_interlock(rig: SimulatedRig, assumed: Parameters) -> Interlock:
 
 def estimates_in(rows: Array, channels: tuple[str, ...], memory: FilterMemory) -> FilterRun:
     """Return the filter's estimates in a batch of rows, in the form that a detector takes."""
-    outputs = channels.index("innovation_position_m")
-    states = channels.index(f"est_{memory.filter.states[0]}")
-    return FilterRun(
-        memory.filter,
-        rows[:, 0],
-        rows[:, states : states + len(memory.filter.states)],
-        rows[:, outputs:states],
-        memory.dense_covariance,
-    )
+    outputs_at = channels.index("innovation_position_m")
+    first = channels.index(f"est_{memory.filter.states[0]}")
+    states, outputs = rows[:, first : first + len(memory.filter.states)], rows[:, outputs_at:first]
+    return FilterRun(memory.filter, rows[:, 0], states, outputs, memory.dense_covariance)
 
 
 def batch_ticks(first: bool) -> int:

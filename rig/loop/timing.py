@@ -12,15 +12,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-STAGES: Final = {
-    "wakeup": "from the time of the tick until the loop woke",
-    "tick_to_command": "from the time of the tick until the kernel had the frame with the command",
-    "exchange": "from the frame's making until the sample came",
-    "compute": "filter, interlock and record",
-    "tick_to_reply": "from the time of the tick until the sample came",
-    "period": "from one waking to the next",
-}
-"""The stages of a tick that are timed, by name, with their meanings."""
+STAGES: Final = ("wakeup", "tick_to_command", "exchange", "compute", "tick_to_reply", "period")
+"""The stages of a tick that are timed. From the time of the tick: `wakeup` until the loop woke,
+`tick_to_command` until the kernel had the frame with the command, `tick_to_reply` until the sample
+came. `exchange` is from the frame's making until the sample came, `compute` is filter, interlock
+and record, and `period` is from one waking to the next."""
 
 TIMING: Final = "timing"
 """Kind of the event that contains `Timing.summary` as JSON in a recording."""
@@ -58,8 +54,7 @@ class StageTimes:
             return None
         cumulative = np.concatenate([[0], np.cumsum(self._counts)])
         wanted = percent / 100.0 * self.count
-        at = int(np.searchsorted(cumulative, wanted, side="left"))
-        at = max(at, 1)
+        at = max(int(np.searchsorted(cumulative, wanted, side="left")), 1)
         part = (wanted - cumulative[at - 1]) / self._counts[at - 1]
         value = float(_EDGES[at - 1] * (_EDGES[at] / _EDGES[at - 1]) ** part)
         return min(value, self._greatest)
@@ -101,25 +96,17 @@ class Timing:
         wakeup, sent, exchange, compute = (rows[:, column] for column in self._columns)
         wakeups = np.concatenate([self._last_wakeup, wakeup])
         self._last_wakeup = wakeups[-1:].copy()
-        for name, times in (
-            ("wakeup", wakeup),
-            ("tick_to_command", sent),
-            ("exchange", exchange),
-            ("compute", compute),
-            ("tick_to_reply", wakeup + exchange),
-            ("period", self._period_s + np.diff(wakeups)),
-        ):
-            self.stages[name].take(times)
+        period = self._period_s + np.diff(wakeups)
+        times = (wakeup, sent, exchange, compute, wakeup + exchange, period)
+        for stage, taken in zip(self.stages.values(), times, strict=True):
+            stage.take(taken)
         self.ticks += len(rows)
         self.missed += int(np.count_nonzero(np.isnan(wakeup)))
 
     def summary(self) -> dict[str, Any]:
         """Return the statistics of all rows so far by stage, as JSON values; times in s."""
-        return {
-            "ticks": self.ticks,
-            "missed": self.missed,
-            "stages": {name: stage.summary() for name, stage in self.stages.items()},
-        }
+        stages = {name: stage.summary() for name, stage in self.stages.items()}
+        return {"ticks": self.ticks, "missed": self.missed, "stages": stages}
 
 
 def in_short(summary: Mapping[str, Any]) -> str:

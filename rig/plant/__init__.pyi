@@ -50,6 +50,7 @@ from .effects import (
     CATALOGUE as CATALOGUE,
     REMEMBERING as REMEMBERING,
     EffectParameter as EffectParameter,
+    Model as Model,
     PlantEffect as PlantEffect,
 )
 from .faults import (
@@ -73,7 +74,6 @@ from .memory_laws import (
     play as play,
     whole_ticks as whole_ticks,
 )
-from .model import Model as Model
 from .parameters import (
     BRISTLE as BRISTLE,
     FRICTION_LAWS as FRICTION_LAWS,

@@ -58,12 +58,13 @@ FORMS: Final = ("1", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table
 """How a term depends on its quantity x. A wave is sin(2 pi x / at + by), a bump is
 exp(-((x - at) / by)^2), and a hinge is max(0, x - at). A table is linear between its knots, and
 constant beyond the first and the last."""
-WAVE: Final = FORMS.index("wave")
-BUMP: Final = FORMS.index("bump")
-HINGE: Final = FORMS.index("hinge")
-TABLE: Final = FORMS.index("table")
+*_, WAVE, BUMP, HINGE, TABLE = range(len(FORMS))
 POWERS: Final = (0, 1, 1, 2, 2, 0, 0, 1, 0)
 """Power of the quantity in each of `FORMS`, from which the unit of a term's size follows."""
+
+_PARTS: Final = ("kind", "size", "at", "by")
+_FIELDS: Final = tuple(name for name in Parameters._fields if name.startswith(("term_", "table_")))
+"""Parts of a term, and the fields of `Parameters` that hold terms and their tables."""
 
 _TURNING: Final = 5e-3
 """Velocity in m/s over which a flow, an opening or a spool shift changes its sign with the
@@ -146,69 +147,45 @@ def fields_of(terms: "tuple[AddedTerm, ...]") -> dict[str, float]:
     if len(tables) > MOST_TABLES:
         raise ValueError(f"{len(tables)} tables; of its terms a model holds {MOST_TABLES} tables")
     ordered = [*tables, *(term for term in terms if term.form != "table")]
-    found: dict[str, float] = {}
-    for number in range(1, MOST_TERMS + 1):
-        kind = size = at = by = 0.0
-        if number <= len(ordered):
-            term = ordered[number - 1]
-            digits = (
-                1 + tuple(PLACES).index(term.place), tuple(QUANTITIES).index(term.of),
-                FORMS.index(term.form), int(term.turned),
-            )  # fmt: skip
-            kind = float("".join(map(str, digits)))
-            size, at, by = term.size, term.at, term.by
-        found |= {
-            f"term_{number}_kind": kind, f"term_{number}_size": size,
-            f"term_{number}_at": at, f"term_{number}_by": by,
-        }  # fmt: skip
-    for number in range(1, MOST_TABLES + 1):
-        found |= _table_fields(number, tables[number - 1].knots if number <= len(tables) else None)
+    found = dict.fromkeys(_FIELDS, 0.0)
+    for number, term in enumerate(ordered, 1):
+        kind = 1000 * (1 + tuple(PLACES).index(term.place)) + 100 * tuple(QUANTITIES).index(term.of)
+        kind += 10 * FORMS.index(term.form) + term.turned
+        parts = (float(kind), term.size, term.at, term.by)
+        found |= zip((f"term_{number}_{part}" for part in _PARTS), parts, strict=True)
+    for number, table in enumerate(tables, 1):
+        knots = table.knots
+        if not 2 <= len(knots) <= MOST_KNOTS:
+            raise ValueError(f"{len(knots)} knots; a table has 2 to {MOST_KNOTS}")
+        if any(not after[0] > before[0] for before, after in pairwise(knots)):
+            raise ValueError("the knots of a table are not in strictly ascending order")
+        for k in range(MOST_KNOTS):
+            at, value = knots[min(k, len(knots) - 1)]
+            found |= {f"table_{number}_at_{k + 1}": at, f"table_{number}_value_{k + 1}": value}
     return found
-
-
-def _table_fields(number: int, knots: tuple[tuple[float, float], ...] | None) -> dict[str, float]:
-    """Return the fields of the table with this number; they are 0 without knots."""
-    if knots is None:
-        knots = ((0.0, 0.0),)
-    elif not 2 <= len(knots) <= MOST_KNOTS:
-        raise ValueError(f"{len(knots)} knots; a table has 2 to {MOST_KNOTS}")
-    elif any(not after[0] > before[0] for before, after in pairwise(knots)):
-        raise ValueError("the knots of a table are not in strictly ascending order")
-    whole = [*knots, *[knots[-1]] * (MOST_KNOTS - len(knots))]
-    return {
-        f"table_{number}_{part}_{k}": value
-        for k, knot in enumerate(whole, 1)
-        for part, value in zip(("at", "value"), knot, strict=True)
-    }
 
 
 def terms_of(par: Parameters) -> tuple[AddedTerm, ...]:
     """Return the terms that a rig's parameters hold, tables first; () if there is none."""
     found = []
     for number in range(1, MOST_TERMS + 1):
-        kind, size, at, by = (
-            getattr(par, f"term_{number}_{part}") for part in ("kind", "size", "at", "by")
-        )
+        kind, size, at, by = (getattr(par, f"term_{number}_{part}") for part in _PARTS)
         if kind == 0.0:
             continue
         place, of, form, turned = map(int, f"{int(kind):04d}")
+        where, what = tuple(PLACES)[place - 1], tuple(QUANTITIES)[of]
         knots = _knots_of(par, number) if form == TABLE else ()
-        found.append(
-            AddedTerm(tuple(PLACES)[place - 1], tuple(QUANTITIES)[of], FORMS[form], bool(turned),
-                      size, at, by, knots)
-        )  # fmt: skip
+        found.append(AddedTerm(where, what, FORMS[form], bool(turned), size, at, by, knots))
     return tuple(found)
 
 
 def _knots_of(par: Parameters, number: int) -> tuple[tuple[float, float], ...]:
     """Return the knots of the table with this number, without the repeated ones."""
-    at, values = (
-        [getattr(par, f"table_{number}_{part}_{k}") for k in range(1, MOST_KNOTS + 1)]
-        for part in ("at", "value")
-    )
-    return tuple(
-        (x, y) for k, (x, y) in enumerate(zip(at, values, strict=True)) if k == 0 or x > at[k - 1]
-    )
+    knots = [
+        (getattr(par, f"table_{number}_at_{k}"), getattr(par, f"table_{number}_value_{k}"))
+        for k in range(1, MOST_KNOTS + 1)
+    ]
+    return (knots[0], *(after for before, after in pairwise(knots) if after[0] > before[0]))
 
 
 class Added(NamedTuple):

@@ -29,8 +29,7 @@ class Quantity:
     source: str
 
 
-def _q(unit: str, lower: float, upper: float, symbol: str, source: str) -> Quantity:
-    return Quantity(unit, lower, upper, symbol, source)
+_q = Quantity
 
 
 class Parameters(NamedTuple):

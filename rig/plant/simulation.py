@@ -9,9 +9,9 @@ from rig.jit import njit
 
 from .command_effects import command_path, drive
 from .dynamics import STATE_COUNT, PlantState, rest_state
+from .effects import Model
 from .faults import NO_FAULT
 from .integrator import SUBSTEPS
-from .model import Model
 
 Array = NDArray[np.float64]
 

@@ -5,19 +5,14 @@ from .errors import (
 )
 from .exporting import export as export
 from .formats import McapWriter as McapWriter, read_mcap as read_mcap, write_csv as write_csv
-from .mapping import Column as Column
 from .reading import (
     EXTENSIONS as EXTENSIONS,
+    Column as Column,
     read_measured as read_measured,
     read_recording as read_recording,
     read_sampling as read_sampling,
 )
-from .recording import (
-    REPLAY_CHANNELS as REPLAY_CHANNELS,
-    Event as Event,
-    Recording as Recording,
-    content_hash as content_hash,
-)
+from .recording import REPLAY_CHANNELS as REPLAY_CHANNELS, Event as Event, Recording as Recording
 from .recovery import RecoverySummary as RecoverySummary, recover as recover
 from .sampling import Sampling as Sampling
 from .targets import replace_text as replace_text, replacing as replacing

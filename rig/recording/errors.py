@@ -11,18 +11,18 @@ MAX_PROBLEMS: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class RecordingProblem:
-    """One problem: its place, the value found, the limit that it breaks, and the remedy.
+    """One problem: its place, the value found, the remedy, and the limit that the value breaks.
 
     `line` is the line of a (decompressed) CSV file, where the header is line 1. In other formats it
     is the row, where the first sample is row 1. It is None if the problem is of the whole file.
     """
 
     path: str
-    line: int | None
     field: str
     value: str
-    limit: str
     remedy: str
+    limit: str = ""
+    line: int | None = None
 
     def __str__(self) -> str:
         """Return the problem as one line, `file:line: field: value (limit); remedy`."""
@@ -55,7 +55,7 @@ class RecordingError(ValueError):
     @classmethod
     def of_file(cls, path: str, value: str, remedy: str, limit: str = "") -> Self:
         """Return the error with a single problem, which concerns the whole file."""
-        return cls([RecordingProblem(path, None, "file", value, limit, remedy)])
+        return cls([RecordingProblem(path, "file", value, remedy, limit)])
 
     def __str__(self) -> str:
         """Return one line for each problem, then one for each file that has further problems."""

@@ -7,10 +7,9 @@ from typing import Final
 
 from . import formats
 from .errors import RecordingError, RecordingProblem
-from .metadata import metadata_texts
 from .reading import EXTENSIONS, SIDECAR, extension_of
 from .recording import Recording
-from .targets import replace_text, replacing, target_problems
+from .targets import metadata_texts, replace_text, replacing, target_problems
 
 MF4: Final = ".mf4"
 """Extension of MF4, which is not among `EXTENSIONS` as MF4 is written but never read."""
@@ -34,7 +33,7 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
     if extension is None:
         limit = f"recordings are written to {', '.join((*EXTENSIONS, MF4))}"
         value = f"unknown extension {target.suffix!r}"
-        problems.append(RecordingProblem(name, None, "file", value, limit, "choose one of these"))
+        problems.append(RecordingProblem(name, "file", value, "choose one of these", limit))
     problems += target_problems(name, may_replace=True)
     if extension == ".mcap":
         problems += formats.channel_problems(name, list(recording.channels))
@@ -58,9 +57,5 @@ def _write_sidecar(recording: Recording, path: Path) -> None:
     if not recording.metadata and not recording.events:
         path.unlink(missing_ok=True)
         return
-    content = {
-        "sha256": recording.content_hash(),
-        "metadata": recording.metadata,
-        "events": [[event.time_s, event.kind, event.text] for event in recording.events],
-    }
-    replace_text(path, json.dumps(content, indent=1) + "\n")
+    content = {"sha256": recording.content_hash(), "metadata": recording.metadata}
+    replace_text(path, json.dumps(content | {"events": recording.events}, indent=1) + "\n")

@@ -56,15 +56,6 @@ class Interpolated:
         return f"{how}: only about one row in {self.rows} was measured"
 
 
-@dataclass(frozen=True)
-class _Course:
-    """The breaks of a channel's course: rows, ascending, and what they were found by."""
-
-    held: bool
-    rows: NDArray[np.intp]
-    every: int = 0
-
-
 def _breaks(values: FloatArray, held: bool) -> tuple[NDArray[np.intp], float]:
     """Return the rows at which values (n,) step, or change their slope, and the channel's count."""
     distinct = np.unique(values)
@@ -82,31 +73,30 @@ def _breaks(values: FloatArray, held: bool) -> tuple[NDArray[np.intp], float]:
     return np.flatnonzero(bent > max(_BEND * count, rounding)) + 1, count
 
 
-def _course(values: FloatArray, held: bool) -> _Course:
-    """Return the breaks of values (n,), with their usual distance if they are interpolated."""
+def _course(values: FloatArray, held: bool) -> tuple[Interpolated, NDArray[np.intp]] | None:
+    """Return how values (n,) are interpolated, and the rows of their breaks; None if not so."""
     rows, count = _breaks(values, held)
     lengths = np.diff(rows)
     longer = lengths[lengths > 1]
     if len(longer) < LEAST or len(longer) < (1.0 - SINGLE) * len(lengths):
-        return _Course(held, rows)
+        return None
     after = rows[1:][lengths > 1]
     if held and np.median(np.abs(values[after] - values[after - 1])) < _STEP * count:
-        return _Course(held, rows)
+        return None
     counts = np.bincount(np.minimum(longer, 10_000))
     pairs = counts[:-1] + counts[1:]
     if pairs.max() < SHARE * len(longer):
-        return _Course(held, rows)
+        return None
     # Where a reading lies between two rows, the slope changes at both, and the second is left out.
     single = rows[np.concatenate([[True], lengths > 1])]
-    return _Course(held, single, round(float(np.median(np.diff(single)))))
+    return Interpolated(held, round(float(np.median(np.diff(single))))), single
 
 
-def _true_rows(course: _Course, count: int) -> NDArray[np.bool_]:
+def _true_rows(breaks: NDArray[np.intp], every: int, count: int) -> NDArray[np.bool_]:
     """Return which of `count` rows were measured, (count,): one in `every` where it is calm."""
     true = np.zeros(count, dtype=np.bool_)
-    ends = np.append(course.rows, count)
-    for row, end in pairwise(ends.tolist()):
-        true[row : max(end - course.every // 2, row + 1) : course.every] = True
+    for row, end in pairwise(np.append(breaks, count).tolist()):
+        true[row : max(end - every // 2, row + 1) : every] = True
     return true
 
 
@@ -122,29 +112,28 @@ def without_interpolated(
         channels: all channels, each (n,).
         measured: names of those that are tried.
     """
-    courses: dict[str, _Course] = {}
+    courses = {}
     for name in measured:
         values = channels[name][np.isfinite(channels[name])]
-        tried = [_course(values, held) for held in (True, False)]
-        found = next((course for course in tried if course.every), None)
+        found = _course(values, held=True) or _course(values, held=False)
         if found is not None:
             courses[name] = found
     if not courses:
         return channels, {}
-    made, found_in = dict(channels), {}
-    for name, course in courses.items():
+    made, found_in = dict(channels), dict[str, Interpolated]()
+    for name, (how, breaks) in courses.items():
+        found_in[name] = how
         known = np.flatnonzero(np.isfinite(channels[name]))
         true = np.zeros(len(channels[name]), dtype=np.bool_)
-        true[known] = _true_rows(course, len(known))
+        true[known] = _true_rows(breaks, how.rows, len(known))
         made[name] = np.where(true, channels[name], np.nan)
-        found_in[name] = Interpolated(course.held, course.every)
-    pattern = max(courses, key=lambda name: len(courses[name].rows))
+    pattern = max(courses, key=lambda name: len(courses[name][1]))
     true = np.isfinite(made[pattern])
     for name in measured:
         values = channels[name]
         if name in courses or not np.isfinite(values).all():
             continue
-        breaks = _breaks(values, courses[pattern].held)[0]
+        breaks = _breaks(values, found_in[pattern].held)[0]
         if np.count_nonzero(~true[breaks]) <= _OFF * len(breaks):
             made[name] = np.where(true, values, np.nan)
             found_in[name] = found_in[pattern]

@@ -4,7 +4,7 @@ import difflib
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
@@ -14,11 +14,8 @@ import numpy as np
 from . import formats
 from .errors import RecordingError
 from .interpolation import without_interpolated
-from .mapping import Column, mapped
-from .metadata import events_from
-from .recording import REPLAY_CHANNELS, Recording
+from .recording import REPLAY_CHANNELS, Recording, Table, events_from
 from .sampling import LONGEST_S, SAMPLE_PERIOD_S, Sampling, on_grid, sampling_of
-from .table import Table
 from .validation import problems_of
 
 EXTENSIONS: Final = (".mcap", ".csv", ".csv.gz", ".parquet")
@@ -28,6 +25,14 @@ SIDECAR: Final = ".json"
 """Suffix to a CSV file's name; the file of that name holds the CSV's metadata and events."""
 
 
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a file: its name, and the factor from its unit to the channel's SI unit."""
+
+    name: str
+    factor: float = 1.0
+
+
 def extension_of(path: str) -> str | None:
     """Return the one of EXTENSIONS with which a file name ends, in upper or lower case, or None."""
     lowered = path.lower()
@@ -35,11 +40,7 @@ def extension_of(path: str) -> str | None:
 
 
 def read_recording(
-    path: str | PathLike[str],
-    *,
-    required: Sequence[str] = REPLAY_CHANNELS,
-    columns: Mapping[str, Column] | None = None,
-    of_rig: bool = True,
+    path: str | PathLike[str], *, required: Sequence[str] = REPLAY_CHANNELS
 ) -> Recording:
     """Return the recording in a .mcap, .csv, .csv.gz or .parquet file, after checking it.
 
@@ -52,13 +53,11 @@ def read_recording(
     Args:
         path: the file.
         required: channels that the file must have, beside `time_s`.
-        columns: channel -> column of the file, for channels that have another name or unit there.
-        of_rig: whether values that no servo-hydraulic rig shows are refused.
 
     Raises:
         RecordingError: lists every problem of the file, each with remedy and, if it has one, line.
     """
-    return _checked(fspath(path), required, columns, of_rig, None)
+    return _checked(fspath(path), required, None, of_rig=True, longest_s=None)
 
 
 def read_measured(
@@ -99,10 +98,8 @@ def read_measured(
     recording = on_grid(replace(rows, channels=channels), period, held)
     assert recording.sampling is not None
     unrecorded = tuple(name for name in optional if not np.isfinite(channels[name]).any())
-    sampling: Sampling = replace(
-        recording.sampling, interpolated=interpolated, unrecorded=unrecorded
-    )
-    return replace(recording, sampling=sampling)
+    noted = replace(recording.sampling, interpolated=interpolated, unrecorded=unrecorded)
+    return replace(recording, sampling=noted)
 
 
 def read_sampling(
@@ -132,14 +129,18 @@ def _checked(
     """
     extension = extension_of(name)
     _check_path(name, extension)
+    # `formats` loads a format's module, and with it a library, when its name is first used.
     try:
-        table = _read_table(name, extension)
+        if extension == ".mcap":
+            table = formats.read_mcap(name)
+        elif extension == ".parquet":
+            table = formats.read_parquet(name)
+        else:
+            table = formats.read_csv(name)
     except OSError as error:
         remedy = "check that the file can be read"
         raise RecordingError.of_file(name, error.strerror or str(error), remedy) from None
-    needed = tuple(dict.fromkeys(("time_s", *required)))
-    missing = mapped(table, columns or {}, needed)
-    needed = tuple(name for name in needed if name not in missing)
+    needed = _named(table, columns or {}, tuple(dict.fromkeys(("time_s", *required))))
     problems = problems_of(table, needed, of_rig=of_rig, longest_s=longest_s)
     if problems:
         raise RecordingError(problems)
@@ -148,13 +149,30 @@ def _checked(
     return _with_sidecar(recording) if extension in (".csv", ".csv.gz") else recording
 
 
-def _read_table(path: str, extension: str | None) -> Table:
-    # `formats` loads a format's module, and with it a library, when its name is first used.
-    if extension == ".mcap":
-        return formats.read_mcap(path)
-    if extension == ".parquet":
-        return formats.read_parquet(path)
-    return formats.read_csv(path)
+def _named(table: Table, columns: Mapping[str, Column], needed: Sequence[str]) -> Sequence[str]:
+    """Rename and scale a table's columns to channels, in place; return the needed ones to check.
+
+    A problem is added to the table for each needed channel whose column it lacks. These channels
+    are left out of the result.
+
+    Args:
+        table: the table, which is changed.
+        columns: channel -> column of the file, for channels that are named otherwise there.
+        needed: channels that the table must have.
+    """
+    found = {channel: each for channel, each in columns.items() if each.name in table.columns}
+    lacking = [channel for channel in columns if channel in needed and channel not in found]
+    for channel in lacking:
+        value = f"missing column, which is to be {channel}"
+        remedy = "name the column of this file where the columns are named"
+        limit = f"columns present: {', '.join(table.columns)}"
+        table.report(columns[channel].name, value, remedy, limit)
+    taken = {*(column.name for column in columns.values()), *lacking}
+    scaled = {name: table.columns[column.name] * column.factor for name, column in found.items()}
+    unread = {name: table.unread(column.name) for name, column in found.items()}
+    table.columns = {name: v for name, v in table.columns.items() if name not in taken} | scaled
+    table.unreadable |= unread
+    return [name for name in needed if name not in lacking]
 
 
 def _check_path(path: str, extension: str | None) -> None:

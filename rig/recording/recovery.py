@@ -13,16 +13,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
-from rig.recording.formats import (
-    DAMAGE,
-    ForeignSchemaError,
-    SampleCollector,
-    columns_of,
-    foreign,
-    mapped,
-    write_mcap,
-)
-
+from . import formats
 from .errors import RecordingError, RecordingProblem
 from .targets import replacing, target_problems
 
@@ -75,12 +66,12 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
     problems = _path_problems(source, target)
     if problems:
         raise RecordingError(problems)
-    collector = SampleCollector()
-    with mapped(source) as file:
+    collector = formats.SampleCollector()
+    with formats.mapped(source) as file:
         try:
             stretches, lost = _readable(file, collector)
-        except ForeignSchemaError as error:
-            raise foreign(source, str(error)) from None
+        except formats.ForeignSchemaError as error:
+            raise formats.foreign(source, str(error)) from None
     sizes = [sum(len(block) for block in stretch) for stretch in stretches]
     best = int(np.argmax(sizes))
     if not sizes[best]:
@@ -89,36 +80,27 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
     dropped = sum(sizes) - sizes[best]
     if dropped:
         lost.append(f"{dropped} readable samples on the other side of a gap")
-    channels = columns_of(collector.channels, stretches[best])
+    channels = formats.columns_of(collector.channels, stretches[best])
     metadata = collector.metadata | {"recovered": {"from": Path(source).name, "lost": lost}}
     with replacing(Path(target)) as partial:
-        write_mcap(partial, channels, metadata, collector.events)
-    return RecoverySummary(
-        path_in=source,
-        path_out=target,
-        samples_kept=sizes[best],
-        samples_dropped=dropped,
-        first_time_s=float(channels["time_s"][0]),
-        last_time_s=float(channels["time_s"][-1]),
-        events_kept=len(collector.events),
-        lost=tuple(lost),
-    )
+        formats.write_mcap(partial, channels, metadata, collector.events)
+    kept, (first_s, last_s) = sizes[best], channels["time_s"][[0, -1]].tolist()
+    events = len(collector.events)
+    return RecoverySummary(source, target, kept, dropped, first_s, last_s, events, tuple(lost))
 
 
 def _path_problems(source: str, target: str) -> list[RecordingProblem]:
     problems = []
     if not Path(source).is_file():
-        problems.append(RecordingProblem(source, None, "file", "is no file", "", "check the path"))
+        problems.append(RecordingProblem(source, "file", "is no file", "check the path"))
     if not target.lower().endswith(".mcap"):
-        limit = "must end with .mcap"
-        problems.append(
-            RecordingProblem(target, None, "file", "not an MCAP name", limit, "rename it")
-        )
+        value, limit = "not an MCAP name", "must end with .mcap"
+        problems.append(RecordingProblem(target, "file", value, "rename it", limit))
     return problems + target_problems(target, may_replace=False)
 
 
 def _readable(
-    file: IO[bytes], collector: SampleCollector
+    file: IO[bytes], collector: formats.SampleCollector
 ) -> tuple[list[list[NDArray[np.float64]]], list[str]]:
     """Collect a file's readable records; return its stretches, and a sentence on each loss.
 
@@ -136,19 +118,19 @@ def _readable(
             else:
                 collector.take(record)
             position = file.tell()
-    except DAMAGE:
+    except formats.DAMAGE:
         lost.append(f"everything after byte {position} of {size}: cut off or unreadable")
     if not collector.channels:
-        raise ForeignSchemaError("no samples of rig before the end or the first damage")
+        raise formats.ForeignSchemaError("no samples of rig before the end or the first damage")
     bounds = [0, *_breaks(collector.blocks), len(collector.blocks)]
     return [collector.blocks[first:last] for first, last in pairwise(bounds)], lost
 
 
-def _take_chunk(chunk: Chunk, collector: SampleCollector, lost: list[str]) -> None:
+def _take_chunk(chunk: Chunk, collector: formats.SampleCollector, lost: list[str]) -> None:
     blocks, events = len(collector.blocks), len(collector.events)
     try:
         collector.take_chunk(chunk)
-    except DAMAGE as error:
+    except formats.DAMAGE as error:
         del collector.blocks[blocks:], collector.events[events:]
         start, end = chunk.message_start_time * 1e-9, chunk.message_end_time * 1e-9
         lost.append(f"a chunk of log time {start:.9g} s to {end:.9g} s: {error}")

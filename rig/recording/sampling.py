@@ -74,7 +74,8 @@ class Sampling:
 def sampling_of(time_s: FloatArray, grid: float | None = None) -> Sampling:
     """Return how rows at ascending times (n,), s, were sampled, for a grid of samples, s.
 
-    Without a grid it is `grid_for` the rows.
+    Without a grid it is one on which the rows are placed well: that of even rows. Uneven ones,
+    whose times matter, get a finer grid: 1 ms, or a 20th of their period if that is longer.
     """
     period, steps = period_of(time_s), np.diff(time_s)
     gaps = steps > GAP * period
@@ -83,19 +84,10 @@ def sampling_of(time_s: FloatArray, grid: float | None = None) -> Sampling:
     around = time_s - time_s.mean()
     late = around - number * float(number @ around / (number @ number))
     even = bool(np.all(np.abs(late) <= _JITTER * period))
-    made = Sampling(period, 0.0, even, int(gaps.sum()), float((steps[gaps] - period).sum()))
-    return replace(made, grid=grid_for(made) if grid is None else grid)
-
-
-def grid_for(rows: Sampling) -> float:
-    """Return the period of the samples, s, on which rows are placed well.
-
-    It is that of even rows. Uneven ones, whose times matter, get a finer grid: 1 ms, or a 20th of
-    their period if that is longer.
-    """
-    if rows.even or rows.period <= SAMPLE_PERIOD_S:
-        return rows.period
-    return max(SAMPLE_PERIOD_S, float(f"{rows.period / FINER:.2g}"))
+    if grid is None:
+        finer = max(SAMPLE_PERIOD_S, float(f"{period / FINER:.2g}"))
+        grid = period if even or period <= SAMPLE_PERIOD_S else finer
+    return Sampling(period, grid, even, int(gaps.sum()), float((steps[gaps] - period).sum()))
 
 
 def period_of(time_s: FloatArray) -> float:
@@ -131,19 +123,16 @@ def on_grid(recording: Recording, period: float, held: Sequence[str]) -> Recordi
     if same and all(np.isfinite(channels[name]).all() for name in held):
         return replace(recording, sampling=sampling)
     grid = _Grid(recording.time_s, own, period)
-    made = {"time_s": grid.time_s}
     lost = np.zeros(len(grid.time_s), dtype=np.bool_)
     for name in held:
-        made[name] = grid.held(channels[name])
         lost |= grid.unknown(channels[name])
+    made = {"time_s": grid.time_s}
     for name, values in channels.items():
-        if name not in made:
+        if name in held:
+            made[name] = grid.held(values)
+        elif name != "time_s":
             made[name] = np.where(lost, np.nan, grid.measured(values))
-    return replace(
-        recording,
-        channels={name: made[name] for name in channels},
-        sampling=sampling,
-    )
+    return replace(recording, channels=made, sampling=sampling)
 
 
 class _Grid:
@@ -151,9 +140,8 @@ class _Grid:
 
     def __init__(self, rows_s: FloatArray, own: float, period: float) -> None:
         self.rows_s, self.own, self.period = rows_s, own, period
-        places = np.floor((rows_s - rows_s[0]) / period + 0.5).astype(np.int64)
-        self._places = places
-        self.time_s = rows_s[0] + period * np.arange(int(places[-1]) + 1)
+        self._places = np.floor((rows_s - rows_s[0]) / period + 0.5).astype(np.int64)
+        self.time_s = rows_s[0] + period * np.arange(int(self._places[-1]) + 1)
 
     def measured(self, values: FloatArray) -> FloatArray:
         """Return readings (n,) as samples (m,), each moved to its sample by its rate of change."""

@@ -1,9 +1,11 @@
-"""These functions check the path of a new file, and replace a file in one step."""
+"""These functions check path and metadata of a new file, and replace a file in one step."""
 
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from .errors import RecordingProblem
 
@@ -16,11 +18,27 @@ def target_problems(path: str, *, may_replace: bool) -> list[RecordingProblem]:
     target = Path(path)
     if not target.parent.is_dir():
         value = f"folder {target.parent} does not exist"
-        return [RecordingProblem(path, None, "file", value, "", "make it first")]
+        return [RecordingProblem(path, "file", value, "make it first")]
     if target.exists() and not may_replace:
         remedy = "delete it or choose another name"
-        return [RecordingProblem(path, None, "file", "exists already", "", remedy)]
+        return [RecordingProblem(path, "file", "exists already", remedy)]
     return []
+
+
+def metadata_texts(
+    path: str, metadata: Mapping[str, Any]
+) -> tuple[dict[str, str], list[RecordingProblem]]:
+    """Return a JSON text for each key, and a problem for each value that JSON cannot hold."""
+    texts: dict[str, str] = {}
+    problems = []
+    limit = "JSON has texts, finite numbers, lists, objects, true, false and null"
+    for key, value in metadata.items():
+        try:
+            texts[key] = json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            remedy, field = "convert the value before it is recorded", f"metadata {key!r}"
+            problems.append(RecordingProblem(path, field, str(error), remedy, limit))
+    return texts, problems
 
 
 @contextmanager

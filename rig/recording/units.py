@@ -3,30 +3,20 @@
 from typing import Final
 
 UNITS: Final = {
-    "s": "s",
-    "Hz": "Hz",
-    "V": "V",
-    "A": "A",
-    "W": "W",
-    "m": "m",
+    **{unit: unit for unit in ("s", "Hz", "V", "A", "W", "m", "kg", "N", "Pa", "degC", "K")},
     "m_per_s": "m/s",
     "m_per_s2": "m/s^2",
     "rad_per_s": "rad/s",
     "m2": "m^2",
     "m3": "m^3",
-    "kg": "kg",
-    "N": "N",
     "N_per_m": "N/m",
     "N_s_per_m": "N s/m",
-    "Pa": "Pa",
     "Pa2": "Pa^2",
     "Pa_per_s": "Pa/s",
     "m3_per_s": "m^3/s",
     "L_per_min": "L/min",
     "m3_per_s_sqrtPa": "m^3/(s sqrt(Pa))",
     "m3_per_s_Pa": "m^3/(s Pa)",
-    "degC": "degC",
-    "K": "K",
 }
 """Suffix of a channel name (without the leading underscore) -> unit as printed."""
 

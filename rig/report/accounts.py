@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.accounts import BLOCK_S, AccountBlock
 from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS, FilterRun
@@ -16,7 +17,7 @@ from estimator.leaks import Decision, Found, OilAccountDetector, found_in, judge
 from rig.plant import FAULTS, LEAKS
 from rig.recording import Recording
 
-from .traces import Array
+Array = NDArray[np.float64]
 
 _MEASURED: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa")
 
@@ -93,17 +94,12 @@ def account_history(recording: Recording, detector: OilAccountDetector) -> Accou
         return None
     drawn_up = [block for _, block in blocks]
     known = [block.nuisances @ errors[begun][1] for begun, block in blocks]
-    statistics, thresholds = np.array(evidence).T
-    return AccountHistory(
-        np.array([block.start_s for block in drawn_up]),
-        np.array([block.end_s for block in drawn_up]),
-        np.array([block.missing for block in drawn_up]) - np.array(known),
-        _explained(drawn_up, found_in(history)),
-        np.array([time_s for time_s, _ in history]),
-        statistics,
-        thresholds,
-        _before_any_fault(history),
-    )
+    missing = np.array([block.missing for block in drawn_up]) - np.array(known)
+    start_s, end_s = np.array([(block.start_s, block.end_s) for block in drawn_up]).T
+    explained = _explained(drawn_up, found_in(history))
+    decided_s = np.array([time_s for time_s, _ in history])
+    evident = (decided_s, *np.array(evidence).T, _before_any_fault(history))
+    return AccountHistory(start_s, end_s, missing, explained, *evident)
 
 
 def _explained(blocks: Sequence[AccountBlock], found: Sequence[Found]) -> Array:

@@ -1,24 +1,29 @@
-"""Puts figures and verdicts into words, in the units of the pages: L/min and s."""
+"""Puts figures, verdicts and the conditions of a test into words, in the units of the pages.
 
-from collections.abc import Sequence
+These are L/min and s. Setpoint, load and loop timing come from the metadata of a recording.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Final
+from typing import Any, Final
 
 from estimator.leaks import Decision
-from rig.plant import LEAKS, LITRE_PER_MINUTE
+from rig.loop import TIMING, in_short
+from rig.plant import LEAKS, LITRE_PER_MINUTE, Parameters
+from rig.recording import Recording
 from rig.runner.outcomes import CampaignOutcome, InjectedFault, Status, TestOutcome, in_passing
 
 _LABELS: Final = {
-    "healthy": "healthy",
     "external_leakage_1": "external leak 1",
     "external_leakage_2": "external leak 2",
     "internal_leakage": "internal leak",
     "supply_leakage": "supply-line leak",
     "return_blockage": "return-line blockage",
     "multiple": "several faults at once",
-    "unknown_fault": "unknown fault",
-    "inconclusive": "inconclusive",
 }
+"""Verdicts and kinds of faults whose names are not simply read with spaces for underscores."""
 _OPENED: Final = {
     "external_leakage_1": "a leak from chamber 1 to the return line was opened",
     "external_leakage_2": "a leak from chamber 2 to the return line was opened",
@@ -37,6 +42,9 @@ STATUS_LABELS: Final = {
     Status.NOT_RUN: ("–", "not run"),
 }
 """Symbol and word for each status of a test, which are understood without the colour."""
+_UNITS_BY_ENDING: Final = {"_hz_per_s": "Hz/s", "_hz": "Hz", "_rad": "rad", "_s": "s"}
+_FEW: Final = 8
+"""Greatest length of a list whose values are written one by one."""
 
 
 def label(verdict: str) -> str:
@@ -60,8 +68,7 @@ def seconds(time_s: float) -> str:
 
 def found_names(decision: Decision) -> str:
     """Return a decision's verdict in words; for `multiple`, the names of its faults."""
-    several = [label(name) for name in _several(decision)]
-    return " and ".join(several) or label(decision.verdict)
+    return " and ".join(map(label, _several(decision) or [decision.verdict]))
 
 
 def leaks_found(decision: Decision) -> list[str]:
@@ -111,10 +118,9 @@ def when(started: str) -> str:
         moment = datetime.fromisoformat(started)
     except ValueError:
         return started
-    if moment.tzinfo is None:
-        return f"{moment.day} {moment:%B %Y, %H:%M}"
-    moment = moment.astimezone(UTC)
-    return f"{moment.day} {moment:%B %Y, %H:%M} UTC"
+    if moment.tzinfo is not None:
+        moment = moment.astimezone(UTC)
+    return f"{moment.day} {moment:%B %Y, %H:%M %Z}".rstrip()
 
 
 def latency(test: TestOutcome) -> str:
@@ -131,18 +137,15 @@ def latency(test: TestOutcome) -> str:
 
 def story(test: TestOutcome) -> str:
     """Return what was injected and found in a test, and how the loop reacted, in sentences."""
-    sentences = [_injection(test.injected), _finding(test), _gone(test), _reacting(test)]
+    sentences = [_injection(test.injected), _finding(test)]
+    if test.decision is not None and (passing := in_passing(test.decision, test.found)):
+        sentences.append(f"Found in passing: {'; '.join(passing)}.")
+    sentences.append(_reacting(test))
     if test.status is Status.FAILED:
         sentences.append(f"Expected was: {label(test.expect)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
         sentences.append(f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s.")
     return " ".join(sentence for sentence in sentences if sentence)
-
-
-def _gone(test: TestOutcome) -> str:
-    """Return a sentence on faults that ended or that the final verdict does not name, or empty."""
-    passing = [] if test.decision is None else in_passing(test.decision, test.found)
-    return f"Found in passing: {'; '.join(passing)}." if passing else ""
 
 
 def _injection(injected: Sequence[InjectedFault]) -> str:
@@ -151,10 +154,9 @@ def _injection(injected: Sequence[InjectedFault]) -> str:
     sentences = []
     for fault in injected:
         what = _OPENED.get(fault.kind, f"{label(fault.kind)} was injected")
-        size = injected_size(fault)
-        size = f"{size} on average" if fault.mean_flow_m3_per_s is not None else size
+        mean = "" if fault.mean_flow_m3_per_s is None else " on average"
         until = "" if fault.until_s is None else f", until {fault.until_s:.1f} s"
-        sentences.append(f"At {fault.at_s:.1f} s {what} ({size}{until}).")
+        sentences.append(f"At {fault.at_s:.1f} s {what} ({injected_size(fault)}{mean}{until}).")
     return " ".join(sentences)
 
 
@@ -166,8 +168,7 @@ def _finding(test: TestOutcome) -> str:
         return "The detector found nothing wrong."
     if decision.verdict == "inconclusive":
         return f"The detector could not tell{_why_not(decision)}."
-    size = found_flow(decision)
-    found = f"{found_names(decision)}, {size}." if size else f"{found_names(decision)}."
+    found = ", ".join(filter(None, (found_names(decision), found_flow(decision)))) + "."
     late = test.latency_s
     if late is not None and late >= 0.0:
         return f"The detector called it {seconds(late)} later: {found}"
@@ -237,12 +238,94 @@ def detection_summary(outcome: CampaignOutcome) -> str:
 
 def _named(named: Sequence[TestOutcome], faulty: int) -> str:
     late = sorted(test.latency_s for test in named if test.latency_s is not None)
-    first, last = (f"{late[0]:.1f}", f"{late[-1]:.1f}") if late else ("", "")
-    after = (
-        f", {first if first == last else f'{first} to {last}'} s after they began" if late else ""
-    )
-    if len(named) == faulty:
-        return f"All {faulty} faults were named right{after}." if faulty > 1 else (
-            f"The fault was named right{after.replace('they', 'it')}."
-        )  # fmt: skip
-    return f"{len(named)} of {faulty} faults were named right{after}."
+    after = ""
+    if late:
+        ends = dict.fromkeys(f"{latency_s:.1f}" for latency_s in (late[0], late[-1]))
+        after = f", {' to '.join(ends)} s after {'they' if faulty > 1 else 'it'} began"
+    if len(named) < faulty:
+        return f"{len(named)} of {faulty} faults were named right{after}."
+    which = f"All {faulty} faults were" if faulty > 1 else "The fault was"
+    return f"{which} named right{after}."
+
+
+def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
+    """Return the parameters that the filter assumed, from the key `model` of the metadata.
+
+    A parameter of an effect that is newer than the recording gets the value at which the effect is
+    absent. The result is None if no parameters can be read.
+    """
+    try:
+        recorded = dict(metadata["model"]["parameters"])
+        known = {name: float(recorded[name]) for name in Parameters._fields if name in recorded}
+    except (KeyError, TypeError, ValueError):
+        return None
+    return Parameters(**known) if "piston_area" in known else None
+
+
+def conditions_of(metadata: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield setpoint and load of a test as (name, text), without those that are not recorded.
+
+    Args:
+        metadata: metadata of the test's recording.
+    """
+    test = metadata.get("test")
+    if not isinstance(test, Mapping):
+        return
+    for name, key, in_words in (("Setpoint", "setpoint", _setpoint), ("Load", "load", _load)):
+        recorded = test.get(key)
+        if isinstance(recorded, Mapping):
+            yield name, in_words(recorded)
+
+
+def loop_conditions(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield the grants and the timing of a hardware rig's loop as (name, text), if recorded."""
+    loop = recording.metadata.get("loop")
+    if isinstance(loop, Mapping):
+        shown = [
+            f"{'' if grant.get('granted') else 'without '}{grant.get('name', '')}"
+            for grant in loop.get("grants", ())
+            if isinstance(grant, Mapping)
+        ]
+        yield "Loop ran with", ", ".join(shown) or "nothing granted"
+    for event in recording.events:
+        if event.kind == TIMING:
+            yield "Loop timing", in_short(json.loads(event.text))
+
+
+def _setpoint(setpoint: Mapping[str, Any]) -> str:
+    metres = setpoint.get("quantity", "position") == "position"
+    parts = [
+        _with_unit(key, value, metres)
+        for key, value in setpoint.items()
+        if key not in ("type", "quantity") and value is not None
+    ]
+    kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(setpoint.get("type", "setpoint"))).lower()
+    return f"{kind}: {', '.join(parts)}" if parts else kind
+
+
+def _with_unit(key: str, value: Any, metres: bool) -> str:
+    if key in ("seed", "path"):
+        return f"{key} {value}"
+    for ending, unit in _UNITS_BY_ENDING.items():
+        if key.endswith(ending):
+            return f"{key.removesuffix(ending).replace('_', ' ')} {_number(value, 1.0, unit)}"
+    scale, unit = (1e3, "mm") if metres else (1.0, "V")
+    return f"{key.replace('_', ' ')} {_number(value, scale, unit)}"
+
+
+def _number(value: Any, scale: float, unit: str) -> str:
+    if isinstance(value, list | tuple):
+        if len(value) > _FEW:
+            return f"({len(value)} values)"
+        return " / ".join(_number(item, scale, "") for item in value) + f" {unit}"
+    if isinstance(value, int | float):
+        return f"{value * scale:.6g} {unit}".rstrip()
+    return str(value)
+
+
+def _load(load: Mapping[str, Any]) -> str:
+    try:
+        stiffness, contact = float(load["stiffness"]), float(load["contact"])
+    except (KeyError, TypeError, ValueError):
+        return "as recorded in the metadata"
+    return f"spring of {stiffness:.3g} N/m, met at {contact * 1e3:g} mm"

@@ -14,9 +14,7 @@ from .commands import (
     credentials_of as credentials_of,
     fingerprint as fingerprint,
     gate_of as gate_of,
-    local_state as local_state,
-    make_key as make_key,
-    read_key as read_key,
+    own_key as own_key,
 )
 from .messages import (
     LASTING as LASTING,

@@ -13,9 +13,10 @@ client goes on.
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import msgpack
@@ -107,7 +108,6 @@ class StreamClient:
         self._credentials = credentials
         self._on_message = on_message
         self._survives = Surviving("following the stream", on_failure or _to_stderr)
-        self._sender: Sender | None = None
         self._views: dict[str, RigView] = {}
         self._lock = threading.RLock()
         self._closing = threading.Event()
@@ -144,6 +144,10 @@ class StreamClient:
         with self._lock:
             return tuple(sorted(self._views))
 
+    def living(self) -> list[str]:
+        """Return the sorted ids of all rigs that are alive."""
+        return [rig for rig in self.rigs() if self.snapshot(rig).alive]
+
     def wait_for_rig(self, timeout_s: float = 5.0) -> str:
         """Wait until a rig is alive, and return its id; the first id if there are several.
 
@@ -152,9 +156,8 @@ class StreamClient:
         """
         until = time.monotonic() + timeout_s
         while time.monotonic() < until:
-            for rig in self.rigs():
-                if self.snapshot(rig).alive:
-                    return rig
+            for rig in self.living():
+                return rig
             time.sleep(POLL_S)
         raise UnknownRigError("no rig is heard of; is one running, and with a stream?")
 
@@ -224,18 +227,10 @@ class StreamClient:
         """
         with self._lock:
             view = self._view(rig)
-            payload = self._signer().sign(view.rig, view.session, command, text, test)
-        return self._answer_to(command_key(view.rig, command), payload, timeout_s)
-
-    def _signer(self) -> Sender:
-        if self._sender is None:
-            operators = self._settings.operators or (Operator("local", ()),)
-            self._sender = Sender(self._credentials or credentials_of(operators[0]))
-        return self._sender
-
-    def _answer_to(self, selector: str, payload: bytes, timeout_s: float) -> Answer:
+            payload = self._sender.sign(view.rig, view.session, command, text, test)
         if self._session is None:
             return Answer(False, "no answer: there is no connection yet")
+        selector = command_key(view.rig, command)
         try:
             for reply in self._session.get(selector, payload=payload, timeout=timeout_s):
                 answer = None if reply.ok is None else _answer(bytes(reply.ok.payload))
@@ -244,6 +239,11 @@ class StreamClient:
         except zenoh.ZError as error:
             return Answer(False, f"no answer: {error}")
         return Answer(False, "no answer: the rig takes no commands from here, or is not there")
+
+    @cached_property
+    def _sender(self) -> Sender:
+        operators = self._settings.operators or (Operator("local", ()),)
+        return Sender(self._credentials or credentials_of(operators[0]))
 
     def _view(self, rig: str | None) -> RigView:
         if rig is None:
@@ -266,7 +266,7 @@ class StreamClient:
             present = sample.kind == zenoh.SampleKind.PUT
             with self._lock:
                 view = self._view_of(rig)
-                view.token(present=present)
+                view.has_token = present
             if present and self._history:
                 # This runs in a thread of Zenoh, which must not wait for answers, as these come in
                 # threads of Zenoh too.
@@ -291,13 +291,7 @@ class StreamClient:
                     )
                     for reply in replies:
                         if reply.ok is not None:
-                            self._take_past(view, kind, reply.ok)
-
-    def _take_past(self, view: RigView, kind: str, sample: zenoh.Sample) -> None:
-        with self._left_aside(view):
-            content = _content(sample)
-            with self._lock:
-                view.take_past(kind, content, time.time_ns())
+                            self._take(view.rig, kind, reply.ok, is_past=True)
 
     def _follow(self) -> None:
         session = subscriber_session(self._settings, self._connect)
@@ -331,32 +325,26 @@ class StreamClient:
             if sample is None:
                 self._closing.wait(POLL_S)
                 continue
-            with self._survives:
-                self._take(sample)
+            # A key of something else is left aside.
+            with self._survives, suppress(MessageError):
+                self._take(*rig_and_kind(str(sample.key_expr)), sample, is_past=False)
 
-    def _take(self, sample: zenoh.Sample) -> None:
-        try:
-            rig, kind = rig_and_kind(str(sample.key_expr))
-        except MessageError:
-            return
+    def _take(self, rig: str, kind: str, sample: zenoh.Sample, *, is_past: bool) -> None:
+        """Give a message to the rig's view, which counts it if it is not valid."""
         with self._lock:
-            view = self._views.get(rig)
-        with self._left_aside(view):
+            known = self._views.get(rig)
+        try:
             content = _content(sample)
             with self._lock:
-                self._view_of(rig).take(kind, content, time.time_ns())
-            if self._on_message is not None:
-                self._on_message(rig, kind, content)
-
-    @contextmanager
-    def _left_aside(self, view: RigView | None) -> Iterator[None]:
-        """Count it in the rig's view if the block raises `MessageError`, and go on."""
-        try:
-            yield
+                view = self._view_of(rig)
+                (view.take_past if is_past else view.take)(kind, content, time.time_ns())
         except MessageError as error:
-            if view is not None:
+            if known is not None:
                 with self._lock:
-                    view.refuse(str(error))
+                    known.refuse(str(error))
+            return
+        if self._on_message is not None and not is_past:
+            self._on_message(rig, kind, content)
 
 
 def _content(sample: zenoh.Sample) -> dict[str, Any]:

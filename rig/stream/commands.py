@@ -10,11 +10,12 @@ import hmac
 import os
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any, Final
 
 import msgpack
@@ -44,8 +45,8 @@ _BODY: Final = {
     "rig": str, "session": str, "command": str, "sender": bytes, "sequence": int, "at_ns": int,
     "text": str,
 }  # fmt: skip
-_BODY_OF_A_TEST: Final = {**_BODY, "test": str}
-"""Keys of the body of a command that names a test."""
+_TEST: Final = {"test": str}
+"""Further keys of the body of a command that names a test."""
 
 
 class KeyFileError(ValueError):
@@ -86,24 +87,20 @@ class Command:
 
 @dataclass(frozen=True)
 class Credentials:
-    """The name of a sender, and the secret key by which it proves that name."""
+    """The name of a sender, and the secret key by which it proves that name.
+
+    The key is left out when credentials are shown, so that it never gets into a log.
+    """
 
     name: str
-    key: bytes
-
-    def __repr__(self) -> str:
-        """Return a text with the name only, so that the key never gets into a log."""
-        return f"Credentials({self.name!r})"
+    key: bytes = field(repr=False)
 
 
 class Sender:
     """A signer of commands, which gives each command a greater sequence number than the last."""
 
-    def __init__(
-        self, credentials: Credentials, clock_ns: Callable[[], int] = time.time_ns
-    ) -> None:
+    def __init__(self, credentials: Credentials) -> None:
         self._credentials = credentials
-        self._clock_ns = clock_ns
         self._sender = secrets.token_bytes(8)
         self._sequence = 0
 
@@ -124,7 +121,7 @@ class Sender:
             "command": command,
             "sender": self._sender,
             "sequence": self._sequence,
-            "at_ns": self._clock_ns(),
+            "at_ns": time.time_ns(),
             "text": text[:LONGEST_TEXT],
         }
         if test:
@@ -146,19 +143,13 @@ class Gate:
         session: name of the publisher's session. Commands to an earlier session are refused, so
             that no sequence numbers have to be stored over a restart.
         operators: name -> credentials and allowed commands of each operator.
-        clock_ns: returns the wall clock in ns since 1970.
     """
 
     def __init__(
-        self,
-        rig: str,
-        session: str,
-        operators: Mapping[str, tuple[Credentials, frozenset[str]]],
-        clock_ns: Callable[[], int] = time.time_ns,
+        self, rig: str, session: str, operators: Mapping[str, tuple[Credentials, frozenset[str]]]
     ) -> None:
         self._rig, self._session = rig, session
         self._operators = operators
-        self._clock_ns = clock_ns
         self._seen: dict[bytes, tuple[int, int]] = {}
         self._passed = 0
 
@@ -173,7 +164,7 @@ class Gate:
             raise Refused("denied", "this stream takes no commands")
         if len(payload) > LARGEST_COMMAND:
             raise Refused("oversized", f"{len(payload)} bytes, at most {LARGEST_COMMAND}")
-        envelope = _mapping(payload, _ENVELOPE)
+        envelope = _mapping(payload, _ENVELOPE, {}, "")
         if envelope["version"] != VERSION:
             raise Refused("malformed", f"is not of version {VERSION}")
         by = str(envelope["by"])[:LONGEST_NAME]
@@ -185,7 +176,7 @@ class Gate:
             raise Refused("unauthenticated", "nobody of this name may command", by)
         if not genuine:
             raise Refused("forged", "its signature does not fit", by)
-        body = _mapping(envelope["body"], _BODY, by, _BODY_OF_A_TEST)
+        body = _mapping(envelope["body"], _BODY, _TEST, by)
         self._check(name, body, by, allowed)
         self._passed += 1
         text = str(body["text"])[:LONGEST_TEXT]
@@ -201,7 +192,7 @@ class Gate:
             raise Refused("misdirected", "is for another rig", by)
         if body["session"] != self._session:
             raise Refused("replayed", "is for another session of this rig's stream", by)
-        now_ns = self._clock_ns()
+        now_ns = time.time_ns()
         late_s = 1e-9 * (now_ns - body["at_ns"])
         if abs(late_s) > WINDOW_S:
             text = f"its clock is {late_s:.0f} s behind the rig's; commands last {WINDOW_S:g} s"
@@ -210,40 +201,32 @@ class Gate:
         last, _ = self._seen.get(sender, (0, 0))
         if body["sequence"] <= last:
             raise Refused("replayed", f"number {body['sequence']} came before", by)
-        self._remember(sender, body["sequence"], now_ns, by)
-
-    def _remember(self, sender: bytes, sequence: int, now_ns: int, by: str) -> None:
         if sender not in self._seen and len(self._seen) >= SENDERS_KEPT:
             oldest_ns = now_ns - round(2e9 * WINDOW_S)
             self._seen = {who: seen for who, seen in self._seen.items() if seen[1] > oldest_ns}
             if len(self._seen) >= SENDERS_KEPT:
                 raise Refused("denied", "too many senders at once", by)
-        self._seen[sender] = sequence, now_ns
+        self._seen[sender] = body["sequence"], now_ns
 
 
 def _mapping(
-    payload: bytes,
-    kinds: Mapping[str, type],
-    by: str = "",
-    otherwise: Mapping[str, type] | None = None,
+    payload: bytes, kinds: Mapping[str, type], optional: Mapping[str, type], by: str
 ) -> dict[str, Any]:
-    """Return a packed map that has exactly the keys and types of `kinds`, or of `otherwise`.
+    """Return a packed map that has all keys of `kinds`, perhaps `optional` ones, with these types.
 
     Raises:
         Refused: the payload is no such map. `by` is the sender that the error names.
     """
-    most = max(len(kinds), len(otherwise or {}))
+    known = {**kinds, **optional}
     try:
         content = msgpack.unpackb(
-            payload, raw=False, strict_map_key=True, max_map_len=most, max_array_len=0,
+            payload, raw=False, strict_map_key=True, max_map_len=len(known), max_array_len=0,
             max_ext_len=0,
         )  # fmt: skip
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         raise Refused("malformed", f"is no MessagePack: {error}"[:200], by) from None
-    if otherwise is not None and isinstance(content, dict) and content.keys() != kinds.keys():
-        kinds = otherwise
-    fits = isinstance(content, dict) and content.keys() == kinds.keys()
-    if not fits or any(type(content[name]) is not kind for name, kind in kinds.items()):
+    fits = isinstance(content, dict) and kinds.keys() <= content.keys() <= known.keys()
+    if not fits or any(type(value) is not known[name] for name, value in content.items()):
         raise Refused("malformed", "has not the fields of a command", by)
     return dict(content)
 
@@ -267,9 +250,8 @@ def credentials_of(operator: Operator) -> Credentials:
     Raises:
         KeyFileError: the key cannot be used.
     """
-    if operator.key_file is None:
-        return Credentials(operator.name, local_key())
-    return Credentials(operator.name, read_key(operator.key_file))
+    key = own_key("stream.key")[0] if operator.key_file is None else read_key(operator.key_file)
+    return Credentials(operator.name, key)
 
 
 def read_key(path: Path) -> bytes:
@@ -301,38 +283,33 @@ def make_key(path: Path) -> None:
     Raises:
         KeyFileError: the file cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        try:
-            with os.fdopen(descriptor, "w", encoding="ascii") as file:
-                file.write(secrets.token_hex(KEY_BYTES) + "\n")
+        # A temporary file may be read by its owner only, and so may what is linked to it.
+        with NamedTemporaryFile("w", prefix=f".{path.name}.", dir=path.parent) as file:
+            file.write(secrets.token_hex(KEY_BYTES) + "\n")
+            file.flush()
             # If another process made the file meanwhile, its key stays.
             with suppress(FileExistsError):
-                os.link(part, path)
-        finally:
-            part.unlink(missing_ok=True)
+                os.link(file.name, path)
     except OSError as error:
         raise KeyFileError(f"{path}: key cannot be written: {error.strerror}") from None
 
 
-def local_state() -> Path:
-    """Return the folder of this user's secrets and state on this machine; it may not exist yet."""
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    return state / "hydraulic-rig"
+def own_key(name: str) -> tuple[bytes, Path]:
+    """Return a key of this user on this machine, which is made at the first call, and its file.
 
-
-def local_key() -> bytes:
-    """Return this user's own key on this machine, which is made at the first call.
+    Args:
+        name: name of the file in the folder of this user's secrets and state.
 
     Raises:
         KeyFileError: the key cannot be made or used.
     """
-    path = local_state() / "stream.key"
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    path = state / "hydraulic-rig" / name
     if not path.exists():
         make_key(path)
-    return read_key(path)
+    return read_key(path), path
 
 
 def fingerprint(payload: bytes) -> str:

@@ -15,18 +15,12 @@ from numpy.typing import NDArray
 
 from .fields import FIELDS, HEADER, NEEDED, wrong_keys
 
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-
 VERSION: Final = 1
 """Version of the schema, which is in every Zenoh key and in every message. It does not change when
 keys are added to messages."""
 
 PREFIX: Final = "rig"
-KINDS: Final = (
-    "channels", "samples", "decision", "event", "health", "campaign", "progress", "state",
-    "heartbeat",
-)  # fmt: skip
+KINDS: Final = tuple(FIELDS)
 LASTING: Final = ("channels", "decision", "health", "campaign", "progress", "state", "heartbeat")
 """Kinds whose newest message is the present state; the publisher sends it to readers who ask."""
 KEPT: Final = ("samples", "event")
@@ -36,6 +30,9 @@ LARGEST_MESSAGE: Final = 1 << 20
 """Most bytes of a message that a reader accepts; the publisher's batches are some kB."""
 LONGEST_TEST_S: Final = 1e9
 """Largest magnitude in s of a sample's time, 32 years; a message with a larger one is refused."""
+
+_OF_A_BATCH: Final = ("channels_id", "first_row", "test", "newest_ns")
+"""Attributes of `Samples` that are in the message under their own names."""
 
 
 class MessageError(ValueError):
@@ -164,16 +161,13 @@ class Samples:
     first_row: int
     test: int
     newest_ns: int
-    time_s: Array
-    values: Singles
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float32]
 
     def content(self) -> dict[str, Any]:
         """Return the batch as the content of a message."""
         return {
-            "channels_id": self.channels_id,
-            "first_row": self.first_row,
-            "test": self.test,
-            "newest_ns": self.newest_ns,
+            **{name: getattr(self, name) for name in _OF_A_BATCH},
             "rows": len(self.time_s),
             "time_s": self.time_s.astype("<f8").tobytes(),
             "values": self.values.astype("<f4").tobytes(),
@@ -188,22 +182,16 @@ class Samples:
                 length, or a time is not finite or beyond `LONGEST_TEST_S`.
         """
         _check("samples", content)
-        rows, packed = content["rows"], (content["time_s"], content["values"])
-        row_bytes = len(packed[1]) // rows if rows else 0
-        if not rows or len(packed[0]) != 8 * rows or len(packed[1]) != row_bytes * rows:
+        rows, times, values = content["rows"], content["time_s"], content["values"]
+        if not rows or len(times) != 8 * rows or len(values) % (4 * rows):
             raise MessageError("samples whose arrays do not fit")
-        if row_bytes % 4:
-            raise MessageError("samples whose arrays do not fit")
-        time_s = np.frombuffer(packed[0], "<f8")
+        time_s = np.frombuffer(times, "<f8")
         if not (np.abs(time_s) <= LONGEST_TEST_S).all():
             raise MessageError("samples at no time")
         return cls(
-            channels_id=content["channels_id"],
-            first_row=content["first_row"],
-            test=content["test"],
-            newest_ns=content["newest_ns"],
+            **{name: content[name] for name in _OF_A_BATCH},
             time_s=time_s,
-            values=np.frombuffer(packed[1], "<f4").reshape(rows, -1),
+            values=np.frombuffer(values, "<f4").reshape(rows, -1),
         )
 
 

@@ -21,8 +21,6 @@ MESSAGES_KEPT: Final = 10_000
 """Most messages that are stored of each kind of `KEPT`: samples of minutes, or more events than a
 rig has in a day."""
 
-_BEFORE_ALL: Final = -1
-
 
 class StreamSender:
     """The sending end of one rig's stream, which is open until `close` is called.
@@ -40,11 +38,7 @@ class StreamSender:
     """
 
     def __init__(
-        self,
-        session: zenoh.Session,
-        rig: str,
-        history_s: float,
-        on_failure: Callable[[str], object] = lambda line: None,
+        self, session: zenoh.Session, rig: str, history_s: float, on_failure: Callable[[str], None]
     ) -> None:
         self.name = secrets.token_hex(8)
         self.sequences: dict[str, int] = {}
@@ -67,12 +61,20 @@ class StreamSender:
 
         Of kinds in `LASTING` only the newest message is stored. The content must be packable.
         """
-        sequence = self.sequences.get(kind, _BEFORE_ALL) + 1
+        sequence = self.sequences.get(kind, -1) + 1
         self.sequences[kind] = sequence
         now_ns = time.time_ns()
         header = {"version": VERSION, "session": self.name, "sequence": sequence, "sent_ns": now_ns}
         payload = pack({**header, **content})
-        self._keep(kind, now_ns, payload)
+        with self._lock:
+            if kind in LASTING:
+                self._lasting[kind] = payload
+            elif kind in self._kept:
+                kept = self._kept[kind]
+                kept.append((now_ns, payload))
+                oldest_ns = now_ns - self._history_ns
+                while (kind == "samples" and kept[0][0] < oldest_ns) or len(kept) > MESSAGES_KEPT:
+                    kept.popleft()
         self._publisher(kind).put(payload)
 
     def close(self) -> None:
@@ -94,17 +96,6 @@ class StreamSender:
             )
         return self._publishers[kind]
 
-    def _keep(self, kind: str, now_ns: int, payload: bytes) -> None:
-        with self._lock:
-            if kind in LASTING:
-                self._lasting[kind] = payload
-            elif kind in self._kept:
-                kept = self._kept[kind]
-                kept.append((now_ns, payload))
-                oldest_ns = now_ns - self._history_ns
-                while (kind == "samples" and kept[0][0] < oldest_ns) or len(kept) > MESSAGES_KEPT:
-                    kept.popleft()
-
     def _asked(self, query: zenoh.Query) -> None:
         with suppress(queue.Full):
             self._questions.put_nowait(query)
@@ -119,12 +110,9 @@ class StreamSender:
             if query is None:
                 return
             with self._survives, suppress(zenoh.ZError), query:
-                self._reply(query)
-
-    def _reply(self, query: zenoh.Query) -> None:
-        for kind, payloads in self._asked_for(query).items():
-            for payload in payloads:
-                query.reply(key(self._rig, kind), payload)
+                for kind, payloads in self._asked_for(query).items():
+                    for payload in payloads:
+                        query.reply(key(self._rig, kind), payload)
 
     def _asked_for(self, query: zenoh.Query) -> dict[str, list[bytes]]:
         """Return, by kind, the packed messages that a question asks for.

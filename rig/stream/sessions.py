@@ -3,12 +3,13 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import zenoh
 
 from .messages import PREFIX, VERSION
-from .settings import Access, Endpoint, Login, StreamSettings, Tls
+from .settings import Access, Endpoint, StreamSettings
 
 ANY_PORT: Final = Endpoint("tcp", "127.0.0.1", 0)
 RETRY_MS: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
@@ -107,11 +108,9 @@ def check_files(settings: StreamSettings) -> None:
     Raises:
         StreamError: a file does not exist or cannot be read.
     """
-    tls, login = settings.tls, settings.login
-    files = [] if tls is None else [tls.authority, tls.certificate, tls.private_key]
-    if login is not None:
-        files += [login.password_file, *([] if login.users is None else [login.users])]
-    for file in files:
+    parts = [part for part in (settings.tls, settings.login) if part is not None]
+    given = [value for part in parts for value in vars(part).values()]
+    for file in (value for value in given if isinstance(value, Path)):
         try:
             file.open("rb").close()
         except OSError as error:
@@ -144,39 +143,25 @@ def _common(settings: StreamSettings) -> dict[str, Any]:
         "transport/link/tx/queue/size/data_low": QUEUED_BATCHES,
         "adminspace/enabled": False,
     }
-    if settings.tls is not None:
-        content |= _tls(settings.tls)
-    if settings.login is not None:
-        content |= _login(settings.login)
-    if settings.access is not None:
-        content["access_control"] = access_control(
-            settings.access, by_name=settings.tls is not None
-        )
-    return content
-
-
-def _tls(tls: Tls) -> dict[str, Any]:
-    certificate, private_key = str(tls.certificate), str(tls.private_key)
-    return {
-        "transport/link/tls": {
+    tls, login = settings.tls, settings.login
+    if tls is not None:
+        content["transport/link/tls"] = {
             "root_ca_certificate": str(tls.authority),
             "enable_mtls": True,
             "verify_name_on_connect": True,
-            "listen_certificate": certificate,
-            "listen_private_key": private_key,
-            "connect_certificate": certificate,
-            "connect_private_key": private_key,
+            **{f"{way}_certificate": str(tls.certificate) for way in ("listen", "connect")},
+            **{f"{way}_private_key": str(tls.private_key) for way in ("listen", "connect")},
         }
-    }
-
-
-def _login(login: Login) -> dict[str, Any]:
-    try:
-        password = login.password_file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeError) as error:
-        raise StreamError(f"{login.password_file}: password cannot be read: {error}") from None
-    known = {} if login.users is None else {"dictionary_file": str(login.users)}
-    return {"transport/auth/usrpwd": {"user": login.user, "password": password, **known}}
+    if login is not None:
+        try:
+            password = login.password_file.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeError) as error:
+            raise StreamError(f"{login.password_file}: password cannot be read: {error}") from None
+        known = {} if login.users is None else {"dictionary_file": str(login.users)}
+        content["transport/auth/usrpwd"] = {"user": login.user, "password": password, **known}
+    if settings.access is not None:
+        content["access_control"] = access_control(settings.access, by_name=tls is not None)
+    return content
 
 
 def access_control(access: Access, *, by_name: bool) -> dict[str, Any]:

@@ -2,13 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 Mode = Literal["peer", "client", "router"]
 CommandName = Literal["abort", "hold", "resume", "skip", "retry", "note", "acknowledge"]
-COMMANDS: Final[tuple[CommandName, ...]] = (
-    "abort", "hold", "resume", "skip", "retry", "note", "acknowledge",
-)  # fmt: skip
+COMMANDS: Final[tuple[CommandName, ...]] = get_args(CommandName)
 
 DEFAULT_PORT: Final = 7447
 LOOPBACK_NAMES: Final = ("localhost", "::1")

@@ -5,7 +5,8 @@ It does not use Zenoh: received messages are given to it, and it returns snapsho
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from .messages import Channels, Samples, read
 
-Array = NDArray[np.float64]
+Content = Mapping[str, Any]
 Life = Literal["unheard", "live", "ended", "dead"]
 Singles = NDArray[np.float32]
 
@@ -29,6 +30,13 @@ DEAD_AFTER: Final = 4.0
 
 This is so even if its liveliness token is still there.
 """
+
+_SHOWN: Final = ("decision", "health", "campaign", "progress", "state")
+"""Kinds of messages whose newest one is in a snapshot as it came."""
+_numbered: Final = itemgetter("session", "sequence")
+"""Returns what tells a message from all others of its kind."""
+_sent: Final = itemgetter("sent_ns", "sequence")
+"""Returns what orders messages by the time of their sending."""
 
 
 @dataclass(frozen=True)
@@ -84,13 +92,13 @@ class Snapshot:
     test: int = 0
     latest: Mapping[str, float] = field(default_factory=dict)
     rate_hz: float = 0.0
-    decision: Mapping[str, Any] = field(default_factory=dict)
-    health: Mapping[str, Any] = field(default_factory=dict)
-    campaign: Mapping[str, Any] = field(default_factory=dict)
-    progress: Mapping[str, Any] = field(default_factory=dict)
-    state: Mapping[str, Any] = field(default_factory=dict)
-    verdicts: tuple[Mapping[str, Any], ...] = ()
-    events: tuple[Mapping[str, Any], ...] = ()
+    decision: Content = field(default_factory=dict)
+    health: Content = field(default_factory=dict)
+    campaign: Content = field(default_factory=dict)
+    progress: Content = field(default_factory=dict)
+    state: Content = field(default_factory=dict)
+    verdicts: tuple[Content, ...] = ()
+    events: tuple[Content, ...] = ()
     gaps: tuple[Gap, ...] = ()
     missing: Mapping[str, int] = field(default_factory=dict)
     refused: int = 0
@@ -122,7 +130,7 @@ class Window:
     """
 
     row: NDArray[np.int64]
-    time_s: Array
+    time_s: NDArray[np.float64]
     test: NDArray[np.int64]
     values: Mapping[str, Singles]
 
@@ -136,6 +144,12 @@ class _Received:
     received_ns: int
     is_past: bool = False
 
+    def column(self, name: str) -> Singles:
+        """Return the values (n,) of a channel; NaN if the batch does not have it."""
+        if name in self.channels.names:
+            return self.samples.values[:, self.channels.names.index(name)]
+        return np.full(len(self.samples.time_s), np.nan, np.float32)
+
 
 class RigView:
     """A collector of one rig's messages, as the module describes; it is not thread-safe.
@@ -143,14 +157,20 @@ class RigView:
     Args:
         rig: the rig's id.
         window_s: how long samples are stored after their arrival.
+
+    Attributes:
+        rig: the rig's id.
+        session: name of the publisher's present session, for commands; empty if unknown.
+        has_token: whether the rig's liveliness token is there.
     """
 
     def __init__(self, rig: str, window_s: float = 30.0) -> None:
         self.rig = rig
+        self.session = ""
+        self.has_token = False
         self._window_ns = round(1e9 * window_s)
-        self._token = False
-        self._session = ""
-        self._restarts = 0
+        self._known = Snapshot(rig)
+        """What is known but for samples, life and `_lasting`; replaced when it changes."""
         self._last_ns: int | None = None
         self._heartbeat_s = 0.5
         self._sequences: dict[str, int] = {}
@@ -160,30 +180,14 @@ class RigView:
         self._holes: deque[tuple[int, int]] = deque(maxlen=HOLES_KEPT)
         self._channels: dict[tuple[str, int], Channels] = {}
         self._batches: deque[_Received] = deque()
-        self._lasting: dict[str, Mapping[str, Any]] = {}
-        self._events: deque[Mapping[str, Any]] = deque(maxlen=EVENTS_SHOWN)
-        self._verdicts: deque[Mapping[str, Any]] = deque(maxlen=VERDICTS_SHOWN)
+        self._lasting: dict[str, Content] = {}
         self._is_new = True
-        self._gaps: deque[Gap] = deque(maxlen=GAPS_SHOWN)
-        self._missing: dict[str, int] = {}
-        self._refused = 0
-        self._refusal = ""
-
-    @property
-    def session(self) -> str:
-        """Name of the publisher's present session, for commands; empty if unknown."""
-        return self._session
-
-    def token(self, *, present: bool) -> None:
-        """Record whether the rig's liveliness token is there."""
-        self._token = present
 
     def refuse(self, why: str) -> None:
         """Count a payload on the rig's keys that was not a valid message, with the reason."""
-        self._refused += 1
-        self._refusal = why
+        self._known = replace(self._known, refused=self._known.refused + 1, refusal=why)
 
-    def take(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+    def take(self, kind: str, content: Content, received_ns: int) -> None:
         """Process a message that the rig has just sent.
 
         Samples are stored only if the message `channels` that names their columns came before.
@@ -196,17 +200,20 @@ class RigView:
         Raises:
             MessageError: the content is not valid for its kind; nothing of it is used.
         """
-        held = read(kind, content)
-        if content["session"] != self._session:
+        held, sequence = read(kind, content), content["sequence"]
+        if content["session"] != self.session:
             self._begin_session(content["session"])
         self._last_ns, self._sent_ns = received_ns, content["sent_ns"]
-        self._number(kind, content["sequence"], received_ns)
+        self._miss_up_to(kind, sequence - 1, received_ns)
+        self._sequences[kind] = max(sequence, self._sequences.get(kind, -1))
         if isinstance(held, Samples):
             self._append(held, received_ns)
+        elif kind == "event":
+            self._add_event(content)
         else:
             self._file(kind, held, content, received_ns)
 
-    def take_past(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+    def take_past(self, kind: str, content: Content, received_ns: int) -> None:
         """Process a past message that was asked for; ignore it if it is known or superseded.
 
         Past samples fill gaps, and are stored only if their `channels` came before.
@@ -220,7 +227,7 @@ class RigView:
             MessageError: the content is not valid for its kind; nothing of it is used.
         """
         held = read(kind, content)
-        if content["session"] != self._session:
+        if content["session"] != self.session:
             # The answer may be the first message that comes from a publisher that has restarted.
             if content["sent_ns"] < self._sent_ns:
                 return
@@ -229,50 +236,30 @@ class RigView:
         if isinstance(held, Samples):
             self._insert(held, received_ns)
         elif kind == "event":
-            if not self._has_event(content):
-                ordered = sorted([*self._events, content], key=_sent)
-                self._events = deque(ordered, maxlen=EVENTS_SHOWN)
+            self._add_event(content, is_past=True)
         elif content["sequence"] >= self._lasting.get(kind, {"sequence": -1})["sequence"]:
             self._file(kind, held, content, received_ns)
 
     def snapshot(self, now_ns: int) -> Snapshot:
         """Return what is known of the rig at the wall clock `now_ns`, ns since 1970."""
-        newest = self._batches[-1] if self._batches else None
-        names = newest.channels.names if newest else ()
-        values = newest.samples.values[-1] if newest else ()
-        return Snapshot(
-            rig=self.rig,
-            session=self._session,
-            alive=self.is_alive(now_ns),
-            age_s=None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns),
-            restarts=self._restarts,
-            names=names,
-            units=newest.channels.units if newest else (),
-            time_s=float(newest.samples.time_s[-1]) if newest else float("nan"),
-            test=newest.samples.test if newest else 0,
-            latest=dict(zip(names, map(float, values), strict=True)),
-            rate_hz=self._rate_hz(now_ns),
-            decision=self._lasting.get("decision", {}),
-            health=self._lasting.get("health", {}),
-            campaign=self._lasting.get("campaign", {}),
-            progress=self._lasting.get("progress", {}),
-            state=self._lasting.get("state", {}),
-            verdicts=tuple(self._verdicts),
-            events=tuple(self._events),
-            gaps=tuple(self._gaps),
-            missing=dict(self._missing),
-            refused=self._refused,
-            refusal=self._refusal,
+        age_s = None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns)
+        # Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
+        is_heard = age_s is not None and age_s < DEAD_AFTER * self._heartbeat_s
+        recent = (batch for batch in self._batches if batch.received_ns > now_ns - 10**9)
+        shown: dict[str, Any] = {kind: self._lasting.get(kind, {}) for kind in _SHOWN}
+        if self._batches:
+            samples, channels = self._batches[-1].samples, self._batches[-1].channels
+            shown |= {"names": channels.names, "units": channels.units, "test": samples.test}
+            shown["time_s"] = float(samples.time_s[-1])
+            shown["latest"] = dict(zip(channels.names, map(float, samples.values[-1]), strict=True))
+        return replace(
+            self._known,
+            session=self.session,
+            alive=self.has_token and is_heard,
+            age_s=age_s,
+            rate_hz=float(sum(len(batch.samples.time_s) for batch in recent if not batch.is_past)),
+            **shown,
         )
-
-    def is_alive(self, now_ns: int) -> bool:
-        """Return whether the token is there and a message came in the last four heartbeat periods.
-
-        Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
-        """
-        if not self._token or self._last_ns is None:
-            return False
-        return 1e-9 * (now_ns - self._last_ns) < DEAD_AFTER * self._heartbeat_s
 
     def window(self, last_s: float, names: tuple[str, ...] = ()) -> Window:
         """Return the stored samples of the last seconds of rig time; all channels if none is named.
@@ -291,7 +278,10 @@ class RigView:
             row=np.concatenate([np.empty(0, np.int64), *rows]),
             time_s=np.concatenate([np.empty(0), *(b.samples.time_s for b in batches)]),
             test=np.repeat(np.array([b.samples.test for b in batches], np.int64), sizes),
-            values={name: _column(batches, name) for name in names},
+            values={
+                name: np.concatenate([np.empty(0, np.float32), *(b.column(name) for b in batches)])
+                for name in names
+            },
         )
 
     def _last_batches(self, last_s: float) -> list[_Received]:
@@ -306,9 +296,9 @@ class RigView:
         return chosen[::-1]
 
     def _begin_session(self, name: str) -> None:
-        if self._session:
-            self._restarts += 1
-        self._session, self._is_begun = name, False
+        if self.session:
+            self._known = replace(self._known, restarts=self._known.restarts + 1)
+        self.session, self._is_begun = name, False
         # The channels of the earlier session stay: if a stranger has sent this message, the rig's
         # next samples still need them.
         self._sequences.clear()
@@ -316,65 +306,60 @@ class RigView:
         # cannot be compared with those of the new one.
         self._lasting.clear()
 
-    def _number(self, kind: str, sequence: int, received_ns: int) -> None:
-        last = self._sequences.get(kind)
-        if last is not None and sequence > last + 1:
-            self._lost(kind, sequence - last - 1, received_ns)
-        self._sequences[kind] = max(sequence, -1 if last is None else last)
+    def _miss_up_to(self, kind: str, sequence: int, received_ns: int) -> None:
+        """Record as missing all messages of a kind, up to this number, that have not come."""
+        last = self._sequences.get(kind, sequence)
+        if sequence > last:
+            self._lost(kind, sequence - last, received_ns)
+            self._sequences[kind] = sequence
 
     def _lost(self, kind: str, missing: int, received_ns: int) -> None:
-        self._gaps.append(Gap(received_ns, kind, missing))
-        self._missing[kind] = self._missing.get(kind, 0) + missing
+        known = self._known
+        gaps = (*known.gaps, Gap(received_ns, kind, missing))[-GAPS_SHOWN:]
+        counts = {**known.missing, kind: known.missing.get(kind, 0) + missing}
+        self._known = replace(known, gaps=gaps, missing=counts)
 
     def _file(
-        self,
-        kind: str,
-        held: Channels | Mapping[str, Any],
-        content: Mapping[str, Any],
-        received_ns: int,
+        self, kind: str, held: Channels | Content, content: Content, received_ns: int
     ) -> None:
-        if kind == "event":
-            if not self._has_event(content):
-                self._events.append(content)
-            return
+        """Make a message of a kind in `LASTING` the newest of its kind."""
         if isinstance(held, Channels):
             self._channels[content["session"], held.number] = held
             while len(self._channels) > CHANNELS_KEPT:
                 del self._channels[next(iter(self._channels))]
-        else:
-            self._note(kind, content, received_ns)
-        self._lasting[kind] = content
-
-    def _has_event(self, content: Mapping[str, Any]) -> bool:
-        return any(_numbered(event) == _numbered(content) for event in self._events)
-
-    def _has_rows(self, samples: Samples) -> bool:
-        return any(samples.first_row == batch.samples.first_row for batch in self._batches)
-
-    def _note(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
-        if kind == "heartbeat":
+        elif kind == "heartbeat":
             self._heartbeat(content, received_ns)
         elif kind == "campaign":
             # The first verdict of a run is listed even if the run before ended with the same one.
             self._is_new |= content.get("begun_ns") != self._lasting.get(kind, {}).get("begun_ns")
         elif kind == "decision":
-            before = self._verdicts[-1] if self._verdicts else {}
-            named = ("verdict", "test")
+            verdicts, named = self._known.verdicts, ("verdict", "test")
+            before = verdicts[-1] if verdicts else {}
             if self._is_new or any(before.get(name) != content.get(name) for name in named):
-                self._verdicts.append(content)
+                self._known = replace(self._known, verdicts=(*verdicts, content)[-VERDICTS_SHOWN:])
             self._is_new = False
+        self._lasting[kind] = content
 
-    def _heartbeat(self, content: Mapping[str, Any], received_ns: int) -> None:
+    def _add_event(self, content: Content, *, is_past: bool = False) -> None:
+        """Add an event that is not there yet; a past one in the order of time."""
+        events = self._known.events
+        if all(_numbered(event) != _numbered(content) for event in events):
+            events = (*events, content)
+            events = tuple(sorted(events, key=_sent)) if is_past else events
+            self._known = replace(self._known, events=events[-EVENTS_SHOWN:])
+
+    def _has_rows(self, samples: Samples) -> bool:
+        return any(samples.first_row == batch.samples.first_row for batch in self._batches)
+
+    def _heartbeat(self, content: Content, received_ns: int) -> None:
         """Compare a heartbeat's sequence numbers with those received; record what is missing.
 
         Messages that were sent before the heartbeat and have not come by now are lost.
         """
         self._heartbeat_s = float(content["heartbeat_s"])
         for kind, sequence in content["sequences"].items():
-            last = self._sequences.get(kind)
-            if kind != "heartbeat" and last is not None and sequence > last:
-                self._lost(kind, sequence - last, received_ns)
-                self._sequences[kind] = sequence
+            if kind != "heartbeat":
+                self._miss_up_to(kind, sequence, received_ns)
 
     def _begin_rows(self, samples: Samples) -> None:
         """Drop the stored rows if a session's first batch has a lower row number than they have.
@@ -396,7 +381,7 @@ class RigView:
             self._holes.append((self._next_row, samples.first_row))
         end = samples.first_row + len(samples.time_s)
         self._next_row = end
-        channels = self._channels.get((self._session, samples.channels_id))
+        channels = self._channels.get((self.session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
         self._batches.append(_Received(samples, channels, received_ns))
@@ -405,7 +390,7 @@ class RigView:
 
     def _insert(self, samples: Samples, received_ns: int) -> None:
         """Insert a past batch among the stored ones, in the order of their row numbers."""
-        channels = self._channels.get((self._session, samples.channels_id))
+        channels = self._channels.get((self.session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
         self._begin_rows(samples)
@@ -420,43 +405,18 @@ class RigView:
     def _fill(self, begin: int, end: int) -> None:
         """Remove the rows from `begin` to before `end` from the gaps, and from the missing ones."""
         left: list[tuple[int, int]] = []
+        missing = dict(self._known.missing)
         for first, last in self._holes:
             found = min(end, last) - max(begin, first)
             if found <= 0:
                 left.append((first, last))
                 continue
-            self._missing["rows"] -= found
+            missing["rows"] -= found
             left += [(first, begin)] * (first < begin) + [(end, last)] * (end < last)
         self._holes = deque(left, maxlen=HOLES_KEPT)
-        if not self._missing.get("rows", 1):
-            del self._missing["rows"]
-
-    def _rate_hz(self, now_ns: int) -> float:
-        return float(
-            sum(
-                len(batch.samples.time_s)
-                for batch in self._batches
-                if batch.received_ns > now_ns - 10**9 and not batch.is_past
-            )
-        )
-
-
-def _numbered(event: Mapping[str, Any]) -> tuple[str, int]:
-    return event["session"], event["sequence"]
-
-
-def _sent(event: Mapping[str, Any]) -> tuple[int, int]:
-    return event["sent_ns"], event["sequence"]
-
-
-def _column(batches: list[_Received], name: str) -> Singles:
-    parts = [np.empty(0, np.float32)]
-    for batch in batches:
-        if name in batch.channels.names:
-            parts.append(batch.samples.values[:, batch.channels.names.index(name)])
-        else:
-            parts.append(np.full(len(batch.samples.time_s), np.nan, np.float32))
-    return np.concatenate(parts)
+        if not missing.get("rows", 1):
+            del missing["rows"]
+        self._known = replace(self._known, missing=missing)
 
 
 def _period_s(samples: Samples) -> float:

@@ -21,6 +21,8 @@ RESET_S: Final = 120.0
 HOMING_PERIOD_S: Final = 0.02
 WITHIN_LIMITS_M: Final = 0.02
 """Distance in m from the position limits to which the ram is moved before they are watched."""
+_WATCHED: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
+"""Channels of a `HomingSample`, in the order of its fields."""
 
 
 def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: str) -> None:
@@ -65,11 +67,8 @@ def arm(rig: ConnectedRig) -> None:
         rig, wanted, "pump, valve drive or bypass valves are not where they were asked to be",
         "look at them, and at what they report",
     )  # fmt: skip
-    rig.switch_to(
-        rig.segment(
-            Drive.HOLD, reset_lamp=True, rearm=True, reset=True, homed=rig.configured.homing is None
-        )
-    )
+    is_homed = rig.configured.homing is None
+    rig.switch_to(Drive.HOLD, reset_lamp=True, rearm=True, reset=True, homed=is_homed)
     if rig.latest("valve_enabled") == 0.0:
         rig.say("waiting for the reset button: press it on the rig")
     rig.wait(
@@ -101,7 +100,8 @@ def home(rig: ConnectedRig) -> None:
     while True:
         rig.check()
         try:
-            command_V = homing.next_command(_homing_sample(rig))  # noqa: N806
+            sample = HomingSample(time.monotonic(), *map(rig.latest, _WATCHED))
+            command_V = homing.next_command(sample)  # noqa: N806
         except HomingError as error:
             rig.handle(Event.HOMING_FAILED)
             raise TripError(f"homing failed: {error}") from error
@@ -109,19 +109,12 @@ def home(rig: ConnectedRig) -> None:
             break
         if homing.phase is not phase:
             phase = homing.phase
-            ticks = round(settings.timeout / TICK)
-            rig.switch_to(
-                rig.segment(
-                    Drive.TRACK,
-                    open_loop=True,
-                    setpoint=np.full(ticks, command_V),
-                    limit=abs(command_V),
-                )
-            )
+            setpoint = np.full(round(settings.timeout / TICK), command_V)
+            rig.switch_to(Drive.TRACK, open_loop=True, setpoint=setpoint, limit=abs(command_V))
         time.sleep(HOMING_PERIOD_S)
     rig.offset_m = homing.offset_m
     _come_within_limits(rig)
-    rig.switch_to(rig.segment(Drive.HOLD, homed=True))
+    rig.switch_to(Drive.HOLD, homed=True)
     rig.wait(
         lambda: bool(rig.board.words[Word.HOMED]), ANSWER_S,
         "the loop did not take the encoder's zero", "look at the session's log",
@@ -141,18 +134,8 @@ def _come_within_limits(rig: ConnectedRig) -> None:
         limits.position_min_m + WITHIN_LIMITS_M,
         limits.position_max_m - WITHIN_LIMITS_M,
     )
-    ticks = round(SETTLE_S / TICK)
-    rig.switch_to(rig.segment(Drive.TRACK, setpoint=np.full(ticks, inside)))
+    rig.switch_to(Drive.TRACK, setpoint=np.full(round(SETTLE_S / TICK), inside))
     rig.wait(
         lambda: abs(rig.latest("position_m") - inside) < 0.5 * WITHIN_LIMITS_M, SETTLE_S,
         "the ram did not come off the end stop", "look at the valve and its supply",
     )  # fmt: skip
-
-
-def _homing_sample(rig: ConnectedRig) -> HomingSample:
-    return HomingSample(
-        time.monotonic(),
-        rig.latest("position_m"),
-        rig.latest("pressure_1_Pa"),
-        rig.latest("pressure_2_Pa"),
-    )

@@ -2,13 +2,15 @@
 
 The zero of each meter is measured at rest with all balls shut. Then, for each bypass, the needle
 goes through its openings up and down with the ball open. Each opening is measured during a slow
-stroke in the direction that puts the greater pressure on the bypass.
+stroke in the direction that puts the greater pressure on the bypass. At rest the pressure across an
+open bypass falls away, and little flows. The friction of a moving ram keeps up a pressure
+difference of some 2.5 MPa, which drives flow through the bypass.
 """
 
 import datetime
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +32,10 @@ from rig.configuration import Rig
 from rig.io import METERS
 from rig.plant import TICK
 
-from .strokes import Samples
+from .arming import bring
+from .connected_rig import ConnectedRig
+from .moves import preparing_moves
+from .states import Event
 
 Array = NDArray[np.float64]
 
@@ -40,11 +45,16 @@ ZERO_S: Final = 40.0
 """Time in s in which the zeros are measured; it is long, as their error is in all measurements."""
 TRIES: Final = 3
 """Most strokes for one measurement; the flow must settle in one of them."""
-
+STROKE_S: Final = 6.0
+RETURN_S: Final = 2.5
+"""Time in s in which the ram returns to where a stroke begins and comes to rest there."""
+SPEED: Final = 0.05
+"""Speed of a stroke in m/s: fast enough for smooth friction, slow beside what the valve can do."""
+_MARGIN_M: Final = 0.05
+"""Distance in m of strokes from the position limits, as the loop may lag and overshoot."""
+_BATCH_TICKS: Final = 250
 
 _UNMETERED: Final = "rely on its data sheet: `needle: {maximum: ..., rangeability: ...}`"
-
-OnMeasured = Callable[[str, Measurement], None]
 
 
 class Way(NamedTuple):
@@ -63,23 +73,79 @@ WAYS: Final = {
 """Fault -> how the flow through its bypass is measured, for bypasses with a flow meter."""
 
 
-class Motions(Protocol):
-    """The motions that a calibration needs of a rig; see `rig.supervisor.strokes.Strokes`."""
+class Samples(NamedTuple):
+    """The samples of a motion, one row per tick; NaN where a sample is missing."""
+
+    flows: Array
+    """Flows (n, 3) in m^3/s, in the order of `METERS`."""
+    pressures: Array
+    """Pressures (n, 2) of chambers 1 and 2 in Pa."""
+
+
+class Strokes:
+    """The motions for a calibration: it moves the ram of an armed and homed rig, and its bypasses.
+
+    Every method that moves something raises `TripError` if the rig trips or is stopped, or if the
+    valves do not follow.
+    """
+
+    def __init__(self, rig: ConnectedRig) -> None:
+        self._rig = rig
+        limits = rig.configured.limits
+        room = limits.position_max_m - limits.position_min_m - 2.0 * _MARGIN_M
+        self._middle_m = 0.5 * (limits.position_min_m + limits.position_max_m)
+        self._length_m = min(SPEED * STROKE_S, room)
 
     def shut_bypasses(self) -> None:
-        """Shut every ball valve and needle."""
+        """Shut every ball valve and needle, and wait until they are."""
+        self._move(preparing_moves(self._rig.configured, ()))
 
     def open_bypass(self, kind: str, opening: float) -> None:
-        """Open the ball valve of a bypass, and its needle to `opening`, 0 to 1."""
+        """Open the ball valve of a bypass and its needle to `opening`, 0 to 1; await the feedback.
+
+        The bypass is named by the fault `kind` that it makes; the others stay as they are.
+        """
+        self._move({f"{kind}_ball": 1.0, f"{kind}_needle": opening})
 
     def feedback(self, kind: str) -> float:
-        """Return the last opening, 0 to 1, that a bypass's needle reported; NaN if it has none."""
+        """Return the newest opening, 0 to 1, that the needle of the bypass for a fault reported.
+
+        It is NaN if no driver reads the needle, it was not read yet, or the last read failed.
+        """
+        return self._rig.slow(f"{kind}_needle")
 
     def rest(self, duration_s: float) -> Samples:
         """Hold the ram in mid stroke for a time in s, and return the samples of that time."""
+        return self._follow(np.full(round(duration_s / TICK), self._middle_m))
 
     def stroke(self, direction: float) -> Samples:
-        """Move the ram slowly through mid stroke, out (1) or in (-1); return the samples of it."""
+        """Move the ram at constant speed, out (1) or in (-1), and return the samples meanwhile.
+
+        First the ram goes to the stroke's beginning. The stroke lasts `STROKE_S` and has its middle
+        at mid stroke; it is slower than `SPEED` if the position limits leave too little room.
+        """
+        way = np.linspace(-0.5, 0.5, round(STROKE_S / TICK))
+        return self._follow(self._middle_m + direction * self._length_m * way)
+
+    def _move(self, outputs: dict[str, float]) -> None:
+        bring(self._rig, outputs, "the bypass valves are not where they were sent", "look at them")
+
+    def _follow(self, setpoint: Array) -> Samples:
+        rig, rows = self._rig, []
+        wire = rig.tracking(float(setpoint[0]), RETURN_S, setpoint=setpoint)
+        with rig.reporting_stops():
+            rig.check()
+            rig.handle(Event.POSITION)
+            wire.position()
+            rig.handle(Event.POSITIONED)
+            rig.handle(Event.RUN)
+            while wire.ticks_left:
+                rig.check()
+                rows.append(wire.advance(_BATCH_TICKS))
+            wire.safe_state()
+            rig.handle(Event.DONE)
+        table, columns = np.concatenate(rows), (METERS, ("pressure_1_Pa", "pressure_2_Pa"))
+        return Samples(*(table[:, [wire.channels.index(n) for n in names]] for names in columns))
 
 
 def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
@@ -120,17 +186,17 @@ def _obstacle(rig: Rig, kind: str) -> RequestProblem | None:
 
 
 def calibrate(
-    motions: Motions,
+    strokes: Strokes,
     valves: Mapping[str, BypassValve],
     openings: Sequence[float],
     return_pressure_Pa: float,  # noqa: N803
     date: datetime.date,
-    on_measured: OnMeasured = lambda kind, measurement: None,
+    on_measured: Callable[[str, Measurement], None] = lambda kind, measurement: None,
 ) -> dict[str, NeedleCalibration]:
     """Measure the needles of bypass valves, and return fault -> calibrated needle.
 
     Args:
-        motions: moves the rig's ram and bypass valves.
+        strokes: moves the rig's ram and bypass valves.
         valves: fault -> bypass valve, for those to calibrate; see `calibratable`.
         openings: needle openings to measure at, from 0 to 1, increasing.
         return_pressure_Pa: pressure of the return line in Pa, into which external bypasses lead.
@@ -143,34 +209,20 @@ def calibrate(
         BypassError: the measured coefficients do not increase with the opening.
         TripError: the rig tripped or was stopped.
     """
-    zeros = measure_zeros(motions, valves)
-    return {
-        kind: calibrated_needle(
-            valve,
-            measure_needle(
-                motions, kind, openings, zeros[kind], return_pressure_Pa,
-                partial(on_measured, kind),
-            ),
-            date,
+    strokes.shut_bypasses()
+    samples = strokes.rest(ZERO_S)
+    zeros = {kind: meter_zero(_metered(samples, kind), BATCH_TICKS) for kind in valves}
+    needles = {}
+    for kind, valve in valves.items():
+        measured = measure_needle(
+            strokes, kind, openings, zeros[kind], return_pressure_Pa, partial(on_measured, kind)
         )
-        for kind, valve in valves.items()
-    }  # fmt: skip
-
-
-def measure_zeros(motions: Motions, kinds: Iterable[str]) -> dict[str, Estimate]:
-    """Shut every bypass, rest for `ZERO_S`, and return fault -> zero of its bypass's meter, m^3/s.
-
-    Raises:
-        CalibrationError: a meter gives readings in less than half of the samples.
-        TripError: the rig tripped or was stopped.
-    """
-    motions.shut_bypasses()
-    samples = motions.rest(ZERO_S)
-    return {kind: meter_zero(_metered(samples, kind), BATCH_TICKS) for kind in kinds}
+        needles[kind] = calibrated_needle(valve, measured, date)
+    return needles
 
 
 def measure_needle(
-    motions: Motions,
+    strokes: Strokes,
     kind: str,
     openings: Sequence[float],
     zero: Estimate,
@@ -180,7 +232,7 @@ def measure_needle(
     """Measure a bypass at each needle opening, upwards, then downwards; then shut every bypass.
 
     Args:
-        motions: moves the rig's ram and bypass valves.
+        strokes: moves the rig's ram and bypass valves.
         kind: the fault that the bypass makes, one of `WAYS`.
         openings: needle openings, 0 to 1, increasing.
         zero: zero of the bypass's meter, m^3/s.
@@ -192,42 +244,30 @@ def measure_needle(
             the flow at an opening settles in none of `TRIES` strokes.
         TripError: the rig tripped or was stopped.
     """
+
+    def measurement(opening: float, upwards: bool) -> Measurement:
+        for _ in range(TRIES):
+            samples = strokes.stroke(WAYS[kind].direction)
+            flows, drops = _metered(samples, kind), _drop(samples, kind, return_pressure_Pa)
+            try:
+                found = measured_coefficient(flows, drops, zero, BATCH_TICKS)
+            except UnsettledError:
+                continue
+            flow, coefficient, drop = found
+            return Measurement(opening, upwards, strokes.feedback(kind), flow, drop, coefficient)
+        raise _refusal(
+            kind, f"opening {opening:g}", "the flow", f"did not settle in {TRIES} strokes",
+            "look for air in the lines, a needle that creeps, or an unsteady supply",
+        )  # fmt: skip
+
     measured = []
-    for opening, upwards in _up_and_down(openings):
-        motions.open_bypass(kind, opening)
-        measured.append(_measure(motions, kind, opening, upwards, zero, return_pressure_Pa))
+    up_and_down = [(each, True) for each in openings] + [(each, False) for each in openings[::-1]]
+    for opening, upwards in up_and_down:
+        strokes.open_bypass(kind, opening)
+        measured.append(measurement(opening, upwards))
         on_measured(measured[-1])
-    motions.shut_bypasses()
+    strokes.shut_bypasses()
     return tuple(measured)
-
-
-def _up_and_down(openings: Sequence[float]) -> Iterator[tuple[float, bool]]:
-    yield from ((opening, True) for opening in openings)
-    yield from ((opening, False) for opening in reversed(openings))
-
-
-def _measure(
-    motions: Motions,
-    kind: str,
-    opening: float,
-    upwards: bool,
-    zero: Estimate,
-    return_pressure_Pa: float,  # noqa: N803
-) -> Measurement:
-    for _ in range(TRIES):
-        samples = motions.stroke(WAYS[kind].direction)
-        drop = _drop(samples, kind, return_pressure_Pa)
-        try:
-            flow, coefficient, drop_Pa = measured_coefficient(  # noqa: N806
-                _metered(samples, kind), drop, zero, BATCH_TICKS
-            )
-        except UnsettledError:
-            continue
-        return Measurement(opening, upwards, motions.feedback(kind), flow, drop_Pa, coefficient)
-    raise _refusal(
-        kind, f"opening {opening:g}", "the flow", f"did not settle in {TRIES} strokes",
-        "look for air in the lines, a needle that creeps, or an unsteady supply",
-    )  # fmt: skip
 
 
 def _metered(samples: Samples, kind: str) -> Array:

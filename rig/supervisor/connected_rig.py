@@ -2,13 +2,11 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Protocol
-
-import numpy as np
 
 from estimator.filters import start_memory
 from rig.compile_cache import telling_of_compiling
@@ -25,6 +23,7 @@ from rig.loop import (
     RingReader,
     StopRequestedError,
     TripError,
+    WireLoop,
     Word,
     explain,
     limit_table,
@@ -32,22 +31,21 @@ from rig.loop import (
     tolerances,
     wire_channels,
 )
-from rig.plant import Model
+from rig.plant import TICK, Model
 from rig.supervisor.processes import (
     Child,
     ChildError,
     MakeSafe,
-    NoAnswerError,
     Onlooker,
     OpenField,
     Parts,
-    Safety,
     SafetyThread,
     WriteOutputs,
+    loop_channel,
 )
 
-from .event_log import EventLog, loop_channel
-from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, SessionState, State
+from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, State, next_state
+from .trip_report import EventLog, last_known
 
 OPEN_S: Final = 300.0
 """Time in s within which a part must open its devices; the loop may have to be compiled first."""
@@ -103,14 +101,18 @@ class ConnectedRig:
     Attributes:
         configured: the rig's configuration.
         model: the model that the filter assumes.
+        state: the present state of the session; OFF at first.
         offset_m: offset in m that is added to the encoder's position; 0 before homing.
         board: the memory that all processes share; it exists once connected.
+        note: is called with who did what at the present time, to record it for a trip report.
         parts: the processes; they exist once connected.
+        safety: the safety thread; it exists once connected.
         opened: the loop's answer to the order to open the fast device.
     """
 
     board: Board
     parts: Parts
+    safety: SafetyThread
     opened: orders.Opened
 
     def __init__(
@@ -129,24 +131,15 @@ class ConnectedRig:
         self.say = say
         self._onlooker = onlooker or Onlooker()
         self._event_log = EventLog(rig, directory, say, journal)
+        self.note = self._event_log.note
         self.offset_m = 0.0
         self._memory = lambda: start_memory(filter_name, model, rig.sensors)
         self._directory = directory
         self._stop = stop
-        self._state = SessionState()
+        self.state = State.OFF
         self._outputs = {output for spec in rig.drivers for output in spec.outputs}
         self._devices = ExitStack()
         self._indicated = (0, NO_CHANNEL)
-
-    @property
-    def state(self) -> State:
-        """The present state of the session."""
-        return self._state.state
-
-    @property
-    def has_tripped(self) -> bool:
-        """Whether any part of the session has tripped; it can be read once connected."""
-        return self._safety.tripped
 
     def connect(self) -> None:
         """Start the processes and the safety thread, open and verify every device; move nothing.
@@ -160,27 +153,15 @@ class ConnectedRig:
         memory = self._memory()
         self._channels = wire_channels(memory.filter.states, open_loop=False)
         self.board = Board.create(len(self._channels))
-        log = self._directory / LOG
+        heard, log = self._event_log.take, self._directory / LOG
+
+        def part(name: str, module: str) -> Child:
+            return Child(name, f"rig.supervisor.processes.{module}", self.board, log, heard)
+
         self.parts = Parts(
-            *(
-                Child(
-                    name,
-                    f"rig.supervisor.processes.{module}",
-                    self.board,
-                    log,
-                    self._event_log.take,
-                )
-                for name, module in (
-                    ("loop", "loop_process"),
-                    ("field", "field"),
-                    ("recorder", "recorder"),
-                )
-            )
+            part("loop", "loop_process"), part("field", "field"), part("recorder", "recorder")
         )
-        self._safety = SafetyThread(
-            self.board, self.parts, self.configured.loop, self.configured.drivers, self.note,
-            self._event_log.take,
-        )  # fmt: skip
+        self.safety = SafetyThread(self.board, self.parts, self.configured, self.note, heard)
         try:
             self._open()
         except BaseException:
@@ -188,57 +169,39 @@ class ConnectedRig:
             self._end_parts()
             raise
         self._devices.enter_context(telling_of_compiling(self._compiles))
-        self._safety.start()
+        self.safety.start()
         self._onlooker.connected(self.board, self._channels)
         self.handle(Event.CONNECTED)
 
     def _open(self) -> None:
         rig = self.configured
         slow = tuple(spec for spec in rig.drivers if spec.kind == "slow")
-        self._opened(self.parts.field, OpenField(slow, rig.loop))
+        self.parts.field.ask_patiently(OpenField(slow, rig.loop), OPEN_S, LOOK_S, self._heed_stop)
         first = orders.Segment(1, Drive.NULL, self._memory(), self.model.parameters, homed=False)
         (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
         period_s = 1.0 / rig.loop.rate
         self.board.words[Word.SWITCH] = first.number
-        self.opened = self._opened(
-            self.parts.loop,
-            orders.Open(
-                driver=fast,
-                settings=rig.loop,
-                limits=limit_table(rig.ladder, period_s),
-                tolerances=tolerances(
-                    self.model.parameters,
-                    rig.sensors,
-                    frozenset(fast.inputs),
-                    period_s,
-                    rig.loop.stale_limit,
-                    rig.homing or HomingSettings(),
-                    rig.limits.command_V,
-                ),
-                first=first,
-            ),
+        checks = tolerances(
+            self.model.parameters,
+            rig.sensors,
+            frozenset(fast.inputs),
+            period_s,
+            rig.loop.stale_limit,
+            rig.homing or HomingSettings(),
+            rig.limits.command_V,
         )
-        self._say_grants()
-
-    def _opened(self, part: Child, order: object) -> Any:
-        """Send a part the order to open its devices, and return its answer, unless stopped."""
-        part.send(order)
-        began = time.monotonic()
-        while True:
-            try:
-                return part.answer(LOOK_S)
-            except NoAnswerError:
-                if part.ended or time.monotonic() - began > OPEN_S:
-                    raise
-            if self._stop.requested:
-                raise StopRequestedError(f"stopped by {self._stop.reason}")
-
-    def _say_grants(self) -> None:
+        order = orders.Open(fast, rig.loop, limit_table(rig.ladder, period_s), checks, first)
+        self.opened = self.parts.loop.ask_patiently(order, OPEN_S, LOOK_S, self._heed_stop)
         grants = self.opened.grants
         given = ", ".join(grant.name for grant in grants if grant.granted)
         self.say(f"loop: {self.opened.rate_hz:g} exchanges a second; {given or 'nothing granted'}")
         for lack in (grant for grant in grants if not grant.granted):
             self.say(f"loop: runs without {lack.name} ({lack.why}); to get it: {lack.remedy}")
+
+    def _heed_stop(self) -> None:
+        """Raise `StopRequestedError` if somebody asked for the end."""
+        if self._stop.requested:
+            raise StopRequestedError(f"stopped by {self._stop.reason}")
 
     def handle(self, event: Event) -> None:
         """Note an event, go to the state that follows on it, and tell the onlooker of that state.
@@ -248,12 +211,11 @@ class ConnectedRig:
         """
         self.note("session", event.value)
         try:
-            self._state.handle(event, self._conditions())
+            self.state = next_state(self.state, event, self._conditions())
         except IllegalTransition as refused:
-            if self.has_tripped:
+            if self.safety.tripped:
                 raise self.tripped() from None
-            what = f"{event.value!r} was refused while {refused.state.value}"
-            raise TripError(f"{refused.reason} ({what})") from None
+            raise TripError(str(refused)) from None
         self._onlooker.came_to(self.state.value)
 
     def _conditions(self) -> Conditions:
@@ -272,9 +234,7 @@ class ConnectedRig:
     def latest(self, channel: str) -> float:
         """Return a channel's last value other than NaN in the rows, up to 0.25 s old; else NaN."""
         values = RingReader(self.board).latest(round(RECENT_S * self.configured.loop.rate))
-        known = values[:, self._channels.index(channel)]
-        known = known[np.isfinite(known)]
-        return float(known[-1]) if known.size else float("nan")
+        return last_known(values[:, self._channels.index(channel)])
 
     def slow(self, channel: str) -> float:
         """Return a slow channel's last reading, of any age; NaN if there is none or it failed."""
@@ -287,19 +247,8 @@ class ConnectedRig:
             ChildError: the part has ended, did not answer in time, or its answer cannot be read. An
                 answer that is an exception is raised too.
         """
-        part.send(order)
-        until = time.monotonic() + timeout_s
-        while True:
-            self._safety.alive()
-            try:
-                return part.answer(1.0)
-            except NoAnswerError:
-                if part.ended or time.monotonic() > until:
-                    raise
-
-    def note(self, who: str, what: str) -> None:
-        """Record who did what at the present time, for a trip report."""
-        self._event_log.note(who, what)
+        self.safety.alive()
+        return part.ask_patiently(order, timeout_s, 1.0, self.safety.alive)
 
     def _compiles(self, name: str) -> None:
         """Report that a function is compiled during the session, which delays the supervisor."""
@@ -327,14 +276,21 @@ class ConnectedRig:
         Raises:
             TripError: the rig has tripped, or somebody asked for the end (`StopRequestedError`).
         """
+        self.going_on()
+        self._heed_stop()
+
+    def going_on(self) -> None:
+        """Show the safety thread that the supervisor works; a wish to end is not looked at.
+
+        Raises:
+            TripError: a part has tripped, even if rows still come.
+        """
         self.alive()
-        if self._safety.tripped:
+        if self.safety.tripped:
             raise self.tripped()
-        if self._stop.requested:
-            raise StopRequestedError(f"stopped by {self._stop.reason}")
 
     def segment(self, drive: Drive, **changes: Any) -> orders.Segment:
-        """Return a new segment for `switch_to`, with `changes` to the fields usual for this rig."""
+        """Return a new segment without a number, with `changes` to this rig's usual fields."""
         segment = orders.Segment(
             0,
             drive,
@@ -347,16 +303,33 @@ class ConnectedRig:
         )
         return replace(segment, **changes)
 
-    def switch_to(self, segment: orders.Segment) -> None:
-        """Number a segment, send it to the loop, await the receipt, and have the loop switch to it.
+    def switch_to(self, drive: Drive, **changes: Any) -> None:
+        """Send the loop a segment of `segment`, await the receipt, and have the loop switch to it.
 
         Raises:
             ChildError: the loop's process has ended, or did not answer within `ANSWER_S`.
         """
         words = self.board.words
         number = int(words[Word.SWITCH]) + 1
-        self.parts.loop.ask(replace(segment, number=number), ANSWER_S)
+        self.parts.loop.ask(self.segment(drive, number=number, **changes), ANSWER_S)
         words[Word.SWITCH] = number
+
+    def tracking(self, start_position: float, settle_s: float, **changes: Any) -> WireLoop:
+        """Return the loop that tracks a setpoint from a position in m on.
+
+        Args:
+            start_position: the position in m.
+            settle_s: time in s in which the ram is brought to that position.
+            **changes: the setpoint, and other changes to the fields of `segment`.
+        """
+        return WireLoop(
+            self.board,
+            self.parts.loop,
+            self.segment(Drive.TRACK, **changes),
+            start_position=start_position,
+            settle_ticks=round(settle_s / TICK),
+            silence_s=self.configured.loop.loop_silence,
+        )
 
     def write(self, outputs: Mapping[str, float]) -> None:
         """Order slow outputs, SI, to be set, without waiting; ignore those that no driver has."""
@@ -379,23 +352,27 @@ class ConnectedRig:
 
     def tripped(self) -> TripError:
         """Wait up to 20 s until the rig is safe, report the trip once, return it as an error."""
-        safe = self._safety.wait_until_safe()
+        safe = self.safety.wait_until_safe()
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
         if not safe:
             self.note("supervisor", "not everything was made safe in time")
         return self._event_log.tripped(self.board, self._channels)
 
-    def stopped(self, error: LoopStoppedError) -> TripError:
-        """Return the error to raise when the loop ended a motion by itself; report it if a trip."""
-        if error.action is Action.TRIP or self.has_tripped:
-            return self.tripped()
-        self.note("loop", str(error))
-        return TripError(str(error))
+    @contextmanager
+    def reporting_stops(self) -> Iterator[None]:
+        """Raise `TripError` if the loop ends a motion of the block by itself; report a trip."""
+        try:
+            yield
+        except LoopStoppedError as error:
+            if error.action is Action.TRIP or self.safety.tripped:
+                raise self.tripped() from None
+            self.note("loop", str(error))
+            raise TripError(str(error)) from None
 
     def alive(self) -> None:
         """Show the safety thread that the supervisor works; report a newly indicated cause."""
-        self._safety.alive()
+        self.safety.alive()
         words = self.board.words
         indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
         if words[Word.ACTION] != Action.INDICATE or indicated == self._indicated:
@@ -417,14 +394,14 @@ class ConnectedRig:
         self.handle(Event.RAMP_DOWN)
         self.board.words[Word.STOP] = Action.RAMP_DOWN
         until = time.monotonic() + STOP_S
-        while time.monotonic() < until and not self._safety.tripped and not self._is_at_rest():
-            self._safety.alive()
+        while time.monotonic() < until and not self.safety.tripped and not self._is_at_rest():
+            self.safety.alive()
             time.sleep(POLL_S)
-        if not self._safety.tripped:
+        if not self.safety.tripped:
             if self._is_at_rest():
                 self.handle(Event.AT_REST)
             else:
-                self._safety.trip(Cause.NULL_NOT_CONFIRMED)
+                self.safety.trip(Cause.NULL_NOT_CONFIRMED)
 
     def _is_at_rest(self) -> bool:
         """Return whether no reading contradicts that the valve is at null and disabled."""
@@ -440,20 +417,20 @@ class ConnectedRig:
         ended: TripError | None = None
         unsafe: dict[str, str] = {}
         try:
-            if not self._safety.tripped:
+            if not self.safety.tripped:
                 self.ramp_down()
-            if not self._safety.tripped:
+            if not self.safety.tripped:
                 unsafe |= self._make_field_safe()
-            if self._safety.tripped and not self._event_log.has_report:
+            if self.safety.tripped and self._event_log.report is None:
                 ended = self.tripped()
         finally:
-            self._safety.stop()
+            self.safety.stop()
             unsafe |= self._close_loop()
             self._end_parts()
             self._event_log.complete_report()
         self.handle(Event.DISCONNECT)
         line = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
-        if line and self._safety.tripped:
+        if line and self.safety.tripped:
             # The error of the trip, which came first, is not replaced by this one.
             self.say(line)
         elif line:
@@ -464,21 +441,18 @@ class ConnectedRig:
     def _make_field_safe(self) -> Mapping[str, str]:
         """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones."""
         try:
-            safety: Safety = self.ask(self.parts.field, MakeSafe(), SAFE_S)
+            failures: Mapping[str, str] = self.ask(self.parts.field, MakeSafe(), SAFE_S)
         except ChildError as error:
             self.note("field", str(error))
-            self._safety.trip(Cause.FIELD_LOST)
+            self.safety.trip(Cause.FIELD_LOST)
             return {}
-        self._let_it_be_seen()
-        return safety.failures
-
-    def _let_it_be_seen(self) -> None:
-        """Wait for some more rows, which show viewers the safe state before the loop ends."""
+        # Some more rows show viewers the safe state before the loop ends.
         enough = int(self.board.words[Word.ROWS]) + SHOWN_ROWS
         until = time.monotonic() + SHOWN_S
         while self.board.words[Word.ROWS] < enough and time.monotonic() < until:
-            self._safety.alive()
+            self.safety.alive()
             time.sleep(POLL_S)
+        return failures
 
     def _close_loop(self) -> Mapping[str, str]:
         """Make the loop close its device; return "loop" -> failure if it is not safe, else {}."""

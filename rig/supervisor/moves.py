@@ -10,8 +10,7 @@ from faults import BypassValve, Fault, Verdict
 from rig.configuration import Rig
 from rig.plant import TICK
 
-Outputs = Mapping[str, float]
-Move = tuple[int, Outputs]
+Move = tuple[int, Mapping[str, float]]
 
 RAMP_STEP_S: Final = 0.1
 """Time in s between the steps by which a needle follows a ramp.

@@ -5,7 +5,7 @@ The campaign runner steps through a `HardwareTest`, which it records by a `TestR
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -17,21 +17,10 @@ from numpy.typing import NDArray
 from estimator.filters import FilterMemory
 from faults import CampaignTest
 from rig.io import METERS, SLOW_INPUTS
-from rig.loop import (
-    TIMING,
-    Drive,
-    LoopStoppedError,
-    Reaction,
-    Timing,
-    TripError,
-    WireLoop,
-    confirmed_fault,
-    in_short,
-)
+from rig.loop import TIMING, Reaction, Timing, WireLoop, confirmed_fault, in_short
 from rig.plant import TICK, Model
 from rig.supervisor.processes import (
     BeginRecording,
-    Child,
     ChildError,
     FinishRecording,
     FollowMoves,
@@ -112,25 +101,16 @@ class Session:
             assumed: the model that the filter assumes.
         """
         ticks = round(test.duration_s / TICK)
-        open_loop = test.setpoint.quantity == "command"
-        segment = self.rig.segment(
-            Drive.TRACK,
+        wire = self.rig.tracking(
+            test.start_position_m,
+            test.settle_s,
             memory=memory,
             assumed=assumed.parameters,
             setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
-            open_loop=open_loop,
+            open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
         )
-        wire = WireLoop(
-            self.rig.board,
-            self.rig.parts.loop,
-            segment,
-            start_position=test.start_position_m,
-            settle_ticks=round(test.settle_s / TICK),
-            period_s=TICK,
-            silence_s=self.rig.configured.loop.loop_silence,
-        )
-        self._test = HardwareTest(self, wire, test)
+        self._test = HardwareTest(self.rig, wire, test)
         return self._test
 
     @contextmanager
@@ -152,107 +132,32 @@ class Session:
         grants = [asdict(grant) for grant in self.rig.opened.grants]
         loop = {"grants": grants, "exchange_rate_hz": self.rig.opened.rate_hz}
         content = {**metadata, "loop": loop}
+        record = TestRecord(self.rig, channels)
         begin = BeginRecording(self._test.number, path, channels, content, time.time_ns())
-        self._ask_recorder(begin, ANSWER_S)
-        record = TestRecord(
-            self.rig.parts.recorder, Timing(channels, TICK), self.rig.say, self._ask_recorder
-        )
+        record.ask(begin, ANSWER_S)
         try:
             yield record
         finally:
             record.finish()
 
-    def _ask_recorder(self, order: object, timeout_s: float) -> None:
-        """Send the recorder an order, and wait for its answer.
-
-        Raises:
-            TripError: the recorder is gone, so that the safety thread trips. Samples that the
-                recorder has flushed are on disk.
-        """
-        try:
-            self.rig.ask(self.rig.parts.recorder, order, timeout_s)
-        except ChildError as error:
-            self.rig.wait(lambda: False, ANSWER_S, str(error), "see the session's log")
-
-    def prepare(self, test: CampaignTest, segment: int) -> None:
-        """Set the bypass valves for a test's start, wait for them, and schedule the faults' moves.
-
-        Args:
-            test: the test.
-            segment: number of its segment.
-
-        Raises:
-            TripError: the valves do not follow within 20 s, or the rig tripped or was stopped.
-        """
-        wanted = preparing_moves(self.rig.configured, test.faults)
-        bring(self.rig, wanted, "the bypass valves are not where the test begins", "look at them")
-        self.rig.parts.field.send(FollowMoves(segment, moves(self.rig.configured, test.faults)))
-
-    def begin(self, event: Event) -> None:
-        """Go to the state to which `event` leads, for the next step of a test.
-
-        Raises:
-            TripError: the state machine refuses the event, or the rig has tripped.
-        """
-        self.rig.alive()
-        self.rig.handle(event)
-
-    def going_on(self) -> None:
-        """Show the safety thread that the supervisor works; a wish to end is not looked at.
-
-        Raises:
-            TripError: a part has tripped, even if rows still come.
-        """
-        self.rig.alive()
-        if self.rig.has_tripped:
-            raise self.rig.tripped()
-
-    def detected(self, what: str) -> None:
-        """Record a fault that the detector has confirmed, for a trip report."""
-        self.rig.note("detector", what)
-
-    def end_test(self, *, completed: bool) -> None:
-        """Order the end of every fault; unless the test is `completed`, bring the motion to rest.
-
-        The valves of the faults are not awaited. After a completed test the loop holds the ram
-        already, and the state becomes ARMED. After a trip nothing is done.
-        """
-        if self.rig.has_tripped:
-            return
-        self.rig.write(preparing_moves(self.rig.configured, ()))
-        if completed:
-            # A test that is ended before its first tick is in POSITIONING, or in ARMED already.
-            to_armed = {State.POSITIONING: Event.POSITIONED, State.RUNNING: Event.DONE}
-            if self.rig.state in to_armed:
-                self.rig.handle(to_armed[self.rig.state])
-        else:
-            self.rig.ramp_down()
-
-    def stopped(self, error: LoopStoppedError) -> TripError:
-        """Return the error to raise when the loop has ended a test by itself; report a trip."""
-        return self.rig.stopped(error)
-
 
 class HardwareTest:
     """One test on the hardware rig, as the campaign runner steps through it.
 
-    Each step drives the loop on the wire and reports to the session, which is open already and
-    stays open: the session checks that the step is allowed, sets the bypass valves, schedules the
-    faults, and turns a stop of the loop into a `TripError`.
+    Each step drives the loop on the wire of a rig that is connected, armed and homed already. It is
+    checked that the step is allowed, and a stop of the loop becomes a `TripError`.
 
     Attributes:
         channels: names of the columns of the rows that `advance` returns.
     """
 
-    def __init__(self, session: Session, wire: WireLoop, test: CampaignTest) -> None:
+    def __init__(self, rig: ConnectedRig, wire: WireLoop, test: CampaignTest) -> None:
         self.channels = wire.channels
-        self._session = session
+        self._rig = rig
         self._wire = wire
         self._test = test
-        self._begun = False
-        self._early = False
+        self._begun = self._early = self._ended = False
         self._found = ""
-        self._ended = False
 
     @property
     def number(self) -> int:
@@ -271,23 +176,22 @@ class HardwareTest:
             TripError: the rig tripped or its state forbids the motion, or the loop has ended the
                 motion by itself.
         """
-        try:
-            self._session.begin(Event.POSITION)
+        with self._rig.reporting_stops():
+            self._begin(Event.POSITION)
             self._wire.position()
-        except LoopStoppedError as error:
-            raise self._session.stopped(error) from None
 
     def inject(self) -> None:
         """Set the bypass valves for the test's start, wait for them, and schedule its faults.
 
         Raises:
-            TripError: the rig tripped or was stopped, or the valves do not follow.
+            TripError: the rig tripped or was stopped, or the valves do not follow within 20 s.
         """
-        try:
-            self._session.prepare(self._test, self.number)
-            self._session.begin(Event.POSITIONED)
-        except LoopStoppedError as error:
-            raise self._session.stopped(error) from None
+        rig, faults = self._rig, self._test.faults
+        with rig.reporting_stops():
+            segment, wanted = self.number, preparing_moves(rig.configured, faults)
+            bring(rig, wanted, "the bypass valves are not where the test begins", "look at them")
+            rig.parts.field.send(FollowMoves(segment, moves(rig.configured, faults)))
+            self._begin(Event.POSITIONED)
 
     def advance(self, ticks: int) -> Array:
         """Wait for the next `ticks` ticks, or those that are left, and return their rows.
@@ -298,19 +202,17 @@ class HardwareTest:
             TripError: the rig tripped, or the loop has ended the motion by itself.
         """
         if not self._begun:
-            self._session.begin(Event.RUN)
+            self._begin(Event.RUN)
             self._begun = True
-        self._session.going_on()
-        try:
+        self._rig.going_on()
+        with self._rig.reporting_stops():
             return self._wire.advance(ticks)
-        except LoopStoppedError as error:
-            raise self._session.stopped(error) from None
 
     def decided(self, row: Array) -> None:
         """Pass a decision of the detector, as a row, to the loop; note a newly confirmed fault."""
         found = confirmed_fault(row)
         if found and found != self._found:
-            self._session.detected(found)
+            self._rig.note("detector", found)
         self._found = found
         self._wire.decided(row)
 
@@ -333,12 +235,38 @@ class HardwareTest:
         held = False
         try:
             if self._early or (self._begun and not self._wire.ticks_left):
-                self._wire.safe_state()
+                with self._rig.reporting_stops():
+                    self._wire.safe_state()
                 held = True
-        except LoopStoppedError as error:
-            raise self._session.stopped(error) from None
         finally:
-            self._session.end_test(completed=held)
+            self._end(held)
+
+    def _begin(self, event: Event) -> None:
+        """Go to the state to which `event` leads, for the next step of the test.
+
+        Raises:
+            TripError: the state machine refuses the event, or the rig has tripped.
+        """
+        self._rig.alive()
+        self._rig.handle(event)
+
+    def _end(self, held: bool) -> None:
+        """Order the end of every fault; unless the ram is `held`, bring the motion to rest.
+
+        The valves of the faults are not awaited. With the ram held, the state becomes ARMED. After
+        a trip nothing is done.
+        """
+        rig = self._rig
+        if rig.safety.tripped:
+            return
+        rig.write(preparing_moves(rig.configured, ()))
+        if not held:
+            rig.ramp_down()
+        # A test that is ended before its first tick is in POSITIONING, or in ARMED already.
+        elif rig.state is State.POSITIONING:
+            rig.handle(Event.POSITIONED)
+        elif rig.state is State.RUNNING:
+            rig.handle(Event.DONE)
 
 
 class TestRecord:
@@ -346,31 +274,21 @@ class TestRecord:
 
     __test__ = False  # pytest must not take this for a class of tests because of its name
 
-    def __init__(
-        self,
-        process: Child,
-        timing: Timing,
-        say: Callable[[str], None],
-        ask: Callable[[object, float], None],
-    ) -> None:
-        self._process = process
-        self._timing = timing
-        self._say = say
-        self._ask = ask
-        self._rows = 0
+    def __init__(self, rig: ConnectedRig, channels: tuple[str, ...]) -> None:
+        self._rig = rig
+        self._timing = Timing(channels, TICK)
         self._last_s = 0.0
 
     def write(self, rows: Array) -> None:
-        """Count rows and take up their timing; the recorder reads the rows from the ring itself."""
+        """Count rows, and their timing; the recorder reads the rows from the ring itself."""
         self._timing.take(rows)
-        self._rows += len(rows)
         self._last_s = float(rows[-1, 0]) if len(rows) else self._last_s
 
     def event(self, time_s: float, kind: str, text: str) -> None:
         """Add an event at a time of the test, s, to the recording, unless the recorder is gone."""
         # If the recorder is gone, `finish` raises an error for that.
         with suppress(ChildError):
-            self._process.send(NoteInRecording(time_s, kind, text))
+            self._rig.parts.recorder.send(NoteInRecording(time_s, kind, text))
 
     def timing(self) -> Mapping[str, Any]:
         """Return statistics of the loop's timing so far."""
@@ -384,5 +302,17 @@ class TestRecord:
         """
         summary = self._timing.summary()
         self.event(self._last_s, TIMING, json.dumps(summary))
-        self._say(f"      loop: {in_short(summary)}")
-        self._ask(FinishRecording(self._rows), FINISH_S)
+        self._rig.say(f"      loop: {in_short(summary)}")
+        self.ask(FinishRecording(self._timing.ticks), FINISH_S)
+
+    def ask(self, order: object, timeout_s: float) -> None:
+        """Send the recorder an order, and wait for its answer.
+
+        Raises:
+            TripError: the recorder is gone, so that the safety thread trips. Samples that the
+                recorder has flushed are on disk.
+        """
+        try:
+            self._rig.ask(self._rig.parts.recorder, order, timeout_s)
+        except ChildError as error:
+            self._rig.wait(lambda: False, ANSWER_S, str(error), "see the session's log")

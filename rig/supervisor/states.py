@@ -102,39 +102,36 @@ class Guard(NamedTuple):
     Attributes:
         name: the condition in words.
         holds: returns whether the condition is met.
-        reason: returns why the event is refused if it is not met, with a remedy.
+        reason: why the event is refused if it is not met, with a remedy; names of conditions in
+            braces stand for their values.
     """
 
     name: str
     holds: Callable[[Conditions], bool]
-    reason: Callable[[Conditions], str]
+    reason: str
 
 
 _ESTOP: Final = Guard(
     "emergency stop closed",
     lambda now: now.estop_closed,
-    lambda now: "the emergency stop is open: make the rig safe and release its button",
+    "the emergency stop is open: make the rig safe and release its button",
 )
 _ENABLED: Final = Guard(
     "valve enabled",
     lambda now: now.valve_enabled,
-    lambda now: "the device does not report the valve enabled: press reset while its lamp is lit",
+    "the device does not report the valve enabled: press reset while its lamp is lit",
 )
-_HOMED: Final = Guard(
-    "homed", lambda now: now.homed, lambda now: "the position is not known: home the rig"
-)
-_NOT_HOMED: Final = Guard(
-    "not homed", lambda now: not now.homed, lambda now: "the position is known already"
-)
+_HOMED: Final = Guard("homed", lambda now: now.homed, "the position is not known: home the rig")
+_NOT_HOMED: Final = Guard("not homed", lambda now: not now.homed, "the position is known already")
 _CLEAR: Final = Guard(
     "nothing stands against motion",
     lambda now: not now.standing,
-    lambda now: f"{now.standing}: remove the cause",
+    "{standing}: remove the cause",
 )
 _CONFIRMED: Final = Guard(
     "trip confirmed",
     lambda now: not now.unconfirmed,
-    lambda now: f"not confirmed: {now.unconfirmed}; look at the rig before going on",
+    "not confirmed: {unconfirmed}; look at the rig before going on",
 )
 
 
@@ -190,25 +187,7 @@ TRANSITIONS: Final = (
 
 
 class IllegalTransition(Exception):  # noqa: N818 (a refusal, not a failure)
-    """The error of an event that the session refuses.
-
-    Attributes:
-        state: the state in which the event was refused.
-        event: the event.
-        reason: why it was refused, with a remedy.
-        allowed: the events that the table lists for that state.
-    """
-
-    def __init__(self, state: State, event: Event, reason: str) -> None:
-        self.state, self.event, self.reason = state, event, reason
-        self.allowed = allowed_events(state)
-        names = ", ".join(each.value for each in self.allowed)
-        super().__init__(f"{event.value!r} while {state.value}: {reason}; allowed: {names}")
-
-
-def allowed_events(state: State) -> tuple[Event, ...]:
-    """Return the events that the table lists for a state, whether their guards hold or not."""
-    return tuple(dict.fromkeys(row.event for row in TRANSITIONS if row.state is state))
+    """The error of an event that the session refuses: why, with a remedy, and in which state."""
 
 
 def next_state(state: State, event: Event, conditions: Conditions) -> State:
@@ -221,30 +200,9 @@ def next_state(state: State, event: Event, conditions: Conditions) -> State:
     reasons: list[str] = []
     for row in TRANSITIONS:
         if row.state is state and row.event is event:
-            refused = [
-                guard.reason(conditions) for guard in row.guards if not guard.holds(conditions)
-            ]
-            if not refused:
+            failing = [guard.reason for guard in row.guards if not guard.holds(conditions)]
+            if not failing:
                 return row.to
-            reasons = reasons or refused
-    raise IllegalTransition(state, event, "; ".join(reasons) or "not possible in this state")
-
-
-class SessionState:
-    """The state machine of a session.
-
-    Attributes:
-        state: the present state; OFF at first.
-    """
-
-    def __init__(self) -> None:
-        self.state = State.OFF
-
-    def handle(self, event: Event, conditions: Conditions) -> State:
-        """Go to the state that follows on an event, and return it.
-
-        Raises:
-            IllegalTransition: the event is refused; the state stays as it is.
-        """
-        self.state = next_state(self.state, event, conditions)
-        return self.state
+            reasons = reasons or failing
+    why = "; ".join(reasons).format_map(vars(conditions)) or "not possible in this state"
+    raise IllegalTransition(f"{why} ({event.value!r} was refused while {state.value})")

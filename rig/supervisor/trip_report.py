@@ -1,28 +1,37 @@
-"""A trip report holds the first-out cause, the steps of the trip, and the rig's last seconds."""
+"""The log of a session, and the trip report that is made from it.
+
+The report holds the first-out cause, the steps of the trip, and the rig's last seconds.
+"""
 
 import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import count
+from math import nan
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.configuration import show
+from rig.configuration import Rig, show
 from rig.io import ChannelLimit
-from rig.loop import Action, Cause, TripError, explain
+from rig.loop import Action, Board, Cause, RingReader, TripError, explain
 from rig.recording import Recording, unit_of, write_csv
-from rig.supervisor.processes import Driven
+from rig.supervisor.processes import STEPS, Driven, News, loop_channel, stage_times, trips_of
 
 Array = NDArray[np.float64]
+Say = Callable[[str], None]
+"""A function that takes a line or sentence for the operator or the journal."""
 
 SCHEMA: Final = "rig-trip"
-STAGES: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s", "age_s")
-"""Columns of a row with timings whose statistics a report gives; see `rig.loop.wire.layout`."""
+LAST_S: Final = 2.0
+"""Length in s of the last samples of all channels that a trip report holds."""
+LAST_NEWS_S: Final = 0.2
+"""Time in s for which a trip report waits for reports of slow drivers after everything is safe."""
 _UNCONFIRMED: Final = {
     "valve null": Cause.NULL_NOT_CONFIRMED,
     "bypass shut": Cause.BYPASS_NOT_SHUT,
@@ -31,34 +40,13 @@ _UNCONFIRMED: Final = {
 
 
 @dataclass(frozen=True)
-class Note:
-    """A note in the report: who did or asked for what, and when (CLOCK_MONOTONIC in ns)."""
-
-    at_ns: int
-    who: str
-    what: str
-
-
-@dataclass(frozen=True)
-class Confirmation:
-    """The confirmation of one step of a trip.
-
-    Attributes:
-        what: the step: "valve null", "bypass shut" or "pump unloaded".
-        at_ns: when the device confirmed it, CLOCK_MONOTONIC in ns; 0 or less if it never did.
-    """
-
-    what: str
-    at_ns: int
-
-
-@dataclass(frozen=True)
 class TripReport:
     """A report with all that is known of one trip.
 
     Attributes:
-        trips: part that tripped -> (cause, time), CLOCK_MONOTONIC in ns; at least one.
-        confirmations: the steps of the trip, in their order.
+        trips: part that tripped -> (cause, time), CLOCK_MONOTONIC in ns; the first one first.
+        confirmations: step of the trip ("valve null", "bypass shut", "pump unloaded") -> when the
+            device confirmed it, CLOCK_MONOTONIC in ns; 0 or less if it never did.
         notes: who did or asked for what, in order of time.
         channels: names of the rows' columns, `time_s` first.
         rows: float64 (n, columns), the last rows of the loop; may be empty.
@@ -68,8 +56,8 @@ class TripReport:
     """
 
     trips: Mapping[str, tuple[Cause, int]]
-    confirmations: Sequence[Confirmation]
-    notes: Sequence[Note]
+    confirmations: Mapping[str, int]
+    notes: Sequence[News]
     channels: tuple[str, ...]
     rows: Array
     channel: str = ""
@@ -79,7 +67,7 @@ class TripReport:
     @property
     def first(self) -> tuple[str, Cause, int]:
         """The first-out cause: who tripped first, the cause, the time (CLOCK_MONOTONIC, ns)."""
-        who = min(self.trips, key=lambda name: self.trips[name][1])
+        who = next(iter(self.trips))
         return who, *self.trips[who]
 
     @property
@@ -93,15 +81,13 @@ class TripReport:
 
         It is NaN if the cause concerns no channel, or the rows hold no value of it.
         """
-        if self.concerned not in self.channels or not len(self.rows):
-            return float("nan")
+        if self.concerned not in self.channels:
+            return nan
         values = self.rows[:, self.channels.index(self.concerned)]
-        end = len(values)
         if "action" in self.channels:
-            tripped = self.rows[:, self.channels.index("action")] >= Action.TRIP
-            end = int(np.argmax(tripped)) + 1 if tripped.any() else end
-        known = values[:end][np.isfinite(values[:end])]
-        return float(known[-1]) if known.size else float("nan")
+            tripped = np.flatnonzero(self.rows[:, self.channels.index("action")] >= Action.TRIP)
+            values = values[: tripped[0] + 1] if tripped.size else values
+        return last_known(values)
 
     @property
     def limit(self) -> float:
@@ -109,16 +95,13 @@ class TripReport:
 
         If the channel has several trip limits, it is the tightest one.
         """
-        bounds = {Cause.LIMIT_LOW: max, Cause.LIMIT_HIGH: min}
-        cause = self.first[1]
-        if cause not in bounds:
-            return float("nan")
-        low = cause is Cause.LIMIT_LOW
-        rungs = [
-            rung for rung in self.limits if (rung.channel, rung.action) == (self.concerned, "trip")
-        ]
-        ends = [rung.low if low else rung.high for rung in rungs]
-        return bounds[cause](ends) if ends else float("nan")
+        concerned = (self.concerned, "trip")
+        rungs = [rung for rung in self.limits if (rung.channel, rung.action) == concerned]
+        if self.first[1] is Cause.LIMIT_LOW:
+            return max((rung.low for rung in rungs), default=nan)
+        if self.first[1] is Cause.LIMIT_HIGH:
+            return min((rung.high for rung in rungs), default=nan)
+        return nan
 
     @property
     def sentence(self) -> str:
@@ -130,51 +113,25 @@ class TripReport:
         text += f": {show(self.value, unit)}"
         return text + (f", limit {show(self.limit, unit)}" if np.isfinite(self.limit) else "")
 
-    @property
-    def summary(self) -> str:
-        """The first-out cause in words, with its remedy."""
-        return f"tripped: {self.sentence}; {explain(self.first[1], self.concerned).remedy}"
-
-    def stages(self) -> dict[str, dict[str, float]]:
-        """Return name in `STAGES` -> median (p50), 99th percentile (p99) and maximum (max), in s.
-
-        Timings that the rows do not hold, or hold only as NaN, are left out.
-        """
-        found: dict[str, dict[str, float]] = {}
-        for name in STAGES:
-            if name not in self.channels:
-                continue
-            values = self.rows[:, self.channels.index(name)]
-            values = values[np.isfinite(values)]
-            if values.size:
-                p50, p99 = np.percentile(values, [50.0, 99.0])
-                found[name] = {"p50": float(p50), "p99": float(p99), "max": float(values.max())}
-        return found
-
     def lines(self) -> list[str]:
         """Return the report as lines for the terminal, the first-out cause first."""
         who, cause, at_ns = self.first
         lines = [f"tripped by the {who}: {self.sentence}", f"  remedy: {explain(cause).remedy}"]
-        for step in self.confirmations:
-            if step.at_ns > 0:
-                lines.append(f"  {step.what} confirmed {_after(step.at_ns, at_ns)}")
+        for what, confirmed_ns in self.confirmations.items():
+            if confirmed_ns > 0:
+                lines.append(f"  {what} confirmed {_after(confirmed_ns, at_ns)}")
             else:
-                unconfirmed = _UNCONFIRMED.get(step.what)
-                remedy = explain(unconfirmed).remedy if unconfirmed else "look at the rig"
-                lines.append(f"  {step.what} NOT CONFIRMED: {remedy}")
+                lines.append(f"  {what} NOT CONFIRMED: {explain(_UNCONFIRMED[what]).remedy}")
         for found in self.driven:
             first, last = _after(found.first_ns, at_ns), _after(found.last_ns, at_ns)
             span = f"{first} to {last}" if found.times > 1 else first
             lines.append(f"  {found.sentence}, {span}; it was brought back to its safe state")
-        for other, (reason, when) in sorted(self.trips.items(), key=lambda item: item[1][1]):
-            if other != who:
-                lines.append(
-                    f"  then the {other} {_after(when, at_ns)}: {explain(reason).sentence}"
-                )
-        for name, stage in self.stages().items():
+        for other, (reason, when) in list(self.trips.items())[1:]:
+            lines.append(f"  then the {other} {_after(when, at_ns)}: {explain(reason).sentence}")
+        for name, stage in stage_times(self.rows, self.channels).items():
             figures = ", ".join(f"{key} {1e6 * value:.0f} us" for key, value in stage.items())
             lines.append(f"  {name.removesuffix('_s')}: {figures}")
-        lines += [f"  {_after(note.at_ns, at_ns)} {note.who}: {note.what}" for note in self.notes]
+        lines += [f"  {_after(note.at_ns, at_ns)} {note.who}: {note.text}" for note in self.notes]
         return lines
 
     def document(self) -> dict[str, Any]:
@@ -184,13 +141,14 @@ class TripReport:
         is not finite. Only `time`, that of the first trip, is a date and time (UTC, ISO 8601).
         """
         who, cause, at_ns = self.first
+        wall_s = 1e-9 * (time.time_ns() - time.monotonic_ns() + at_ns)
 
         def after_s(when: int) -> float | None:
             return 1e-9 * (when - at_ns) if when > 0 else None
 
         return {
             "schema": SCHEMA,
-            "time": _wall_time(at_ns),
+            "time": datetime.fromtimestamp(wall_s, UTC).isoformat(timespec="milliseconds"),
             "by": who,
             "cause": cause.name,
             "sentence": self.sentence,
@@ -200,10 +158,11 @@ class TripReport:
             "limit": _finite(self.limit),
             "trips": [
                 {"by": name, "cause": reason.name, "after_s": after_s(when)}
-                for name, (reason, when) in sorted(self.trips.items(), key=lambda item: item[1][1])
+                for name, (reason, when) in self.trips.items()
             ],
             "confirmations": [
-                {"what": step.what, "after_s": after_s(step.at_ns)} for step in self.confirmations
+                {"what": what, "after_s": after_s(when)}
+                for what, when in self.confirmations.items()
             ],
             "driven_by_another_master": [
                 {
@@ -216,12 +175,18 @@ class TripReport:
                 }
                 for found in self.driven
             ],
-            "stages_s": self.stages(),
+            "stages_s": stage_times(self.rows, self.channels),
             "notes": [
-                {"after_s": after_s(note.at_ns), "who": note.who, "what": note.what}
+                {"after_s": after_s(note.at_ns), "who": note.who, "what": note.text}
                 for note in self.notes
             ],
         }
+
+
+def last_known(values: Array) -> float:
+    """Return the last finite one of the values, (n,); NaN if there is none."""
+    known = values[np.isfinite(values)]
+    return float(known[-1]) if known.size else nan
 
 
 def write_trip_report(report: TripReport, directory: Path, path: Path | None = None) -> Path:
@@ -238,11 +203,8 @@ def write_trip_report(report: TripReport, directory: Path, path: Path | None = N
     Raises:
         OSError: the folder cannot be written to.
     """
-    if path is None:
-        number = 1
-        while (directory / f"trip-{number}.json").exists():
-            number += 1
-        path = directory / f"trip-{number}.json"
+    numbered = (directory / f"trip-{number}.json" for number in count(1))
+    path = path or next(each for each in numbered if not each.exists())
     document = json.dumps(report.document(), indent=2, allow_nan=False) + "\n"
     text = "\n".join(report.lines()) + "\n"
     _write(path, lambda file: file.write_text(document, encoding="utf-8"))
@@ -255,7 +217,7 @@ def write_trip_report(report: TripReport, directory: Path, path: Path | None = N
 
 
 def kept_trip_report(
-    report: TripReport, directory: Path, say: Callable[[str], None], path: Path | None = None
+    report: TripReport, directory: Path, say: Say, path: Path | None = None
 ) -> Path | None:
     """Write a trip report and return its path; if it cannot be written, show it and return None."""
     try:
@@ -268,8 +230,10 @@ def kept_trip_report(
 
 
 def trip_error(report: TripReport, path: Path | None) -> TripError:
-    """Return the error that a trip raises: the report's summary, and the report's path, if any."""
-    return TripError(report.summary + (f" ({path})" if path is not None else ""), path)
+    """Return the error of a trip: its cause in words, the remedy, and the report's path, if any."""
+    remedy = explain(report.first[1], report.concerned).remedy
+    where = f" ({path})" if path is not None else ""
+    return TripError(f"tripped: {report.sentence}; {remedy}{where}", path)
 
 
 def _write(path: Path, write: Callable[[Path], object]) -> None:
@@ -289,6 +253,77 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _wall_time(at_ns: int) -> str:
-    seconds = 1e-9 * (time.time_ns() - time.monotonic_ns() + at_ns)
-    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
+class EventLog:
+    """The log of a session: who did what, what another master drove, and the trip report.
+
+    Args:
+        rig: the rig's configuration.
+        directory: folder of the run, in which a trip report is written.
+        say: shows a line to the operator.
+        journal: is called with a sentence when another master drives a part of the rig.
+
+    Attributes:
+        report: the report of the trip; None before a trip was reported.
+    """
+
+    def __init__(self, rig: Rig, directory: Path, say: Say, journal: Say) -> None:
+        self._rig = rig
+        self._directory = directory
+        self._say = say
+        self._journal = journal
+        self._notes: list[News] = []
+        self._driven: dict[tuple[str, str], Driven] = {}
+        self.report: TripReport | None = None
+        self._reported: Path | None = None
+
+    def note(self, who: str, what: str) -> None:
+        """Record who did what, at the present time."""
+        self._notes.append(News(time.monotonic_ns(), who, what))
+
+    def take(self, news: News) -> None:
+        """Record a part's report and show it to the operator; journal one on another master."""
+        text = news.text
+        if isinstance(news, Driven):
+            self._driven[news.who, news.part] = news
+            text = news.sentence
+            self._journal(text)
+        self._notes.append(News(news.at_ns, news.who, text))
+        self._say(f"{news.who}: {text}")
+
+    def tripped(self, board: Board, channels: tuple[str, ...]) -> TripError:
+        """Return the error of the trip; at the first call, make and write the trip report.
+
+        Args:
+            board: the memory that all processes share.
+            channels: names of a row's columns.
+
+        The first call waits for `LAST_NEWS_S`. If the report cannot be written, its lines are shown
+        to the operator.
+        """
+        if self.report is None:
+            # Slow drivers are read again now, and an error of one may be why the loop tripped.
+            time.sleep(LAST_NEWS_S)
+            self.report = TripReport(
+                trips=trips_of(board),
+                confirmations={what: int(board.words[at]) for what, at in STEPS.items()},
+                notes=tuple(self._notes),
+                channels=channels,
+                rows=RingReader(board).latest(round(LAST_S * self._rig.loop.rate)),
+                channel=loop_channel(board),
+                limits=self._rig.ladder,
+                driven=tuple(self._driven.values()),
+            )
+            self._reported = kept_trip_report(self.report, self._directory, self._say)
+        return trip_error(self.report, self._reported)
+
+    def complete_report(self) -> None:
+        """Write the trip report anew if another master did something that is not in it.
+
+        Without a trip report nothing is done.
+        """
+        report, driven = self.report, tuple(self._driven.values())
+        if report is not None and report.driven != driven:
+            self.report = replace(report, driven=driven, notes=tuple(self._notes))
+            self._reported = kept_trip_report(
+                self.report, self._directory, self._say, self._reported
+            )

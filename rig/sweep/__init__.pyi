@@ -4,10 +4,10 @@ from .folder import (
     SUMMARY as SUMMARY,
     TABLE as TABLE,
     SweepFolder as SweepFolder,
-    default_folder as default_folder,
     read_identity as read_identity,
     unfinished_folder as unfinished_folder,
 )
+from .group import SweepError as SweepError
 from .local import run_here as run_here, run_pool as run_pool
 from .running import (
     Runner as Runner,
@@ -15,7 +15,6 @@ from .running import (
     chunks_of as chunks_of,
     run_sweep as run_sweep,
 )
-from .setting import SweepError as SweepError
 from .study import (
     LEAST_CASES as LEAST_CASES,
     PowerCurve as PowerCurve,

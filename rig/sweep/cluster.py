@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from .drawing import Cases
+from .group import Setting, SweepError
 from .local import Stopped
 from .run_cases import Judged, run_chunk
-from .setting import Setting, SweepError
 
 _QUEUED: Final = 3
 """Number of submitted chunks for each thread of the cluster."""
@@ -72,10 +72,10 @@ def run_cluster(
     """
     ended: queue.Queue[Any] = queue.Queue()
     running: set[Any] = set()
-    look = _Look(client, say)
+    wanted = _wanted(client, say)
     try:
         while True:
-            while len(running) < look.wanted() and not stopped():
+            while len(running) < next(wanted) and not stopped():
                 cases = next(chunks, None)
                 if cases is None:
                     break
@@ -95,26 +95,17 @@ def run_cluster(
             client.cancel(list(running))
 
 
-class _Look:
-    """Counts the cluster's workers from time to time."""
-
-    def __init__(self, client: Any, say: Callable[[str], None]) -> None:
-        self._client, self._say = client, say
-        self._next = 0.0
-        self._threads = 1
-        self._has_said = False
-
-    def wanted(self) -> int:
-        """Return how many chunks should be submitted at present, by the number of threads."""
+def _wanted(client: Any, say: Callable[[str], None]) -> Iterator[int]:
+    """Yield how many chunks should be submitted at present; count the threads now and then."""
+    next_look, threads = 0.0, 1
+    while True:
         now = time.monotonic()
-        if now >= self._next:
-            self._next = now + _LOOK_S
-            threads = sum(self._client.nthreads().values())
-            if threads == 0 and not self._has_said:
-                self._say("the cluster has no workers; waiting for one")
-            self._has_said = threads == 0
-            self._threads = max(threads, 1)
-        return _QUEUED * self._threads
+        if now >= next_look:
+            next_look, before = now + _LOOK_S, threads
+            threads = sum(client.nthreads().values())
+            if threads == 0 and before > 0:
+                say("the cluster has no workers; waiting for one")
+        yield _QUEUED * max(threads, 1)
 
 
 def _result(future: Any) -> Judged:

@@ -6,66 +6,18 @@ quantity leaves all others as they were: two sweeps that differ only in the filt
 rigs, leaks and noise.
 """
 
-import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.configuration import HEALTHY, Distribution, Sweep
+from rig.configuration import HEALTHY, Sweep
 from rig.plant import LEAKS, Parameters, quantities
 
-from .motions import Motions, drawn_motions
-from .setting import Setting
+from .motions import Column, Motions, Streams, drawn_motions
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of a sweep's table.
-
-    Attributes:
-        values: one value for each case, (n,).
-        unit: SI unit; empty for a text or a plain number.
-        about: description of the quantity.
-    """
-
-    values: NDArray[np.generic]
-    unit: str
-    about: str
-
-
-class Streams:
-    """The random numbers of some successive cases.
-
-    Args:
-        seed: the sweep's seed.
-        first: number of the first case.
-        count: number of cases, n.
-    """
-
-    def __init__(self, seed: int, first: int, count: int) -> None:
-        self.seed, self.first, self.count = seed, first, count
-
-    def _generator(self, name: str) -> np.random.PCG64:
-        words = np.random.SeedSequence([self.seed, zlib.crc32(name.encode())])
-        generator = np.random.PCG64(words)
-        generator.advance(self.first)
-        return generator
-
-    def uniform(self, name: str) -> Array:
-        """Return for each case a number in [0, 1), (n,), from the stream with a name."""
-        return np.random.Generator(self._generator(name)).random(self.count)
-
-    def seeds(self, name: str) -> NDArray[np.uint64]:
-        """Return for each case a seed of 64 bits, (n,), from the stream with a name."""
-        return np.asarray(self._generator(name).random_raw(self.count), dtype=np.uint64)
-
-    def drawn(self, name: str, law: Distribution) -> Array:
-        """Return for each case the value of a quantity, (n,), drawn from its distribution."""
-        return law.at(self.uniform(name))
 
 
 @dataclass(frozen=True)
@@ -100,11 +52,6 @@ class Cases:
     onset_s: Array
     columns: Mapping[str, Column]
 
-    @property
-    def count(self) -> int:
-        """Number of the cases, n."""
-        return int(self.noise.size)
-
     def of(self, at: NDArray[np.intp], chunk: int) -> "Cases":
         """Return some of the cases as a chunk of its own.
 
@@ -112,13 +59,13 @@ class Cases:
             at: indices of the cases.
             chunk: number of the new chunk.
         """
-        return Cases(
-            chunk, self.numbers[at], self.parameters[:, at], self.coefficients[:, at],
-            self.onset_tick[at], self.noise[at], self.seeds[:, at], self.motions.of(at),
-            self.faults[at], self.onset_s[at],
-            {name: Column(each.values[at], each.unit, each.about)
-             for name, each in self.columns.items()},
-        )  # fmt: skip
+        arrays = {
+            name: part[..., at] for name, part in vars(self).items() if isinstance(part, np.ndarray)
+        }
+        columns = {
+            name: each._replace(values=each.values[at]) for name, each in self.columns.items()
+        }
+        return replace(self, chunk=chunk, motions=self.motions.of(at), columns=columns, **arrays)
 
     def alike(self) -> NDArray[np.intp]:
         """Return the indices of the cases, (n,), in an order that puts similar cases together.
@@ -143,7 +90,6 @@ def draw(sweep: Sweep, first: int, count: int) -> Cases:
     columns["noise"] = Column(noise, "", "factor on the deviation of every transducer")
     coefficients, onset_s, faults, shown = _leaks(sweep, streams)
     motions, described = drawn_motions(sweep.motions, streams, sweep.duration_s)
-    columns |= {name: Column(*column) for name, column in described.items()}
     numbers = np.arange(first, first + count, dtype=np.int64)
     seeds = [streams.seeds(f"noise of {part}") for part in ("pressures", "others")]
     never = float(sweep.ticks)
@@ -158,7 +104,12 @@ def draw(sweep: Sweep, first: int, count: int) -> Cases:
         motions=motions,
         faults=faults,
         onset_s=onset_s,
-        columns={"case": Column(numbers, "", "number of the case"), **columns, **shown},
+        columns={
+            "case": Column(numbers, "", "number of the case"),
+            **columns,
+            **described,
+            **shown,
+        },
     )
 
 
@@ -206,26 +157,3 @@ def _leaks(
         "coefficient": Column(size, "m^3/(s Pa^0.5)", "of the leak injected"),
     }
     return coefficients, onset_s, faults, shown
-
-
-def still_case(setting: Setting) -> Cases:
-    """Return one healthy case at rest; running it loads the compiled code for cases."""
-    count = 1
-    still = Motions(
-        np.zeros((0, count)), np.full(count, np.nan), np.full((1, count), setting.middle),
-        np.full((1, count), np.inf), np.zeros(count), np.zeros(count, dtype=np.intp),
-        np.zeros(count),
-    )  # fmt: skip
-    return Cases(
-        chunk=0,
-        numbers=np.zeros(count, dtype=np.int64),
-        parameters=np.array(setting.like, dtype=np.float64)[:, None],
-        coefficients=np.zeros((len(LEAKS), count)),
-        onset_tick=np.full(count, float(setting.ticks)),
-        noise=np.ones(count),
-        seeds=np.zeros((2, count), dtype=np.uint64),
-        motions=still,
-        faults=np.array([HEALTHY]),
-        onset_s=np.full(count, np.nan),
-        columns={},
-    )

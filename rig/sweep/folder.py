@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
-from datetime import datetime
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Final
@@ -14,11 +13,11 @@ from typing import Any, Final
 import pyarrow as pa
 
 from rig.configuration import Sweep
-from rig.recording import replacing
-from rig.runner.run_folder import DirectoryError, file_stem
+from rig.recording import replace_text
+from rig.runner.run_folder import DirectoryError
 
 from .run_cases import sources
-from .table import read_part, read_table, together, write_part, write_table
+from .table import read_part, read_table, write_part, write_table
 
 SWEEP: Final = "sweep.json"
 TABLE: Final = "sweep.parquet"
@@ -50,7 +49,7 @@ class SweepFolder:
     """
 
     def __init__(self, path: Path, sweep: Sweep, *, resume: bool) -> None:
-        self.path, self._sweep = path, sweep
+        self.path = path
         self._lock: int | None = None
         try:
             _refuse_others(path)
@@ -62,26 +61,20 @@ class SweepFolder:
             kept = read_identity(path)
             if resume and kept is not None:
                 _require_same(path, kept, identity(sweep))
-            else:
-                self._begin()
+                return
+            for file in (*self._parts(), *(path / name for name in (TABLE, PAGE, SUMMARY))):
+                file.unlink(missing_ok=True)
+            replace_text(path / SWEEP, json.dumps(identity(sweep), indent=2) + "\n")
+            return
         except BlockingIOError:
-            self.close()
-            line = f"{path}: a sweep is running in it; wait for it, or choose another --out"
-            raise DirectoryError([line]) from None
+            problem = f"{path}: a sweep is running in it; wait for it, or choose another --out"
         except OSError as error:
-            self.close()
             reason = (error.strerror or str(error)).lower()
-            line = f"{path}: cannot be written: {reason}; choose another --out"
-            raise DirectoryError([line]) from error
-        except DirectoryError:
-            self.close()
-            raise
-
-    def _begin(self) -> None:
-        for file in (*self._parts(), *(self.path / name for name in (TABLE, PAGE, SUMMARY))):
-            file.unlink(missing_ok=True)
-        with replacing(self.path / SWEEP) as partial:
-            partial.write_text(json.dumps(identity(self._sweep), indent=2) + "\n", encoding="utf-8")
+            problem = f"{path}: cannot be written: {reason}; choose another --out"
+        except DirectoryError as error:
+            problem = str(error)
+        self.close()
+        raise DirectoryError([problem])
 
     def __enter__(self) -> "SweepFolder":
         return self
@@ -143,7 +136,7 @@ class SweepFolder:
         """
         path = self.path / TABLE
         if not path.exists():
-            write_table(together(read_part(part) for part in self._parts()), path)
+            write_table(map(read_part, self._parts()), path)
         # This also removes an incomplete part that a kill has left.
         shutil.rmtree(self.path / _PARTS)
         return read_table(path)
@@ -169,18 +162,6 @@ def read_identity(path: Path) -> dict[str, Any] | None:
         return dict(found) if found["schema"] == SCHEMA else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
-
-
-def default_folder(sweep: Sweep, started: datetime) -> Path:
-    """Return the path of a new folder below `runs`, named by the sweep and the time (UTC).
-
-    The folder is not made. A number is added to the name if that folder exists.
-    """
-    stem = f"{file_stem(sweep.name)}-{started:%Y%m%dT%H%M%SZ}"
-    number, path = 2, Path("runs") / stem
-    while path.exists():
-        path, number = Path("runs") / f"{stem}-{number}", number + 1
-    return path
 
 
 def unfinished_folder(sweep: Sweep, runs: Path) -> Path | None:

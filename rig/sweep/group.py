@@ -1,21 +1,76 @@
-"""Prepares the cases of a group, which are run together, one in each lane."""
+"""Defines what all cases of a sweep share, and the cases that run together, one in each lane."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.leaks import SILENT
+from rig.configuration import Sweep, SweepFilter
 from rig.lanes import LANES, aligned, start_streams
-from rig.loop import LaneRigs
-from rig.plant import NO_FAULT, Parameters, rest_state
+from rig.loop import LaneRigs, LoopSetting
+from rig.plant import NO_FAULT, Model, Parameters, SensorParameters, rest_state
 
 from .drawing import Cases
-from .motions import AMPLITUDE, PHASE, SINE_ROWS, Motions
-from .setting import Setting
-from .ticks import CaseLanes, scale_sines
+from .motions import AMPLITUDE, PHASE, SINE_ROWS
+from .ticks import BLOCK, SEEN, SETTLED, CaseLanes, scale_sines
 
 Array = NDArray[np.float64]
+Figures = dict[str, NDArray[np.generic]]
+"""Columns of the table by their names, with one value for each of n cases."""
+
+
+class SweepError(RuntimeError):
+    """Raised if cases of a sweep cannot be run; the message says why."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The settings that all cases of a sweep share, as a worker needs them.
+
+    Attributes:
+        like: parameters of the rig, of which each case replaces those that are drawn.
+        sensors: data sheet of the rig's transducers.
+        model: the model that the filter assumes.
+        ticks: number of ticks of a case.
+        loop: settings of the position loop.
+        middle: middle of the rig's position limits, at which a case in open loop begins, m.
+        has_spool, has_supply: whether the rig measures spool position and supply pressure.
+    """
+
+    like: Parameters
+    sensors: SensorParameters
+    model: Model
+    filter_name: SweepFilter
+    false_alarms_per_day: float
+    ticks: int
+    loop: LoopSetting
+    middle: float
+    has_spool: bool
+    has_supply: bool
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks, of half a second each, in a case."""
+        return (self.ticks - 1) // BLOCK
+
+
+def setting_of(sweep: Sweep) -> Setting:
+    """Return the settings that all cases of a sweep share."""
+    base = sweep.rig
+    return Setting(
+        like=base.plant.parameters,
+        sensors=base.sensors,
+        model=sweep.model,
+        filter_name=sweep.filter_name,
+        false_alarms_per_day=sweep.false_alarms_per_day,
+        ticks=sweep.ticks,
+        loop=LoopSetting(base.gain_V_per_m, base.limits.command_V, sweep.longest_step_s),
+        middle=0.5 * (base.limits.position_min_m + base.limits.position_max_m),
+        has_spool=base.has_spool_sensor,
+        has_supply=base.has_supply_pressure_sensor,
+    )
 
 
 @dataclass
@@ -31,12 +86,11 @@ class Group:
     setting: Setting
     cases: Cases
     at: NDArray[np.intp]
-    motions: Motions = field(init=False)
 
     def __post_init__(self) -> None:
         cases, at = self.cases, self.at
-        self.motions = cases.motions.of(at)
-        scale_sines(self.motions.sines, self.motions.peak[None, :].copy(), self.setting.ticks)
+        self.motions = motions = cases.motions.of(at)
+        scale_sines(motions.sines, motions.peak[None, :].copy(), self.setting.ticks)
         parameters = aligned(cases.parameters[:, at])
         rigs = [Parameters(*map(float, column)) for column in parameters.T]
         at_rest = [rest_state(rig, x) for rig, x in zip(rigs, self._starts(), strict=True)]
@@ -44,7 +98,6 @@ class Group:
         faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
         onset = cases.onset_tick[at][None, :].copy()
         self.rigs = LaneRigs(aligned(np.transpose(at_rest)), parameters, faults, onset)
-        motions = self.motions
         self.lanes = CaseLanes(
             motions.sines, motions.levels, motions.ends, np.zeros((1, LANES)),
             motions.open_loop[None, :].copy(), cases.noise[at][None, :].copy(), self._stream(0),
@@ -70,12 +123,54 @@ class Group:
         """The numbers of these cases as text, for messages."""
         return f"cases {', '.join(map(str, np.unique(self.cases.numbers[self.at])))}"
 
+    def outcome_columns(self, verdicts: NDArray[np.str_], ends_s: Array) -> Figures:
+        """Return columns with verdict, whether it is right, times, and false alarm, (LANES,) each.
+
+        The keys are `verdict`, `right`, `detected_at_s`, `latency_s` and `false_alarm`; see
+        `rig.sweep.table.FIGURES`. The times are NaN if the last verdict names no fault, and the
+        latency also if that verdict is wrong. An alarm is false if a verdict names a fault before
+        the onset, or at any time in a healthy case.
+
+        Args:
+            verdicts: the verdict after each block, (blocks, LANES).
+            ends_s: time of each of these verdicts, s, (blocks,).
+        """
+        final = verdicts[-1]
+        faults, onset_s = self.cases.faults[self.at], self.cases.onset_s[self.at]
+        silent = np.isin(verdicts, SILENT)
+        first_held = ends_s[np.argmax(verdicts == final, axis=0)]
+        # An alarm is false before a leak begins, and at any time on a healthy rig.
+        before = np.where(np.isnan(onset_s), np.inf, onset_s)
+        right = final == faults
+        # A verdict before the onset is a false alarm; the latency ends at the first right one
+        # after it.
+        since = (verdicts == final) & (ends_s[:, None] > np.nan_to_num(onset_s, nan=-1.0))
+        latency_s = ends_s[np.argmax(since, axis=0)] - onset_s
+        return {
+            "verdict": final,
+            "right": right,
+            "detected_at_s": np.where(silent[-1], np.nan, first_held),
+            "latency_s": np.where(right & ~silent[-1], latency_s, np.nan),
+            "false_alarm": (~silent & (ends_s[:, None] <= before)).any(axis=0),
+        }
+
+    def true_flow(self, total: Array) -> Array:
+        """Return the mean leak flow from 2 s after the onset to the end, m^3/s; NaN if healthy.
+
+        Args:
+            total: sum of the flow over every tenth tick of that time, m^3/s, (LANES,).
+        """
+        last = float(self.setting.ticks - 1)
+        onset = self.cases.onset_tick[self.at]
+        count = np.floor(last / SEEN) - np.ceil((onset + SETTLED) / SEEN) + 1.0
+        leaky = ~np.isnan(self.cases.onset_s[self.at])
+        return np.where(leaky, total / np.maximum(count, 1.0), np.nan)
+
 
 def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:
     """Yield for each group the indices of its cases, (LANES,).
 
     The groups share no case. If cases are missing in the last group, its last case is repeated.
     """
-    numbers = np.arange(cases.count)
-    for first in range(0, cases.count, LANES):
-        yield np.minimum(numbers[first] + np.arange(LANES), cases.count - 1)
+    for first in range(0, cases.numbers.size, LANES):
+        yield np.minimum(first + np.arange(LANES), cases.numbers.size - 1)

@@ -11,8 +11,8 @@ from multiprocessing import connection, get_context, parent_process
 from typing import Final
 
 from .drawing import Cases
+from .group import Setting, SweepError
 from .run_cases import Judged, run_chunk
-from .setting import Setting, SweepError
 
 Stopped = Callable[[], bool]
 
@@ -58,11 +58,38 @@ def run_pool(
     """
     deaths: Counter[int] = Counter()
     again: deque[Cases] = deque()
+
+    def results(
+        pool: ProcessPoolExecutor, running: dict[Future[Judged], Cases]
+    ) -> Iterator[Judged]:
+        """Run chunks on one pool; if it breaks, `running` has those without a result."""
+        while True:
+            while len(running) < _QUEUED * jobs and not stopped():
+                cases = again.popleft() if again else next(chunks, None)
+                if cases is None:
+                    break
+                try:
+                    running[pool.submit(run_chunk, setting, cases)] = cases
+                except BrokenProcessPool:
+                    again.appendleft(cases)
+                    raise
+            if not running:
+                return
+            if stopped():
+                for future in [each for each in running if each.cancel()]:
+                    del running[future]
+            ended, _ = wait(running, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+            # A result that came before the pool broke is not lost.
+            for future in sorted(ended, key=lambda each: each.exception() is not None):
+                judged = future.result()
+                del running[future]
+                yield judged
+
     while True:
-        with _pool(jobs) as pool:
-            running: dict[Future[Judged], Cases] = {}
+        running: dict[Future[Judged], Cases] = {}
+        with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_worker) as pool:
             try:
-                yield from _run(pool, chunks, again, running, setting, jobs, stopped)
+                yield from results(pool, running)
                 return
             except BrokenProcessPool:
                 # It is not known which of the running chunks killed the process.
@@ -77,63 +104,6 @@ def run_pool(
             )
 
 
-def _run(
-    pool: ProcessPoolExecutor,
-    chunks: Iterator[Cases],
-    again: deque[Cases],
-    running: dict[Future[Judged], Cases],
-    setting: Setting,
-    jobs: int,
-    stopped: Stopped,
-) -> Iterator[Judged]:
-    """Run chunks on one pool of processes, and yield the result of each as soon as it ends.
-
-    Args:
-        pool: the pool.
-        chunks: chunks that were not run before.
-        again: chunks to run first, because a pool broke before; updated.
-        running: chunks that are under way; updated. If the pool breaks, it has all chunks whose
-            results were not yielded.
-        setting: what all cases of the sweep share.
-        jobs: number of processes.
-        stopped: once it returns True, no more chunks are submitted.
-
-    Raises:
-        BrokenProcessPool: a process died.
-    """
-    while True:
-        while len(running) < _QUEUED * jobs and not stopped():
-            cases = again.popleft() if again else next(chunks, None)
-            if cases is None:
-                break
-            try:
-                running[pool.submit(run_chunk, setting, cases)] = cases
-            except BrokenProcessPool:
-                again.appendleft(cases)
-                raise
-        if not running:
-            return
-        if stopped():
-            for future in [each for each in running if each.cancel()]:
-                del running[future]
-        ended, _ = wait(running, timeout=_POLL_S, return_when=FIRST_COMPLETED)
-        broken: BrokenProcessPool | None = None
-        for future in ended:
-            try:
-                judged = future.result()
-            except BrokenProcessPool as error:
-                broken = error
-                continue
-            del running[future]
-            yield judged
-        if broken is not None:
-            raise broken
-
-
-def _pool(jobs: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_worker)
-
-
 def _start_worker() -> None:
     """Prepare a process of the pool: it ignores Ctrl-C, and ends when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -144,8 +114,7 @@ def _start_worker() -> None:
 
 def _end_with_parent() -> None:
     parent = parent_process()
-    if parent is None:
-        return
+    assert parent is not None
     try:
         connection.wait([parent.sentinel])
     finally:

@@ -1,8 +1,10 @@
 """Draws the motions of cases as tables for compiled code: sums of sines, and successive levels."""
 
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from dataclasses import dataclass, fields
+from itertools import zip_longest
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +25,49 @@ _UNITS: Final = {"frequency": "Hz", "start_frequency": "Hz", "end_frequency": "H
                  "hold": "s", "hold_min": "s", "hold_max": "s", "frequencies": "Hz"}  # fmt: skip
 
 
-class Draws(Protocol):
-    """A source of random numbers for `count` cases, such as `rig.sweep.drawing.Streams`."""
+class Column(NamedTuple):
+    """A column of a sweep's table: a value for each case, (n,), its SI unit, and what it is.
 
-    count: int
+    The unit is empty for a text or a plain number.
+    """
+
+    values: NDArray[np.generic]
+    unit: str
+    about: str
+
+
+class Streams:
+    """The random numbers of some successive cases.
+
+    Each quantity has a stream of its own, seeded by the sweep's seed and the quantity's name, of
+    which case n takes the n-th number.
+
+    Args:
+        seed: the sweep's seed.
+        first: number of the first case.
+        count: number of cases, n.
+    """
+
+    def __init__(self, seed: int, first: int, count: int) -> None:
+        self.seed, self.first, self.count = seed, first, count
+
+    def _generator(self, name: str) -> np.random.PCG64:
+        words = np.random.SeedSequence([self.seed, zlib.crc32(name.encode())])
+        generator = np.random.PCG64(words)
+        generator.advance(self.first)
+        return generator
 
     def uniform(self, name: str) -> Array:
         """Return for each case a number in [0, 1), (n,), from the stream with a name."""
+        return np.random.Generator(self._generator(name)).random(self.count)
 
     def seeds(self, name: str) -> NDArray[np.uint64]:
-        """Return for each case a seed, (n,), from the stream with a name."""
+        """Return for each case a seed of 64 bits, (n,), from the stream with a name."""
+        return np.asarray(self._generator(name).random_raw(self.count), dtype=np.uint64)
 
     def drawn(self, name: str, law: Distribution) -> Array:
         """Return for each case the value of a quantity, (n,), drawn from its distribution."""
+        return law.at(self.uniform(name))
 
 
 @dataclass(frozen=True)
@@ -64,91 +96,85 @@ class Motions:
 
     def of(self, lanes: NDArray[np.intp]) -> "Motions":
         """Return the motions of some of the cases, by the indices of these cases."""
-        parts = (self.sines[: self._sine_rows(lanes)], self.levels, self.ends)
-        sines, levels, ends = (np.ascontiguousarray(part[:, lanes]) for part in parts)
-        rest = (self.open_loop[lanes], self.kind[lanes], self.pace[lanes])
-        return Motions(sines, self.peak[lanes], levels, ends, *rest)
-
-    def _sine_rows(self, lanes: NDArray[np.intp]) -> int:
-        """Return how many rows of sines some cases need, up to the last sine with an amplitude."""
-        has = self.sines[AMPLITUDE::SINE_ROWS, lanes].any(axis=1)
-        return SINE_ROWS * int(np.flatnonzero(has)[-1] + 1) if has.any() else 0
-
-
-class _Table:
-    """Tables of the motions of some cases, which are filled one case after another."""
-
-    def __init__(self, count: int) -> None:
-        self.sines: list[list[float]] = [[] for _ in range(count)]
-        self.levels: list[Sequence[float]] = [(0.0,)] * count
-        self.ends: list[Sequence[float]] = [(np.inf,)] * count
-        self.peak = np.full(count, np.nan)
-        self.open_loop = np.zeros(count)
-        self.pace = np.ones(count)
-
-    def finish(self, kind: NDArray[np.intp]) -> Motions:
-        levels = _columns(self.levels, padding=None)
-        ends = _columns(self.ends, padding=np.inf)
-        ends[-1] = np.inf
-        none = np.zeros((0, self.peak.size))
-        sines = _columns(self.sines, padding=0.0) if any(self.sines) else none
-        return Motions(sines, self.peak, levels, ends, self.open_loop, kind, self.pace)
+        parts = {
+            each.name: np.ascontiguousarray(getattr(self, each.name)[..., lanes])
+            for each in fields(self)
+        }
+        # Rows below the last sine with an amplitude would only be added up as zeros.
+        has = parts["sines"][AMPLITUDE::SINE_ROWS].any(axis=1)
+        count = int(np.flatnonzero(has)[-1] + 1) if has.any() else 0
+        return Motions(**parts | {"sines": parts["sines"][: SINE_ROWS * count]})
 
 
-def _columns(of_cases: Sequence[Sequence[float]], padding: float | None) -> Array:
-    """Return sequences of different lengths as the columns of an array, (longest, n).
+class _Course(NamedTuple):
+    """The motion of one case: levels and their ends, rows of sines, peak and pace, as `Motions`.
 
-    Shorter columns are filled up with `padding`, or with their last value if that is None.
+    The last end does not count.
     """
-    longest = max(map(len, of_cases))
-    table = np.empty((longest, len(of_cases)))
-    for column, values in enumerate(of_cases):
-        table[: len(values), column] = values
-        table[len(values) :, column] = values[-1] if padding is None else padding
-    return table
+
+    levels: Sequence[float]
+    ends: Sequence[float] = (np.inf,)
+    sines: Sequence[float] = ()
+    peak: float = np.nan
+    pace: float = 1.0
+
+
+def _columns(of_cases: Sequence[Sequence[float]], padding: float = 0.0) -> Array:
+    """Return sequences as the columns of an array, (longest, n), filled up with `padding`."""
+    rows = list(zip_longest(*of_cases, fillvalue=padding))
+    return np.array(rows, dtype=np.float64).reshape(-1, len(of_cases))
 
 
 def drawn_motions(
-    motions: Sequence[SweptMotion], draws: Draws, duration_s: float
-) -> tuple[Motions, dict[str, tuple[Any, str, str]]]:
+    motions: Sequence[SweptMotion], streams: Streams, duration_s: float
+) -> tuple[Motions, dict[str, Column]]:
     """Return the drawn setpoints of some cases, and the columns of the table that show them.
 
     Args:
         motions: motions of the sweep, of which one is drawn for each case.
-        draws: random numbers of these cases.
+        streams: random numbers of these cases.
         duration_s: duration of a case, s.
 
     Returns:
-        The setpoints, and by its name each column as (values, unit, description): the motion's
-        name, and each quantity that is drawn, NaN for cases with another motion.
+        The setpoints, and by its name each column: the motion's name, and each quantity that is
+        drawn, NaN for cases with another motion.
     """
     shares = np.cumsum([motion.share for motion in motions])
-    chosen = np.searchsorted(shares / shares[-1], draws.uniform("motion"), side="right")
-    chosen = np.minimum(chosen, len(motions) - 1)
+    kind = np.searchsorted(shares / shares[-1], streams.uniform("motion"), side="right")
+    kind = np.minimum(kind, len(motions) - 1)
     names = np.array([motion.name for motion in motions])
-    columns: dict[str, tuple[Any, str, str]] = {"motion": (names[chosen], "", "name of the motion")}
-    table = _Table(draws.count)
+    columns = {"motion": Column(names[kind], "", "name of the motion")}
+    made: dict[int, _Course] = {}
+    open_loop = np.array([float(motion.quantity == "command") for motion in motions])
     for index, motion in enumerate(motions):
+        called = f"motion {motion.name}"
         drawn = {
-            key: [draws.drawn(f"motion {motion.name} {key} {i}", law) for i, law in enumerate(laws)]
+            key: [streams.drawn(f"{called} {key} {i}", law) for i, law in enumerate(laws)]
             for key, laws in motion.values.items()
         }
-        cases = np.flatnonzero(chosen == index)
-        table.open_loop[cases] = motion.quantity == "command"
-        seeds = draws.seeds(f"motion {motion.name}")
-        phases = [draws.uniform(f"motion {motion.name} phase {i}")
-                  for i in range(len(drawn.get("frequencies", ())))]  # fmt: skip
-        for case in cases:
+        seeds, waves = streams.seeds(called), len(drawn.get("frequencies", ()))
+        phases = [streams.uniform(f"{called} phase {i}") for i in range(waves)]
+        for case in np.flatnonzero(kind == index).tolist():
             own = {key: [float(values[case]) for values in each] for key, each in drawn.items()}
             turns = [float(phase[case]) for phase in phases]
-            _FILL[motion.type](table, int(case), own, duration_s, int(seeds[case]), turns)
-        columns |= _columns_of(motion, drawn, chosen == index)
-    return table.finish(chosen), columns
+            made[case] = _motion(motion.type, own, duration_s, int(seeds[case]), turns)
+        columns |= _columns_of(motion, drawn, kind == index)
+    cases = [made[case] for case in range(streams.count)]
+    setpoints = Motions(
+        sines=_columns([each.sines for each in cases]),
+        peak=np.array([each.peak for each in cases]),
+        levels=_columns([each.levels for each in cases]),
+        ends=_columns([(*each.ends[:-1], np.inf) for each in cases], padding=np.inf),
+        open_loop=open_loop[kind],
+        kind=kind,
+        pace=np.array([each.pace for each in cases]),
+    )
+    return setpoints, columns
 
 
 def _columns_of(
     motion: SweptMotion, drawn: dict[str, list[Array]], chosen: NDArray[np.bool_]
-) -> dict[str, tuple[Any, str, str]]:
+) -> dict[str, Column]:
     """Return the drawn quantities of a motion as columns, NaN for cases with another motion."""
     level = "m" if motion.quantity == "position" else "V"
     columns = {}
@@ -158,65 +184,43 @@ def _columns_of(
                 continue
             name = f"{motion.name}_{key}" + (f"_{index + 1}" if len(laws) > 1 else "")
             values = np.where(chosen, drawn[key][index], np.nan)
-            columns[name] = (values, _UNITS.get(key, level), f"{key} of the motion {motion.name}")
+            about = f"{key} of the motion {motion.name}"
+            columns[name] = Column(values, _UNITS.get(key, level), about)
     return columns
 
 
-Own = dict[str, list[float]]
+def _motion(
+    kind: str, own: dict[str, list[float]], until: float, seed: int, turns: list[float]
+) -> _Course:
+    """Return the motion of one case.
 
-
-def _turns(phase_rad: float) -> float:
-    return phase_rad / (2.0 * np.pi)
-
-
-def _constant(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
-    t.levels[case] = own["value"]
-
-
-def _sine(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
-    t.levels[case] = own["mean"]
-    amplitude, frequency = own["amplitude"][0], own["frequency"][0]
-    t.sines[case] = [amplitude, frequency, 0.0, _turns(own["phase"][0])]
-    t.pace[case] = amplitude * frequency
-
-
-def _chirp(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
-    t.levels[case] = own["mean"]
-    first, last = own["start_frequency"][0], own["end_frequency"][0]
-    rate = 0.5 * (last - first) / until
-    t.sines[case] = [own["amplitude"][0], first, rate, _turns(own["phase"][0])]
-    t.pace[case] = own["amplitude"][0] * (first + last)
-
-
-def _multisine(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
-    t.levels[case] = own["mean"]
-    t.peak[case] = own["amplitude"][0]
-    t.pace[case] = own["amplitude"][0] * sum(own["frequencies"])
-    t.sines[case] = [
-        value
-        for frequency, turn in zip(own["frequencies"], turns, strict=True)
-        for value in (1.0, frequency, 0.0, turn)
-    ]
-
-
-def _steps(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
-    t.levels[case] = own["levels"]
-    t.ends[case] = [own["hold"][0] * (i + 1) for i in range(len(own["levels"]))]
-
-
-def _random(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
-    keys = ("lower", "upper", "hold_min", "hold_max")
-    lower, upper, shortest, longest = (own[key][0] for key in keys)
-    levels = Pseudorandom(lower, upper, shortest, longest, seed)
-    ends, held = levels.sequence(until)
-    t.ends[case], t.levels[case] = ends.tolist(), held.tolist()
-
-
-_FILL: Final = {
-    "constant": _constant,
-    "sine": _sine,
-    "chirp": _chirp,
-    "multisine": _multisine,
-    "steps": _steps,
-    "pseudorandom": _random,
-}
+    Args:
+        kind: type of the motion.
+        own: the values drawn for the case, by the keys of the sweep's file.
+        until: duration of the case, s.
+        seed: seed of a pseudorandom motion.
+        turns: phases of a multisine, in turns.
+    """
+    one = {key: values[0] for key, values in own.items()}
+    if kind == "constant":
+        return _Course(own["value"])
+    if kind == "steps":
+        return _Course(own["levels"], [one["hold"] * (i + 1) for i in range(len(own["levels"]))])
+    if kind == "pseudorandom":
+        keys = ("lower", "upper", "hold_min", "hold_max")
+        lower, upper, shortest, longest = (one[key] for key in keys)
+        ends, held = Pseudorandom(lower, upper, shortest, longest, seed).sequence(until)
+        return _Course(held.tolist(), ends.tolist())
+    amplitude, peak = one["amplitude"], np.nan
+    if kind == "multisine":
+        peak, pace = amplitude, amplitude * sum(own["frequencies"])
+        pairs = zip(own["frequencies"], turns, strict=True)
+        sines = [value for frequency, turn in pairs for value in (1.0, frequency, 0.0, turn)]
+    elif kind == "sine":
+        pace = amplitude * one["frequency"]
+        sines = [amplitude, one["frequency"], 0.0, one["phase"] / (2.0 * np.pi)]
+    else:
+        first, last = one["start_frequency"], one["end_frequency"]
+        pace = amplitude * (first + last)
+        sines = [amplitude, first, 0.5 * (last - first) / until, one["phase"] / (2.0 * np.pi)]
+    return _Course(own["mean"], sines=sines, peak=peak, pace=pace)

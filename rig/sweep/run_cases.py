@@ -1,4 +1,9 @@
-"""Runs and judges cases on a worker, one group of lanes after another."""
+"""Runs and judges cases on a worker, one group of lanes after another.
+
+Cases with the thesis's filter are judged by the thesis's pattern of moving averages, from sums over
+blocks of half a second. The decisions are those of `estimator.leaks.pattern.PatternDetector` after
+each block, at which its moving average of 4000 samples is the mean of eight blocks.
+"""
 
 import os
 import socket
@@ -13,14 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rig
-from estimator.filters import initial_state
+from estimator.filters import THESIS_WINDOW, initial_state
+from estimator.leaks import LEARNING_S, PATTERNS, STARTED_S, HealthyLevel, pattern_of
 from rig.compile_cache import source_key
 from rig.lanes import LANES, aligned
+from rig.plant import LEAKS
 
-from .drawing import Cases, still_case
-from .group import Group, groups_of
-from .pattern_lanes import judged_by_pattern
-from .setting import Figures, Setting, SweepError
+from .drawing import Cases
+from .group import Figures, Group, Setting, SweepError, groups_of
+from .motions import Motions
 from .ticks import BLOCK, SUMS, Thesis7Lanes, thesis7_cases
 
 Array = NDArray[np.float64]
@@ -30,6 +36,14 @@ AHEAD: Final = 2
 `python -m tools.bench.sweep`."""
 _LEAST_BLOCKS: Final = 40
 """Number of blocks after which both detectors have come to a verdict."""
+_STARTED: Final = round(STARTED_S * 1000.0) // BLOCK
+"""Number of blocks at the beginning that are left out, because the filter settles in them."""
+_LEARNT: Final = round(LEARNING_S * 1000.0) // BLOCK
+"""Number of blocks after which the thresholds are learnt."""
+_WINDOW: Final = THESIS_WINDOW // BLOCK
+DIVERGED_PA: Final = 1e6
+"""Moving average of |innovation| above which a filter is lost, Pa: a tenth of a chamber's pressure;
+the thesis's largest healthy average is 0.2 MPa."""
 
 
 @dataclass(frozen=True)
@@ -88,18 +102,17 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
     Raises:
         SweepError: a case could not be run.
     """
-    found: list[Figures] = []
-    for at in groups_of(cases):
-        group = Group(setting, cases, at)
-        if setting.filter_name == "thesis-7":
-            figures = judged_by_pattern(run_thesis7(group), group, setting)
-        else:
-            from .product_lanes import judged_by_product
-
-            figures = judged_by_product(group)
-        found.append(figures)
-    count = cases.count
+    found = [_judged_by_filter(Group(setting, cases, at)) for at in groups_of(cases)]
+    count = cases.numbers.size
     return {name: np.concatenate([each[name] for each in found])[:count] for name in found[0]}
+
+
+def _judged_by_filter(group: Group) -> Figures:
+    if group.setting.filter_name == "thesis-7":
+        return judged_by_pattern(run_thesis7(group), group)
+    from .product_lanes import judged_by_product
+
+    return judged_by_product(group)
 
 
 def run_chunk(setting: Setting, cases: Cases) -> Judged:
@@ -108,7 +121,7 @@ def run_chunk(setting: Setting, cases: Cases) -> Judged:
     Raises:
         SweepError: a case could not be run.
     """
-    start_s = _load(setting)
+    start_s = _load(setting, cases)
     wall, process = time.perf_counter(), time.thread_time()
     figures = judge_cases(setting, cases)
     took = time.thread_time() - process, time.perf_counter() - wall
@@ -125,7 +138,7 @@ def sources() -> str:
 _loaded: set[str] = set()
 
 
-def _load(setting: Setting) -> float:
+def _load(setting: Setting, cases: Cases) -> float:
     """Load or compile the code that runs cases, and return how long that took, s.
 
     If this process has done so for the same filter before, nothing is done and 0 is returned.
@@ -134,6 +147,64 @@ def _load(setting: Setting) -> float:
         return 0.0
     start = time.perf_counter()
     short = replace(setting, ticks=_LEAST_BLOCKS * BLOCK + 1)
-    judge_cases(short, still_case(setting))
+    judge_cases(short, _still_case(setting, cases))
     _loaded.add(setting.filter_name)
     return time.perf_counter() - start
+
+
+def judged_by_pattern(sums: Array, group: Group) -> Figures:
+    """Return the columns of `rig.sweep.table.FIGURES` for a group's cases, (LANES,) each.
+
+    Args:
+        sums: `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES).
+        group: the group of the cases.
+    """
+    means = sums[:, 0:2] / BLOCK
+    healthy = means[_STARTED:_LEARNT]
+    looks = healthy.shape[0]
+    with np.errstate(all="ignore"):  # a lost filter's numbers may overflow
+        level = HealthyLevel(healthy.mean(axis=0), healthy.std(axis=0, ddof=1), looks)
+        baseline = level.baseline(group.setting.false_alarms_per_day)
+        # The mean of the last `_WINDOW` blocks at the end of each block after learning.
+        windows = np.lib.stride_tricks.sliding_window_view(means, _WINDOW, axis=0)
+        averages = windows[_LEARNT - _WINDOW + 1 :].mean(axis=-1)
+        patterns = pattern_of(averages, baseline)
+        excess = (averages - baseline.normal) / (baseline.thresholds - baseline.normal)
+        # The score is that of the block in which the moving averages show a fault most clearly.
+        score = np.fmax.reduce(excess.max(axis=1), axis=0)
+        ratio = (averages[-1] / baseline.thresholds).max(axis=0)
+        squares = sums[_STARTED:, 2:5].mean(axis=0) / BLOCK
+        lost = ~np.isfinite(sums).all(axis=(0, 1)) | (averages.max(axis=(0, 1)) > DIVERGED_PA)
+    ends_s = np.arange(_LEARNT + 1, means.shape[0] + 1, dtype=np.float64) * (BLOCK * 1e-3)
+    verdicts = np.array(PATTERNS)[patterns]
+    return group.outcome_columns(verdicts, ends_s) | {
+        "leak_true_m3_per_s": group.true_flow(sums[:, SUMS.index("leak_flow")].sum(axis=0)),
+        "statistic": ratio,
+        "threshold": np.ones(score.shape),
+        "score": np.nan_to_num(score, nan=0.0, posinf=1e9),
+        "innovation_1_Pa": means[_STARTED:, 0].mean(axis=0),
+        "innovation_2_Pa": means[_STARTED:, 1].mean(axis=0),
+        "nis": squares.mean(axis=0),
+        "nis_position": squares[0],
+        "nis_pressure_1": squares[1],
+        "nis_pressure_2": squares[2],
+        "resets": np.zeros(score.shape, dtype=np.int64),
+        "lost": lost,
+    }
+
+
+def _still_case(setting: Setting, cases: Cases) -> Cases:
+    """Return one healthy case at rest; running it loads the compiled code for cases.
+
+    Args:
+        setting: what all cases of the sweep share.
+        cases: some cases of the sweep.
+    """
+    none, zero = np.full(1, np.nan), np.zeros(1)
+    level, endless = np.full((1, 1), setting.middle), np.full((1, 1), np.inf)
+    return replace(
+        cases.of(np.zeros(1, dtype=np.intp), 0),
+        parameters=np.array(setting.like, dtype=np.float64)[:, None],
+        coefficients=np.zeros((len(LEAKS), 1)),
+        motions=Motions(np.zeros((0, 1)), none, level, endless, zero, zero.astype(int), zero),
+    )

@@ -11,9 +11,9 @@ from rig.lanes import LANES
 
 from .drawing import Cases, draw
 from .folder import SweepFolder
+from .group import Setting, SweepError, setting_of
 from .local import Stopped
 from .run_cases import Judged, sources
-from .setting import Setting, SweepError, setting_of
 from .table import rows_of
 
 Runner = Callable[[Iterator[Cases], Setting, Stopped], Iterator[Judged]]
@@ -65,11 +65,6 @@ class Timing:
         self.process_s += judged.process_s
         self.busy_s += judged.wall_s
 
-    @property
-    def workers(self) -> set[str]:
-        """Names of the processes that ran the cases."""
-        return set(self.ready_s)
-
     def plain(self) -> dict[str, Any]:
         """Return the times as JSON-able values, with rates in simulated seconds per second.
 
@@ -104,11 +99,10 @@ def chunk_size(sweep: Sweep) -> int:
 def chunks_of(sweep: Sweep) -> dict[int, int]:
     """Return the number of cases of each chunk of a sweep, by the chunk's number."""
     size = chunk_size(sweep)
-    found: dict[int, int] = {}
-    for _, count in _shelves(sweep):
-        for begin in range(0, count, size):
-            found[len(found)] = min(size, count - begin)
-    return found
+    counts = (
+        min(size, count - begin) for _, count in _shelves(sweep) for begin in range(0, count, size)
+    )
+    return dict(enumerate(counts))
 
 
 def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
@@ -169,18 +163,14 @@ def run_sweep(
 
     for judged in runner(chunks(), setting_of(sweep), stopped):
         received_s = time.perf_counter() - started
-        _require_same_sources(judged)
+        if judged.source != sources():
+            raise SweepError(
+                f"the worker {judged.worker} runs another version of this program; install the "
+                "same on all machines"
+            )
         cases = drawn.pop(judged.chunk)
         folder.keep(judged.chunk, rows_of(cases, dict(judged.figures)))
-        timing.add(judged, cases.count, cases.count * sweep.duration_s, received_s)
+        timing.add(judged, cases.numbers.size, cases.numbers.size * sweep.duration_s, received_s)
         timing.elapsed_s = time.perf_counter() - started
-        advanced(cases.count)
+        advanced(cases.numbers.size)
     return timing
-
-
-def _require_same_sources(judged: Judged) -> None:
-    if judged.source != sources():
-        raise SweepError(
-            f"the worker {judged.worker} runs another version of this program; install the same "
-            "on all machines"
-        )

@@ -1,5 +1,7 @@
 """Computes the statistics of a sweep: confusion, ROC, smallest leak found, and errors of sizes."""
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import exp, log, sqrt
@@ -10,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from estimator.leaks import SILENT
 from rig.configuration import HEALTHY
 from rig.plant import LITRE_PER_MINUTE
 
-from .case_figures import SILENT
 from .table import columns_of
 
 Array = NDArray[np.float64]
@@ -54,6 +56,12 @@ class Share:
         half = _Z / (1 + z2 / n) * sqrt(p * (1 - p) / n + z2 / (4 * n * n))
         return max(middle - half, 0.0), min(middle + half, 1.0)
 
+    @property
+    def plain(self) -> dict[str, Any]:
+        """The share as JSON-able values; its part is None if there are no cases."""
+        part = self.part if self.of else None
+        return {"count": self.count, "of": self.of, "part": part, "interval": list(self.interval)}
+
 
 @dataclass(frozen=True)
 class PowerBin:
@@ -62,13 +70,11 @@ class PowerBin:
     Attributes:
         low, high: the limits, m^3/s.
         right: share of these leaks that were named right.
-        latency_s: median latency of those named right; None if there is none.
     """
 
     low: float
     high: float
     right: Share
-    latency_s: float | None
 
 
 @dataclass(frozen=True)
@@ -143,7 +149,7 @@ class Study:
     """
 
     cases: int
-    confusion: dict[str, dict[str, int]]
+    confusion: Mapping[str, Mapping[str, int]]
     false_alarms: Share
     right: dict[str, Share]
     power: dict[str, PowerCurve]
@@ -157,8 +163,8 @@ class Study:
         return {
             "cases": self.cases,
             "confusion": self.confusion,
-            "false_alarms": _plain(self.false_alarms),
-            "right": {name: _plain(share) for name, share in self.right.items()},
+            "false_alarms": self.false_alarms.plain,
+            "right": {name: share.plain for name, share in self.right.items()},
             "limit_L_per_min": {
                 name: None if curve.limit_m3_per_s is None else {
                     "value": curve.limit_m3_per_s / LITRE_PER_MINUTE,
@@ -169,46 +175,35 @@ class Study:
             "roc_area": {name: roc.area for name, roc in self.roc.items()},
             "latency_s": self.latency_s and {"median": self.latency_s[0], "p95": self.latency_s[1]},
             "sizing": self.sizing,
-            "lost": _plain(self.lost),
+            "lost": self.lost.plain,
         }  # fmt: skip
-
-
-def _plain(share: Share) -> dict[str, Any]:
-    part = None if not share.of else share.part
-    return {"count": share.count, "of": share.of, "part": part, "interval": list(share.interval)}
 
 
 def study_of(table: pa.Table) -> Study:
     """Return the statistics of a sweep's table."""
     column = columns_of(table)
-    faults, verdicts = column["fault"], column["verdict"]
-    right = np.asarray(column["right"], dtype=np.bool_)
+    faults, verdicts, right = column["fault"], column["verdict"], column["right"]
     healthy = faults == HEALTHY
-    places = [str(name) for name in np.unique(faults[~healthy])]
-    parts = {"all": ~healthy, **{place: faults == place for place in places}}
+    places = np.unique(faults[~healthy]).tolist()
+    parts = {place: faults == place for place in places}
+    if places:
+        parts = {"all": ~healthy, **parts}
+    flow, score = column["leak_true_m3_per_s"], column["score"]
     names = [HEALTHY, *places] if healthy.any() else places
     return Study(
         cases=int(faults.size),
-        confusion={name: _counts(verdicts[faults == name]) for name in names},
-        false_alarms=_share(np.asarray(column["false_alarm"], dtype=np.bool_)[healthy]),
+        confusion={name: Counter(sorted(verdicts[faults == name].tolist())) for name in names},
+        false_alarms=_share(column["false_alarm"][healthy]),
         right={name: _share(right[faults == name]) for name in names},
-        power={
-            name: _power(column["leak_true_m3_per_s"][at], right[at], column["latency_s"][at])
-            for name, at in parts.items()
-            if at.any()
-        },
-        roc={
-            name: _roc(column["score"][healthy], column["score"][at])
-            for name, at in parts.items()
-            if at.any() and healthy.any()
-        },
+        power={name: _power(flow[at], right[at]) for name, at in parts.items()},
+        roc={name: _roc(score[healthy], score[at]) for name, at in parts.items() if healthy.any()},
         latency_s=_latency(column["latency_s"]),
         sizing=_sizing(column, right & ~healthy),
-        lost=_share(np.asarray(column["lost"], dtype=np.bool_)),
+        lost=_share(column["lost"]),
     )
 
 
-def verdict_order(confusion: dict[str, dict[str, int]]) -> list[str]:
+def verdict_order(confusion: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return the verdicts that occur in a confusion matrix, in the order to show them.
 
     First come those that are a key of `confusion`, in its order; then other faults, by name; last
@@ -220,11 +215,6 @@ def verdict_order(confusion: dict[str, dict[str, int]]) -> list[str]:
     return first + rest
 
 
-def _counts(verdicts: NDArray[np.str_]) -> dict[str, int]:
-    names, counts = np.unique(verdicts, return_counts=True)
-    return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
-
-
 def _share(true: NDArray[np.bool_]) -> Share:
     return Share(int(true.sum()), int(true.size))
 
@@ -233,27 +223,24 @@ def _latency(latency_s: Array) -> tuple[float, float] | None:
     known = latency_s[np.isfinite(latency_s)]
     if not known.size:
         return None
-    middle, late = np.percentile(known, [50.0, 95.0])
-    return float(middle), float(late)
+    middle, late = np.percentile(known, [50.0, 95.0]).tolist()
+    return middle, late
 
 
-def _power(flow: Array, right: NDArray[np.bool_], latency_s: Array) -> PowerCurve:
+def _power(flow: Array, right: NDArray[np.bool_]) -> PowerCurve:
     known = np.isfinite(flow) & (flow > 0.0)
-    flow, right, latency_s = flow[known], right[known], latency_s[known]
+    flow, right = flow[known], right[known]
     if not flow.size:
         return PowerCurve(())
     first = np.floor(np.log10(flow.min()) * _BINS_PER_DECADE)
     last = np.floor(np.log10(flow.max()) * _BINS_PER_DECADE)
     edges = 10.0 ** (np.arange(first, last + 2.0) / _BINS_PER_DECADE)
-    bins = []
-    for low, high in pairwise(edges):
-        at = (flow >= low) & (flow < high)
-        if at.any():
-            known_s = latency_s[at][np.isfinite(latency_s[at])]
-            middle = float(np.median(known_s)) if known_s.size else None
-            bins.append(PowerBin(float(low), float(high), _share(right[at]), middle))
+    bins = (
+        PowerBin(float(low), float(high), _share(right[(flow >= low) & (flow < high)]))
+        for low, high in pairwise(edges)
+    )
     curve = PowerCurve(
-        tuple(bins),
+        tuple(each for each in bins if each.right.of),
         missed_m3_per_s=None if right.all() else float(flow[~right].max()),
         named_m3_per_s=float(flow[right].min()) if right.any() else None,
     )
@@ -351,5 +338,5 @@ def _sizing(column: dict[str, Any], named: NDArray[np.bool_]) -> dict[str, Any] 
         "leaks": int(at.sum()),
         "relative_bias": float(relative.mean()),
         "relative_rms": float(np.sqrt(np.square(relative).mean())),
-        "in_interval": _plain(covered),
+        "in_interval": covered.plain,
     }

@@ -15,8 +15,9 @@ import pyarrow.parquet as pq
 
 from rig.recording import replacing
 
-from .drawing import Cases, Column
-from .setting import Figures
+from .drawing import Cases
+from .group import Figures
+from .motions import Column
 
 FIGURES: Final = {
     "leak_true_m3_per_s": ("m^3/s", "mean leak flow from 2 s after the onset on"),
@@ -47,22 +48,19 @@ _UNIT: Final = b"unit"
 
 
 def rows_of(cases: Cases, figures: Figures) -> pa.Table:
-    """Return the table's rows of some cases, with the columns drawn and the columns of results."""
-    outcomes = {name: Column(figures[name], *FIGURES[name]) for name in FIGURES}
+    """Return the table's rows of some cases, with the columns drawn and the columns of results.
+
+    A result that the filter of the sweep does not tell is missing in every row.
+    """
+    absent = np.full(cases.numbers.size, np.nan)
+    outcomes = {name: Column(figures.get(name, absent), *told) for name, told in FIGURES.items()}
     columns = {**cases.columns, **outcomes}
-    fields = [
-        pa.field(name, kind, metadata={_UNIT: column.unit, _ABOUT: column.about})
-        for name, column in columns.items()
-        for kind in [_kind(column.values)]
-    ]
     arrays = [_array(column.values) for column in columns.values()]
+    fields = [
+        pa.field(name, array.type, metadata={_UNIT: column.unit, _ABOUT: column.about})
+        for (name, column), array in zip(columns.items(), arrays, strict=True)
+    ]
     return pa.table(arrays, schema=pa.schema(fields))
-
-
-def _kind(values: np.ndarray) -> pa.DataType:
-    if values.dtype.kind in "US":
-        return pa.string()
-    return pa.from_numpy_dtype(values.dtype)
 
 
 def _array(values: np.ndarray) -> pa.Array:
@@ -77,7 +75,8 @@ def _array(values: np.ndarray) -> pa.Array:
         return pa.StringArray.from_buffers(len(words), _bytes(ends), pa.py_buffer(b"".join(words)))
     known = _bits(~np.isnan(values)) if values.dtype.kind == "f" else None
     content = _bits(values) if values.dtype.kind == "b" else _bytes(values)
-    return pa.Array.from_buffers(_kind(values), values.size, [known, content])
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, values.size, [known, content])
 
 
 def _bytes(values: np.ndarray) -> pa.Buffer:
@@ -88,12 +87,15 @@ def _bits(truths: np.ndarray) -> pa.Buffer:
     return _bytes(np.packbits(truths, bitorder="little"))
 
 
-def write_table(table: pa.Table, path: Path) -> None:
-    """Write the table of a sweep as Parquet; after a power cut the file is complete or missing.
+def write_table(parts: Iterable[pa.Table], path: Path) -> None:
+    """Write the rows of all parts, sorted by the number of the case, as one table in Parquet.
+
+    After a power cut the file is complete or missing.
 
     Raises:
         OSError: the file cannot be written.
     """
+    table = pa.concat_tables(parts).sort_by("case").combine_chunks()
     with _durably(path) as partial:
         pq.write_table(table, partial, compression="zstd")
 
@@ -137,11 +139,6 @@ def read_part(path: Path) -> pa.Table:
     """
     with pa.OSFile(str(path), "rb") as source, pa.ipc.open_file(source) as reader:
         return reader.read_all()
-
-
-def together(parts: Iterable[pa.Table]) -> pa.Table:
-    """Return the rows of all parts as one table, sorted by the number of the case."""
-    return pa.concat_tables(parts).sort_by("case").combine_chunks()
 
 
 def read_table(path: Path) -> pa.Table:

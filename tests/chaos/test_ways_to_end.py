@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rig.cli.campaigns.streaming import stream_of
+from rig.cli.campaigns.run import stream_of
 from rig.control_socket import ask
 from rig.stream.client import StreamClient
 from tools.chaos.stage import COMPILE_S, ROOT, Stage

@@ -1,9 +1,13 @@
 """A client of the live stream that tests feed, in place of one that receives by Zenoh."""
 
+import subprocess
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from rig.console.curves import CHANNELS
 from rig.stream.client import Answer, StreamClient, UnknownRigError
@@ -31,6 +35,12 @@ RUNNING = Snapshot(
     progress={"number": 1, "count": 1, "name": "first", "time_s": 12.3, "duration_s": 40.0},
     health={"rate_hz": 1000.0, "missed": 0, "silent_s": {"loop": 0.002}, "action": "none"},
 )
+
+
+def start_by(monkeypatch: pytest.MonkeyPatch, popen: Callable[..., Any]) -> None:
+    """Have a launcher start its processes by a function with the arguments of `Popen`."""
+    names = SimpleNamespace(Popen=popen, DEVNULL=subprocess.DEVNULL, STDOUT=subprocess.STDOUT)
+    monkeypatch.setattr("rig.console.launcher.subprocess", names)
 
 
 class FakeClient(StreamClient):

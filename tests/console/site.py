@@ -16,8 +16,9 @@ from urllib.parse import urlencode
 from websockets.sync.client import ClientConnection, connect
 
 from rig.console.address import address_of, with_port
+from rig.console.launcher import Served
 from rig.console.running import listener_of, server_of
-from rig.console.server import Console, Served
+from rig.console.server import Console
 
 from .fakes import RUNNING, FakeClient, until
 

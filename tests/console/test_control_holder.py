@@ -2,8 +2,7 @@
 
 import pytest
 
-from rig.console.control_holder import ControlHolder, NotInControl
-from rig.console.visitors import Visitor
+from rig.console.visitors import ControlHolder, NotInControl, Visitor
 
 ANNA, BEN = Visitor(1, "Anna", 9.9), Visitor(2, "Ben", 9.9)
 

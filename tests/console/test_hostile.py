@@ -8,6 +8,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlencode
 
@@ -15,17 +16,16 @@ import numpy as np
 import pytest
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from rig.console import connections
-from rig.console.control_holder import ControlHolder
+from rig.console import running
 from rig.console.curves import CURVES, Curves
-from rig.console.launcher import Launcher, Offer
+from rig.console.guard import MOST_PER_S, Refusals
+from rig.console.launcher import Launcher, Offer, Served
 from rig.console.orders import MalformedError, Order, Orders, parse
-from rig.console.refusals import MOST_PER_S, Refusals
-from rig.console.visitors import Visitor
+from rig.console.visitors import ControlHolder, Visitor
 from rig.stream.client import Answer
 from rig.stream.view import Snapshot
 
-from .fakes import RUNNING, FakeClient, until
+from .fakes import RUNNING, FakeClient, start_by, until
 from .site import TOKEN, Site
 
 ANNA, BEN = Visitor(1, "Anna", 9e9), Visitor(2, "Ben", 9e9)
@@ -52,12 +52,13 @@ def started() -> list[Started]:
 
 
 @pytest.fixture
-def launcher(tmp_path: Path, started: list[Started]) -> Launcher:
+def launcher(tmp_path: Path, started: list[Started], monkeypatch: pytest.MonkeyPatch) -> Launcher:
     def popen(*_: Any, **__: Any) -> Any:
         return Started(started)
 
-    offers = [Offer("a", "a", "", "other", 1)]
-    return Launcher(offers, tmp_path, "loopback", None, lambda text: None, popen)
+    served = Served((Offer("a", "a", "", "other", 1),), tmp_path, "loopback")
+    start_by(monkeypatch, popen)
+    return Launcher(served, lambda text: None)
 
 
 def desk(client: FakeClient, launcher: Launcher, tell: Any = lambda text: None) -> Orders:
@@ -106,13 +107,10 @@ def test_of_two_who_take_control_at_once_one_is_refused(launcher: Launcher) -> N
 
 
 def test_a_rig_given_for_all_campaigns_is_looked_at_before_one_is_started(
-    tmp_path: Path, started: list[Started]
+    launcher: Launcher, tmp_path: Path, started: list[Started]
 ) -> None:
-    def popen(*_: Any, **__: Any) -> Any:
-        return Started(started)
-
-    offers = [Offer("a", "a", "", "other", 1)]
-    launcher = Launcher(offers, tmp_path, "loopback", "rigs/bench.yaml", print, popen)
+    offers = (Offer("a", "a", "", "other", 1),)
+    launcher = Launcher(Served(offers, tmp_path, "loopback", "rigs/bench.yaml"), print)
     answer = desk(FakeClient(RUNNING), launcher).carry_out(Order("start", name="a"), ANNA)
     assert (answer.reason, started) == ("bench has a campaign running", [])
 
@@ -292,7 +290,7 @@ def is_closed(connection: socket.socket) -> bool:
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(running, "MOST_CONNECTIONS", 8)
     return 8
 
 
@@ -359,7 +357,7 @@ def is_gone(connection: socket.socket) -> bool:
 def test_a_request_that_takes_too_long_is_ended(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connections, "REQUEST_S", 0.1)
+    monkeypatch.setattr(running, "REQUEST_S", 0.1)
     assert is_closed(idle(site))
     assert is_closed(idle(site, b"GET / HTTP/1.1\r\nHost: "))
     monkeypatch.undo()
@@ -378,10 +376,11 @@ def test_who_goes_away_amid_a_request_leaves_no_traceback(
     assert [record for record in caplog.records if record.exc_info] == []
 
 
-def test_a_flood_of_refusals_does_not_fill_the_log() -> None:
+def test_a_flood_of_refusals_does_not_fill_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     log: list[str] = []
     now = [0.0]
-    refusals = Refusals(log.append, lambda: now[0])
+    monkeypatch.setattr("rig.console.guard.time", SimpleNamespace(monotonic=lambda: now[0]))
+    refusals = Refusals(log.append)
     for _ in range(1000):
         refusals("a", "login")
     assert log == ["refused, from a: login"] * MOST_PER_S

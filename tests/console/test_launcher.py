@@ -11,11 +11,21 @@ from typing import Any
 import pytest
 
 from rig.configuration.reading.problems import ConfigError
-from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, LaunchRefused, offers_of
+from rig.console.launcher import (
+    ASKED,
+    ENDING,
+    INTERRUPTED,
+    Launcher,
+    LaunchRefused,
+    Served,
+    offers_of,
+)
 from rig.control_socket import SOCKET
 from rig.runner.campaign.control_port import ControlPort
 from rig.runner.campaign.operator_requests import Desk
 from rig.runner.campaign.stopping import StopFlag
+
+from .fakes import start_by
 
 CAMPAIGN = (
     "name: {name}\ndescription: |\n  Two\n  lines.\nrig: bench\ntests:\n  - name: a\n  - name: b\n"
@@ -49,15 +59,18 @@ def said() -> list[str]:
 
 
 @pytest.fixture
-def launcher(tmp_path: Path, started: list[Process], said: list[str]) -> Launcher:
+def launcher(
+    tmp_path: Path, started: list[Process], said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> Launcher:
     (tmp_path / "leaks.yaml").write_text(CAMPAIGN.format(name="leaks"))
 
     def popen(*given: Any, **options: Any) -> Any:
         started.append(Process(*given, **options))
         return started[-1]
 
-    offers = offers_of([str(tmp_path)])
-    return Launcher(offers, tmp_path / "runs", "loopback", "bench.yaml", said.append, popen)
+    served = Served(offers_of([str(tmp_path)]), tmp_path / "runs", "loopback", "bench.yaml")
+    start_by(monkeypatch, popen)
+    return Launcher(served, said.append)
 
 
 def run_of(folder: Path, name: str, *kinds: dict[str, Any]) -> None:
@@ -201,22 +214,12 @@ def test_a_run_that_has_said_that_it_stops_and_runs_on_is_interrupted(
     assert started[0].signals == [signal.SIGINT]
 
 
-def test_of_several_runs_the_way_in_which_the_first_was_stopped_is_told(
-    launcher: Launcher, started: list[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "rig.console.launcher._takes_a_stop", lambda folder, said: folder.name == "first"
-    )
-    for name in ("first", "second"):
-        launcher._run(name, tmp_path / "runs" / name, "", [])
-    assert launcher.stop("Anna") == ASKED
-    assert [process.signals for process in started] == [[], [signal.SIGINT]]
-
-
 def test_a_run_that_took_a_stop_by_the_stream_is_ending(
     launcher: Launcher, started: list[Process], running: Path
 ) -> None:
-    launcher.was_stopped(running.name)
+    present = launcher.present()
+    assert present is not None
+    present.asked = True
     assert launcher.stop("Anna") == ENDING
     assert started[0].signals == [signal.SIGINT]
 
@@ -278,7 +281,7 @@ def test_whatever_comes_of_asking_the_run_is_interrupted(
 
 
 def test_away_from_the_rigs_machine_nothing_is_started(tmp_path: Path) -> None:
-    launcher = Launcher(offers_of([]), tmp_path, "", None, print)
+    launcher = Launcher(Served(offers_of([]), tmp_path), print)
     assert launcher.content()["offers"] == []
     with pytest.raises(LaunchRefused, match="on the rig's own machine"):
         launcher.start("quickstart")

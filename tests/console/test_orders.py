@@ -5,10 +5,9 @@ from typing import Any
 
 import pytest
 
-from rig.console.control_holder import ControlHolder
-from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, Offer
-from rig.console.orders import ENDING_REASON, Order, Orders
-from rig.console.visitors import Visitor
+from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, Offer, Served
+from rig.console.orders import REASONS, Order, Orders
+from rig.console.visitors import ControlHolder, Visitor
 from rig.stream.client import Answer
 
 from .fakes import RUNNING, FakeClient
@@ -20,8 +19,8 @@ class FakeLauncher(Launcher):
     """A launcher that says how it stops what runs, and keeps what it is asked."""
 
     def __init__(self, folder: Path, stops: str = "") -> None:
-        offers = [Offer(name, name, "", rig, 1) for name, rig in (("a", "bench"), ("b", "other"))]
-        super().__init__(offers, folder, "loopback", None, lambda text: None)
+        offers = (Offer("a", "a", "", "bench", 1), Offer("b", "b", "", "other", 1))
+        super().__init__(Served(offers, folder, "loopback"), lambda text: None)
         self.stops = stops
         self.asked: list[str] = []
 
@@ -74,7 +73,7 @@ def test_a_second_stop_of_a_run_that_is_ending_is_no_failure_of_the_first(
 ) -> None:
     client.answer = Answer(False, "no answer")
     answer = orders(client, FakeLauncher(tmp_path, ENDING)).carry_out(Order("stop", "bench"), ANNA)
-    assert answer == Answer(True, ENDING_REASON)
+    assert answer == Answer(True, REASONS[ENDING])
 
 
 def test_nothing_is_started_on_a_rig_that_runs(client: FakeClient, tmp_path: Path) -> None:

@@ -14,14 +14,14 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from rig.console.guard import LARGEST_BODY
-from rig.console.launcher import Launcher
+from rig.console.launcher import Launcher, Served
 from rig.console.orders import LONGEST_TEXT, Orders
 from rig.console.server import LARGEST_MESSAGE
 from rig.console.visitors import FAILURES
 from rig.stream.client import Answer
 from rig.stream.view import Snapshot
 
-from .fakes import until
+from .fakes import start_by, until
 from .site import TOKEN, Site, site_served
 
 
@@ -132,10 +132,11 @@ def test_an_order_sent_again_after_its_sender_has_gone_is_refused_and_logged(sit
 @pytest.mark.parametrize("order", ["start", "go on"])
 @pytest.mark.parametrize("name", ["../bench", "/etc/passwd", "--help", "a/../../b", "%2e%2e", "."])
 def test_nothing_is_started_by_a_path_and_that_is_logged(
-    site: Site, tmp_path: Path, order: str, name: str
+    site: Site, tmp_path: Path, order: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[Any] = []
-    launcher = Launcher((), tmp_path / "runs", "loopback", None, print, started.append)  # type: ignore[arg-type]
+    start_by(monkeypatch, started.append)
+    launcher = Launcher(Served((), tmp_path / "runs", "loopback"), print)
     site.client.become("bench", alive=False)
     site.console.orders = Orders(site.client, site.console.control, launcher)
     (tmp_path / "bench").mkdir()

@@ -13,7 +13,8 @@ import pytest
 import yaml
 
 from rig.configuration.rigs.stream import load_stream
-from rig.console.orders import INTERRUPTED_REASON
+from rig.console.launcher import INTERRUPTED
+from rig.console.orders import REASONS
 from rig.control_socket import ControlError, ask
 from rig.runner.campaign.operator_requests import Request
 from rig.stream.client import StreamClient
@@ -104,7 +105,7 @@ def test_a_campaign_is_started_stopped_and_gone_on_with(
         (folder,) = (path for path in runs.iterdir() if path.is_dir())
         # A machine that is busy for seconds may leave nothing but the signal, which the answer
         # then says; whatever else it says, the journal tells who stopped the run, and why.
-        if answer["reason"] != INTERRUPTED_REASON:
+        if answer["reason"] != REASONS[INTERRUPTED]:
             assert '"text": "Anna: enough"' in (folder / "journal.jsonl").read_text()
         assert (folder / "sine.mcap").stat().st_size > 1000
 

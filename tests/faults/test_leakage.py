@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from faults.leakage import (
-    linear_coefficient,
-    linear_flow,
-    square_root_coefficient,
-    square_root_flow,
-    to_litres_per_minute,
-)
+from faults.leakage import linear_flow, square_root_flow, to_litres_per_minute
 from rig.plant.dynamics import leak_flows
 from rig.plant.faults import NO_FAULT
 from rig.plant.parameters import LITRE_PER_MINUTE, NOMINAL
+from tools.thesis_tables.laws import linear_coefficient, square_root_coefficient
 
 LAWS = [
     pytest.param(square_root_flow, square_root_coefficient, id="square root"),

@@ -30,6 +30,12 @@ from rig.jit import njit
 from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate
+from tools.thesis_linearised import (
+    thesis6_jacobian,
+    thesis6_predict,
+    thesis7_jacobian,
+    thesis7_predict,
+)
 
 from . import product as product_bench
 from .product import product_record
@@ -129,8 +135,8 @@ CONTESTS: Final = (
         False,
         run_thesis6,
         "thesis6_run",
-        thesis.thesis6_predict,
-        thesis.thesis6_jacobian,
+        thesis6_predict,
+        thesis6_jacobian,
         thesis.THESIS6_PROCESS_NOISE,
         thesis.THESIS6_MEASUREMENT_NOISE,
     ),
@@ -139,8 +145,8 @@ CONTESTS: Final = (
         True,
         run_thesis7,
         "thesis7_run",
-        thesis.thesis7_predict,
-        thesis.thesis7_jacobian,
+        thesis7_predict,
+        thesis7_jacobian,
         thesis.THESIS7_PROCESS_NOISE,
         thesis.THESIS7_MEASUREMENT_NOISE,
     ),

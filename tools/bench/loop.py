@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from estimator.filters.registry import compiled_filter, start_memory
 from rig.configuration.rigs.rig import Rig, load_rig
-from rig.loop.board import Board, Word
+from rig.loop.board import Board, RingReader, Word
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
 from rig.loop.realtime import RealTime
-from rig.loop.ring import RingReader
 from rig.loop.wire.cycle import wire_ticks
-from rig.loop.wire.layout import Drive, course, pace, shared_memory, wire_memory
+from rig.loop.wire.layout import Drive, pace, wire_memory
+from rig.loop.wire.orders import Segment, course
 from rig.plant.integrator import TICK
 
 from .loop_chain import CHANNELS, CPU, MODEL, PRIORITY, Chain, fast, wire_tolerances
@@ -114,10 +114,11 @@ def idle(rig: Rig, seconds: float) -> Array:
 
     def run(number: int) -> None:
         wire_ticks(
-            course(number, np.empty(0), Drive.NULL), compiled_filter(memory, MODEL.parameters),
+            course(Segment(number, Drive.NULL, memory, MODEL.parameters)),
+            compiled_filter(memory, MODEL.parameters),
             interlock(limit_table((), TICK), wire_tolerances(rig, spec)),
             pace(rig.loop, 1.0 / TICK), -1, driver.plan(), driver.look_plan(), wire_memory(),
-            shared_memory(board),
+            board,
         )  # fmt: skip
 
     def real_time() -> None:

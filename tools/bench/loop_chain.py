@@ -19,10 +19,9 @@ from estimator.filters.registry import start_memory
 from rig.configuration.rigs.rig import Rig
 from rig.io.registry import DriverSpec
 from rig.io.settings import HomingSettings
-from rig.loop.board import RING_ROWS, Board, Word
+from rig.loop.board import RING_ROWS, Board, RingReader, Word
 from rig.loop.interlocks.check_tolerances import Tolerances, tolerances
 from rig.loop.interlocks.ladder import Cause, explain, limit_table
-from rig.loop.ring import RingReader
 from rig.loop.wire.layout import Drive, wire_channels
 from rig.loop.wire.orders import Close, Open, Segment
 from rig.plant import Model
@@ -75,12 +74,13 @@ class Chain:
             port = self._ends.enter_context(_emulated())
             self.recording = folder / "bench.mcap"
             self.board = Board.create(len(CHANNELS))
+            log = folder / "log"
             self._loop = Child(
-                "loop", "rig.supervisor.processes.loop_process", self.board, folder / "log"
+                "loop", "rig.supervisor.processes.loop_process", self.board, log, lambda news: None
             )
             self._ends.callback(self._loop.end)
             self._recorder = Child(
-                "recorder", "rig.supervisor.processes.recorder", self.board, folder / "log"
+                "recorder", "rig.supervisor.processes.recorder", self.board, log, lambda news: None
             )
             self._ends.callback(self._recorder.end)
             self._drive(port)

@@ -146,7 +146,7 @@ def publish_fleet(endpoint: str, count: int, batch: int) -> None:
     rigs: list[tuple[object, StreamSender]] = []
     for _ in range(count):
         session = publisher_session(settings)
-        sender = StreamSender(session, f"rig-{os.getpid()}-{len(rigs)}", 1.0)
+        sender = StreamSender(session, f"rig-{os.getpid()}-{len(rigs)}", 1.0, lambda line: None)
         names = tuple(f"channel_{k}_m" for k in range(FLEET_CHANNELS))
         sender.send("channels", Channels(1, names, ("m",) * FLEET_CHANNELS).content())
         rigs.append((session, sender))

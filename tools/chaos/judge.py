@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig.loop.interlocks.ladder import EXPLANATIONS
 from rig.recording import RecordingError, recover
 from rig.recording.formats.mcap_reader import read_mcap
-from rig.recording.table import Table
+from rig.recording.recording import Table
 
 from .scenario import Scenario
 from .stage import Stage

@@ -10,10 +10,10 @@ from typing import Any
 
 from rig.recording import RecordingError, read_recording, recover
 from rig.recording.formats.mcap_reader import read_mcap
-from rig.runner.campaign.phases import Phase
+from rig.runner.campaign.campaign_test_run import Phase
 from rig.runner.outcomes.outcome_record import outcome_of
 from rig.runner.run_folder.journal import JOURNAL, JournalError, read_journal
-from rig.runner.run_folder.journal_state import JournalState, standing_of
+from rig.runner.run_folder.resuming import JournalState, standing_of
 
 TICK_S = 1e-3
 

@@ -30,10 +30,9 @@ from estimator.accounts.crossings import crossing_rate, student_quantile
 from estimator.accounts.flow import BLOCK_S
 from estimator.accounts.noise import sensor_noise
 from estimator.filters.registry import FilterRun
-from estimator.leaks.detection import Samples, draw_up
 from estimator.leaks.fault_scores import WITNESSES
 from estimator.leaks.leak_statistic import DIRECTIONS, LEFT_OUT, MINIMUM_BLOCKS, LeakTest
-from estimator.leaks.oil_account import OilAccount
+from estimator.leaks.oil_account import OilAccount, Samples
 from rig.lanes import LANES
 from rig.plant import Model
 
@@ -76,7 +75,7 @@ class _NoiseWatcher:
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> None:
         """Draw up the accounts of the next samples, and add their highest statistics."""
-        for block in draw_up(self._account, samples, run):
+        for block in self._account.add(samples, run):
             missing = np.linalg.cholesky(sensor_noise(block)) @ self._noise.standard_normal(2)
             self._test.add(replace(block, missing=missing, doubts=np.zeros(2)))
             self.statistics.append(self._test.highest())

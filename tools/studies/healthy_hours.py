@@ -32,7 +32,8 @@ from estimator.accounts.noise import checked_model_error
 from estimator.accounts.nuisances import UNINFORMED
 from estimator.filters.product_lanes import ProductLanes
 from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
-from estimator.leaks.detection import OilAccountDetector, Samples
+from estimator.leaks.detection import OilAccountDetector
+from estimator.leaks.oil_account import Samples
 from rig.compile_cache import source_key
 from rig.lanes import LANES
 from rig.plant import Model

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from control.setpoints import Sine
 from estimator.filters.registry import DEFAULT_FILTER
-from estimator.filters.thesis import thesis6_jacobian, thesis6_predict
 from estimator.leaks.pattern import STARTED_S
 from estimator.leaks.replaying import filter_recording
 from rig.configuration.campaigns.campaign import load_campaign
@@ -17,6 +16,7 @@ from rig.plant import Parameters
 from rig.plant.dynamics import chamber_volumes
 from rig.plant.integrator import TICK
 from rig.plant.simulation import simulate
+from tools.thesis_linearised import thesis6_jacobian, thesis6_predict
 
 from .measures import Change, average_change, change
 from .trials import Trial, Trials, record

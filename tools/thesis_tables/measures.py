@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from estimator.filters.residuals import THESIS_WINDOW, moving_average_absolute
 from estimator.leaks.detection import SETTLED_AFTER_S
 from estimator.leaks.pattern import STARTED_S
-from faults.leakage import linear_coefficient, square_root_coefficient, to_litres_per_minute
+from faults.leakage import to_litres_per_minute
 from faults.schedule import Fault
 from rig.plant.integrator import TICK
 from rig.plant.parameters import Parameters
 
+from .laws import linear_coefficient, square_root_coefficient
 from .trials import Trial
 
 Array = NDArray[np.float64]

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.filters import thesis
-from estimator.filters.covariance import thesis6_kalman_step, thesis7_kalman_step
+from estimator.filters.covariance import kalman_step
 from estimator.filters.registry import OUTPUTS, THESIS_7, filter_named
+from estimator.filters.thesis import seven, six
 from estimator.filters.thesis_model import linearised_6, linearised_7
 from rig.jit import njit
 from rig.plant import Model
@@ -27,21 +28,18 @@ POSITION_VARIANCE: Final = 1e-4**2
 
 
 @njit(cache=True, error_model="numpy")
-def _run_6(x, P, command, measured, par, Q, R, states, outputs):
+def _run_6(x, P, command, measured, par, noise, states, outputs):
     for k in range(1, command.size):
-        predicted, entries = linearised_6((x[0], x[1], x[2], x[3], x[4], x[5]), command[k - 1], par)
-        thesis6_kalman_step(predicted, entries, x, P, Q, R, measured[k, 0], measured[k, 1],
-                            measured[k, 2], outputs[k])  # fmt: skip
+        z = measured[k, 0], measured[k, 1], measured[k, 2]
+        kalman_step(linearised_6(six(x), command[k - 1], par), x, P, noise, z, outputs[k])
         states[k] = x
 
 
 @njit(cache=True, error_model="numpy")
-def _run_7(x, P, command, measured, par, Q, R, states, outputs):
+def _run_7(x, P, command, measured, par, noise, states, outputs):
     for k in range(1, command.size):
-        predicted, entries = linearised_7((x[0], x[1], x[2], x[3], x[4], x[5], x[6]),
-                                          command[k - 1], par)  # fmt: skip
-        thesis7_kalman_step(predicted, entries, x, P, Q, R, measured[k, 0], measured[k, 1],
-                            measured[k, 2], outputs[k])  # fmt: skip
+        z = measured[k, 0], measured[k, 1], measured[k, 2]
+        kalman_step(linearised_7(seven(x), command[k - 1], par), x, P, noise, z, outputs[k])
         states[k] = x
 
 
@@ -77,6 +75,6 @@ def run_trusted(
     states = np.tile(x, (len(recording), 1))
     outputs = np.full((len(recording), len(OUTPUTS)), np.nan)
     outputs[:, OUTPUTS.index("filter_resets")] = 0.0  # These filters never start anew.
-    run(x, P, recording["command_V"], measured, model.parameters, Q,
-        (position_variance, *R[1:]), states, outputs)  # fmt: skip
+    noise = Q, (position_variance, *R[1:])
+    run(x, P, recording["command_V"], measured, model.parameters, noise, states, outputs)
     return TrustedRun(states, outputs)

@@ -19,7 +19,7 @@ from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.campaign.judging import Judge
-from rig.runner.outcomes.decision_rows import DecisionRows
+from rig.runner.outcomes.reactions import DecisionRows
 from tools.simulated.recordings import SETTLE_TICKS
 
 Array = NDArray[np.float64]

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from estimator.leaks.detection import draw_up
 from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, samples_of
@@ -39,7 +38,7 @@ def _accounts(recording: Recording, model: Model) -> tuple[Array, Array]:
     The two columns of the missing oil are the chambers.
     """
     account = OilAccount(model.parameters, LeakTest(1.0))
-    blocks = list(draw_up(account, samples_of(recording), filter_recording(recording, model)))
+    blocks = list(account.add(samples_of(recording), filter_recording(recording, model)))
     ends = np.array([block.end_s for block in blocks])
     missing = np.array([block.missing for block in blocks]) / LITRE_PER_MINUTE
     return ends, missing

@@ -1,2 +1,5 @@
-from .progress import CampaignProgress as CampaignProgress, MotionProgress as MotionProgress
-from .verdicts import leak as leak
+from .progress import (
+    CampaignProgress as CampaignProgress,
+    MotionProgress as MotionProgress,
+    leak as leak,
+)

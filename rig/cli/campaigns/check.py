@@ -2,7 +2,7 @@
 
 import click
 
-from rig.cli.problems import Problems
+from rig.cli.application import Problems
 from rig.configuration import check
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from rig.cli.application import EXIT_BAD_INPUT
-from rig.cli.option_types import TEXT
+from rig.cli.option_types import text
 from rig.control_socket import ask
 from rig.runner.campaign import Request
 
@@ -14,8 +14,8 @@ from rig.runner.campaign import Request
 @click.command()
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("request", type=click.Choice([str(each) for each in Request]))
-@click.argument("text", nargs=-1, type=TEXT)
-@click.option("--test", default="", type=TEXT, metavar="NAME", help="The test to skip or to retry.")
+@click.argument("text", nargs=-1, type=text)
+@click.option("--test", default="", type=text, metavar="NAME", help="The test to skip or to retry.")
 def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> int:
     """Ask the campaign that runs in the folder DIR for something.
 

@@ -2,33 +2,31 @@
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 
 import click
 
-from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, one_line
+from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
+from rig.cli.option_types import paced
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
-from rig.configuration import load_campaign
+from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_campaign, load_stream
 from rig.io import DriverError
-from rig.runner import CampaignOutcome, StopFlag, run_campaign, stop_on_signals
-from rig.runner.campaign import Desk, Pace
+from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
+from rig.runner.campaign import LONGEST_TEXT, Desk, Pace, RefusedError, Request
 from rig.runner.run_folder import begun_in, default_directory, log_error, unfinished_run
+from rig.stream import StreamSettings
 
-from .progress import CampaignProgress
-from .streaming import stream_of, streamed
-from .verdicts import summary, verdict_table
+from .progress import HEADINGS, CampaignProgress, cells_of, summary
 
 
 @click.command()
 @click.argument("campaign")
 @click.option("--rig", "rig_reference", metavar="RIG", help="Run on this rig, not the campaign's.")
-@click.option(
-    "--pace",
-    type=click.Choice(["real", "fast"]),
-    help="At the wall clock, or as fast as it can; the rig's own if not given. Same results.",
-)
+@paced("At", " Same results.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -73,25 +71,25 @@ def command(
         out = out or Path(campaign)
         given |= begun_in(Path(campaign))["given"] or {}
         pace = pace or ("fast" if given["pace"] == "fast" else None)
-    reference = str(given["reference"])
-    loaded, rig = load_campaign(
-        reference, rig_reference or given["rig"], Path(str(given["folder"]))
-    )
+    reference, on_rig = str(given["reference"]), rig_reference or given["rig"]
+    loaded, rig = load_campaign(reference, on_rig, Path(str(given["folder"])))
     require_possible_pace(rig, pace)
     if resume and out is None:
         out = unfinished_run(loaded.name, Path("runs"))
     paced = (pace or rig.pace) == "real"
     settings = stream_of(profile or given.get("stream"), paced=paced)
+    again = ["rig", "run", reference, *([] if on_rig is None else ["--rig", on_rig])]
     desk = Desk()
     directory = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
+    progress = CampaignProgress(screen, paced=paced)
+    stream: AbstractContextManager[Observer] = nullcontext(progress)
+    if settings is not None:
+        stream = _streamed(progress, settings, rig, directory, desk, paced=paced)
     with stop_on_signals(stop):
         started = time.perf_counter()
-        with (
-            CampaignProgress(screen, paced=paced) as progress,
-            streamed(progress, settings, rig, directory, desk, paced=paced) as observer,
-        ):
+        with ending(EXIT_BAD_INPUT, DriverError), progress, stream as observer:
             try:
                 outcome = run_campaign(
                     loaded,
@@ -100,21 +98,19 @@ def command(
                     pace=pace,
                     observer=observer,
                     stop=stop,
-                    command=_again(reference, rig_reference or given["rig"]),
+                    command=again,
                     resume=resume,
                     overdue=_give_up,
                     given=given,
                     desk=desk,
                 )
-            except DriverError as error:
-                click.echo(str(error), err=True)
-                return EXIT_BAD_INPUT
             except OSError as error:
                 state = f"results cannot be written to {directory}: {error.strerror or error}"
                 click.echo(f"rig: {state}; free space, or give another --out", err=True)
                 return EXIT_STOPPED
         wall_s = time.perf_counter() - started
-        screen.print(verdict_table(outcome, plain=not screen.is_terminal))
+        rows = map(cells_of, outcome.tests)
+        screen.print_table(HEADINGS, rows, right=("onset", "latency"))
         for line in summary(outcome, wall_s, live=paced):
             screen.print(line, soft_wrap=True)
         report = _report(outcome, directory)
@@ -132,12 +128,6 @@ def _give_up() -> None:
     os._exit(EXIT_STOPPED)
 
 
-def _again(campaign: str, rig_reference: str | None) -> list[str]:
-    """Return the command line that runs a campaign again on the same rig, into a new folder."""
-    on_rig = [] if rig_reference is None else ["--rig", rig_reference]
-    return ["rig", "run", campaign, *on_rig]
-
-
 def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
     """Write the report and return its path; None, with a message on stderr, if that fails."""
     try:
@@ -148,3 +138,58 @@ def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
         log = log_error(directory, "report")
         click.echo(f"rig: no report: {one_line(error)}; traceback in {log}", err=True)
         return None
+
+
+def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
+    """Return the settings of a run's stream; None if the run has no stream.
+
+    Args:
+        profile: path or name of a profile, or "off". Without one, a run has the default profile if
+            it is paced, and no stream otherwise.
+        paced: whether the run goes at the wall clock.
+
+    Raises:
+        ConfigError: the profile, or a certificate, password or key file of it, cannot be used.
+    """
+    profile = profile or (DEFAULT if paced else OFF)
+    if profile == OFF:
+        return None
+    settings = load_stream(profile)
+    from rig.stream import KeyFileError, StreamError, check_files, credentials_of
+
+    try:
+        check_files(settings)
+        for operator in settings.operators:
+            credentials_of(operator)
+    except (KeyFileError, StreamError) as error:
+        raise ConfigError([Problem(profile, 0, 0, "stream", "", str(error), "")]) from None
+    return settings
+
+
+@contextmanager
+def _streamed(
+    observer: Observer, settings: StreamSettings, rig: Rig, out: Path, desk: Desk, *, paced: bool
+) -> Iterator[Observer]:
+    """Give the block an observer that passes a run on to `observer` and to its live stream.
+
+    The stream's commands go to the desk; the stream ends with the block.
+    """
+    from rig.runner.campaign import StreamedRun
+    from rig.stream import Command, rig_id
+    from rig.supervisor import LOG, Stream
+
+    def obey(command: Command) -> str:
+        """Hand a command to the desk; return why it is refused, or "" if it is obeyed."""
+        request = Request.PAUSE if command.name == "hold" else Request(command.name)
+        try:
+            desk.ask(request, command.by, command.text[:LONGEST_TEXT], command.test)
+        except RefusedError as error:
+            return str(error)
+        return ""
+
+    stream = Stream(settings, rig_id(rig.name), out / LOG, observer.rig_tells, obey)
+    run = StreamedRun(stream, observer, simulated=rig.backend == "simulated", live=paced)
+    try:
+        yield run
+    finally:
+        run.ends()

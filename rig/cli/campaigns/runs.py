@@ -2,16 +2,17 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
 import click
-from rich.text import Text
 
-from rig.cli.screen import Screen, table_of
+from rig.cli.screen import Screen
+from rig.recording import replace_text
 from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
@@ -81,23 +82,20 @@ def command() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
     """List the runs that meet every given option, oldest first."""
-    found = [run for run in runs_below(below) if _is_wanted(run, **wanted)]
+    found = [run for run in runs_below(below) if _is_wanted(run, wanted)]
     if as_json:
         for run in found:
             click.echo(json.dumps(_document(run), ensure_ascii=False))
         return 0
     screen = Screen()
     headings = ("run", "begun (UTC)", "campaign", "rig", "state", "tests", "found")
-    table = table_of(headings, plain=not screen.is_terminal, fold=True)
+    rows = []
     for run in found:
-        counts = ", ".join(f"{count} {status}" for status, count in run.counts.items())
-        table.add_row(
-            *map(Text, (
-                str(run.folder.relative_to(below)), f"{run.started:%Y-%m-%d %H:%M}", run.campaign,
-                run.rig, run.state, counts.replace("_", " "), ", ".join(sorted(run.verdicts)),
-            ))
-        )  # fmt: skip
-    screen.print(table)
+        name, begun = str(run.folder.relative_to(below)), f"{run.started:%Y-%m-%d %H:%M}"
+        counts = ", ".join(f"{n} {status}" for status, n in run.counts.items()).replace("_", " ")
+        verdicts = ", ".join(sorted(run.verdicts))
+        rows.append((name, begun, run.campaign, run.rig, run.state, counts, verdicts))
+    screen.print_table(headings, rows, fold=headings)
     screen.print(f"{len(found)} runs below {below}")
     return 0
 
@@ -117,7 +115,7 @@ def show(run: str, below: Path, as_json: bool) -> int:
         return 0
     screen = Screen()
     for line in _lines(found):
-        screen.print(Text(line), soft_wrap=True)
+        screen.print(line, soft_wrap=True)
     return 0
 
 
@@ -154,32 +152,30 @@ def compare(
     }
     comparison = compared(_run(reference, below), _run(candidate, below), chosen)
     if out is not None:
-        from rig.report.campaign import write_comparison
+        from rig.report.campaign import comparison_page
 
-        _written(lambda: write_comparison(comparison, out), out)
+        with _writing(out):
+            replace_text(out, comparison_page(comparison))
     if as_json:
         for each in comparison.figures:
             click.echo(json.dumps(asdict(each) | {"difference": each.difference}))
     else:
         screen = Screen()
         headings = ("test", "figure", "reference", "candidate", "tolerated", "unit")
-        table = table_of(headings, plain=not screen.is_terminal, fold=True)
+        rows = []
         for each in comparison.moved:
-            table.add_row(
-                *map(Text, (
-                    each.test, each.figure, _number(each.reference), _number(each.candidate),
-                    _number(each.tolerated), each.unit,
-                ))
-            )  # fmt: skip
+            sizes = (each.reference, each.candidate, each.tolerated)
+            rows.append((each.test, each.figure, *map(_number, sizes), each.unit))
         if comparison.moved:
-            screen.print(table)
+            screen.print_table(headings, rows, fold=headings)
         for line in comparison.changed:
-            screen.print(Text(f"not the same: {line}"), soft_wrap=True)
+            screen.print(f"not the same: {line}", soft_wrap=True)
         new = sum(each.standing is Change.NEW for each in comparison.figures)
-        counts = f"{len(comparison.moved)} of {len(comparison.figures)} figures moved, {new} new"
-        screen.print(counts)
+        screen.print(
+            f"{len(comparison.moved)} of {len(comparison.figures)} figures moved, {new} new"
+        )
         if out is not None:
-            screen.print(Text(f"page: {out}"), soft_wrap=True)
+            screen.print(f"page: {out}", soft_wrap=True)
     return 1 if comparison.moved else 0
 
 
@@ -206,9 +202,10 @@ def prune(
         size += run.size
         click.echo(f"{'removed' if delete else 'would remove'} {run.folder}: {run.campaign}, "
                    f"{run.started:%Y-%m-%d %H:%M}, {run.size / 1e6:.1f} MB")  # fmt: skip
-        left: list[str] = []
-        if delete:
-            left = _written(lambda run=run: remove(run), run.folder)
+        if not delete:
+            continue
+        with _writing(run.folder):
+            left = remove(run)
         if left:
             click.echo(f"{run.folder}: left what no run wrote: {', '.join(left)}", err=True)
     word = "removed" if delete else "would be removed; with --delete they are"
@@ -222,24 +219,27 @@ def _run(given: str, below: Path) -> Run:
     return read_run(Path(given))
 
 
-def _written(write: Any, path: Path) -> Any:
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Turn an error of the block, which writes to `path`, into bad input.
+
+    Raises:
+        RunError: the block raised an OSError.
+    """
     try:
-        return write()
+        yield
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def _is_wanted(
-    run: Run, since: datetime | None, until: datetime | None, campaign: str | None,
-    rig: str | None, verdict: str | None, state: str | None,
-) -> bool:  # fmt: skip
+def _is_wanted(run: Run, wanted: Mapping[str, Any]) -> bool:
+    """Return whether a run meets all options of `rig runs list`; one that is None says nothing."""
+    since, until, verdict = (wanted[option] for option in ("since", "until", "verdict"))
     return (
         (since is None or run.started >= since)
         and (until is None or run.started < until)
-        and campaign in (None, run.campaign)
-        and rig in (None, run.rig)
         and (verdict is None or verdict in run.verdicts)
-        and state in (None, run.state)
+        and all(wanted[of] in (None, getattr(run, of)) for of in ("campaign", "rig", "state"))
     )
 
 

@@ -3,8 +3,8 @@
 import json
 import subprocess
 import sys
-import threading
 import time
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from rig.configuration import Entry, Schedule, load_campaign, load_schedule
+from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
 from rig.runner.run_folder import Journal, RunError, is_written, read_journal, read_run, runs_below
 from rig.runner.schedule import (
@@ -74,8 +75,8 @@ def add(schedule: Path, campaign: str, rig: str | None, name: str | None) -> int
     """Have CAMPAIGN run once, as soon as the schedule comes to it."""
     loaded = load_schedule(schedule)
     checked, _ = load_campaign(campaign, rig)
-    references = {"campaign": _absolute(campaign), "rig": None if rig is None else _absolute(rig)}
-    _ask(loaded, name=name or checked.name, **references)
+    on_rig = None if rig is None else _absolute(rig)
+    _ask(loaded, name=name or checked.name, campaign=_absolute(campaign), rig=on_rig)
     click.echo(f"{checked.name}: waits in {loaded.folder}")
     return 0
 
@@ -120,7 +121,7 @@ def list_entries(schedule: Path, as_json: bool) -> int:
 
 def _document(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
     now = datetime.now(UTC)
-    times = {entry.name: schedule.next_time(entry, now) for entry in schedule.entries}
+    entries = [(entry, schedule.next_time(entry, now)) for entry in schedule.entries]
     return {
         "name": schedule.name,
         "runs": str(schedule.folder),
@@ -129,10 +130,10 @@ def _document(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
             {
                 "name": entry.name,
                 "campaign": entry.campaign,
-                "next": None if times[entry.name] is None else f"{times[entry.name]:%FT%TZ}",
+                "next": None if time is None else f"{time:%FT%TZ}",
                 "missed": state.missed.get(entry.name, 0),
             }
-            for entry in schedule.entries
+            for entry, time in entries
         ],
         "present": None if state.present is None else _job(state.present),
         "queue": [_job(job) for job in state.queue],
@@ -201,30 +202,23 @@ class _Hands:
             stdin=subprocess.DEVNULL,
             cwd=self._schedule.path.parent,
         )
-        passing_on = threading.Thread(target=self._pass_on, args=(process,), daemon=True)
-        passing_on.start()
+        while not self._stop.requested:
+            with suppress(subprocess.TimeoutExpired):
+                return process.wait(_POLL_S)
+        # On Ctrl-C in a terminal the run has got the signal by itself already. To a process that
+        # has ended meanwhile this does nothing.
+        process.terminate()
         return process.wait()
 
-    def _pass_on(self, process: subprocess.Popen[bytes]) -> None:
-        """Wait until the run ends; terminate it if the schedule is asked to stop before.
-
-        On Ctrl-C in a terminal the run gets the signal by itself already.
-        """
-        while process.poll() is None:
-            if self._stop.requested:
-                # This does nothing to a process that has ended meanwhile.
-                process.terminate()
-                return
-            time.sleep(_POLL_S)
-
     def after(self, job: Job, exit_code: int) -> str:
-        from rig.report.campaign import TREND, write_trend
+        from rig.report.campaign import TREND, trend_page
         from rig.runner.run_folder import trends_of
 
         problems = []
         page = self._schedule.folder / TREND
         try:
-            write_trend(trends_of(runs_below(self._schedule.folder)), page, self._schedule.name)
+            trends = trends_of(runs_below(self._schedule.folder))
+            replace_text(page, trend_page(trends, self._schedule.name))
         except Exception as error:  # a page that cannot be made ends no schedule
             problems.append(f"no trend page: {type(error).__name__}: {error}")
         if self._schedule.hook:

@@ -1,22 +1,21 @@
 """`rig calibrate` measures values that a rig file otherwise has from data sheets."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import click
 import numpy as np
-from rich.table import Table
 
 from control import RequestError
 from estimator.filters import DEFAULT_FILTER
-from faults import CalibratedPoint, Measurement, NeedleCalibration, to_litres_per_minute
+from faults import Measurement, NeedleCalibration, to_litres_per_minute
 from rig.channels import BYPASSES
-from rig.cli.application import EXIT_BAD_INPUT
+from rig.cli.application import EXIT_BAD_INPUT, ending
 from rig.cli.rig_failures import failures_reported
-from rig.cli.screen import Screen, table_of
+from rig.cli.screen import Screen
 from rig.configuration import dump_calibration, load_model, load_rig
 from rig.runner import StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
@@ -87,67 +86,57 @@ def valves(
 
     def on_measured(kind: str, measurement: Measurement) -> None:
         _keep(raw, kind, measurement)
-        screen.print(_line(kind, measurement), soft_wrap=True)
+        flow, error = (to_litres_per_minute(value) for value in measurement.flow)
+        screen.print(
+            f"{kind} {measurement.opening:g} {_direction(measurement)}: {flow:.3f} ± {error:.3f} "
+            f"L/min at {1e-6 * measurement.drop_Pa:.2f} MPa",
+            soft_wrap=True,
+        )
 
     openings = [round(float(opening), 4) for opening in np.linspace(0.0, 1.0, points)]
     connected = ConnectedRig(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
-    try:
-        with failures_reported(), stop_on_signals(stop):
-            compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
-            with Session(connected):
-                needles = calibrate(
-                    Strokes(connected), wanted, openings, assumed.parameters.return_pressure,
-                    started.date(), on_measured,
-                )  # fmt: skip
-    except RequestError as error:
-        click.echo(f"{error}\nno calibration; what was measured: {raw}", err=True)
-        return EXIT_BAD_INPUT
+    lost = f"\nno calibration; what was measured: {raw}"
+    with (
+        ending(EXIT_BAD_INPUT, RequestError, after=lost),
+        failures_reported(),
+        stop_on_signals(stop),
+    ):
+        compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
+        with Session(connected):
+            needles = calibrate(
+                Strokes(connected), wanted, openings, assumed.parameters.return_pressure,
+                started.date(), on_measured,
+            )  # fmt: skip
     dump_calibration(path, rig.name, started.date(), needles)
-    screen.print(_table(needles, plain=not screen.is_terminal))
+    right = ("opening", "coefficient", "± standard error", "up - down")
+    title = f"Coefficients in {_UNIT}"
+    screen.print_table(("bypass", *right), _rows(needles), right=right, title=title)
     screen.print(f"calibration: {path}\nmeasurements: {raw}", soft_wrap=True)
     return 0
 
 
 def _keep(path: Path, kind: str, measurement: Measurement) -> None:
     """Append a measurement to a CSV file at once, so that a trip loses no earlier measurement."""
-    new = not path.exists()
+    rows: list[tuple[object, ...]] = [] if path.exists() else [_RAW]
+    rows.append(
+        (kind, measurement.opening, _direction(measurement), measurement.feedback,
+         *measurement.flow, measurement.drop_Pa, *measurement.coefficient)
+    )  # fmt: skip
     with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        if new:
-            writer.writerow(_RAW)
-        writer.writerow(
-            (kind, measurement.opening, _direction(measurement), measurement.feedback,
-             *measurement.flow, measurement.drop_Pa, *measurement.coefficient)
-        )  # fmt: skip
+        csv.writer(file).writerows(rows)
 
 
 def _direction(measurement: Measurement) -> str:
     return "up" if measurement.upwards else "down"
 
 
-def _line(kind: str, measurement: Measurement) -> str:
-    flow, error = (to_litres_per_minute(value) for value in measurement.flow)
-    return (
-        f"{kind} {measurement.opening:g} {_direction(measurement)}: {flow:.3f} ± {error:.3f} L/min "
-        f"at {1e-6 * measurement.drop_Pa:.2f} MPa"
-    )
-
-
-def _table(needles: Mapping[str, NeedleCalibration], *, plain: bool) -> Table:
-    """Return the needles' points as a table; `plain` draws it with ASCII."""
-    right = ("opening", "coefficient", "± standard error", "up - down")
-    title = f"Coefficients in {_UNIT}"
-    table = table_of(("bypass", *right), plain=plain, right=right, title=title)
+def _rows(needles: Mapping[str, NeedleCalibration]) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of a row for each needle's points, with a line below each needle."""
     for kind, calibration in needles.items():
         for point in calibration.points:
-            table.add_row(kind, *_cells(point))
-        table.add_section()
-    return table
-
-
-def _cells(point: CalibratedPoint) -> tuple[str, ...]:
-    value, error = point.coefficient
-    if not point.coefficient.is_resolved:
-        return f"{point.opening:g}", f"at most {point.bound:.1e}", "", ""
-    hysteresis = f"{point.hysteresis:+.1e}"
-    return f"{point.opening:g}", f"{value:.4g}", f"{error:.1e}", hysteresis
+            value, error = point.coefficient
+            found = (f"at most {point.bound:.1e}", "", "")
+            if point.coefficient.is_resolved:
+                found = (f"{value:.4g}", f"{error:.1e}", f"{point.hysteresis:+.1e}")
+            yield kind, f"{point.opening:g}", *found
+        yield ()

@@ -10,15 +10,7 @@ from typing import Final
 import click
 
 from rig.configuration import load_rig
-from rig.emulator import (
-    ATTENTIVE,
-    Emulator,
-    Record,
-    Script,
-    endpoints_of,
-    raise_priority,
-    read_script,
-)
+from rig.emulator import ATTENTIVE, Emulator, Record, endpoints_of, raise_priority, read_script
 from rig.io import DriverError
 
 _SHOWN: Final = {
@@ -28,7 +20,10 @@ _SHOWN: Final = {
     "pump": "pump unit, CAN",
     "meters": "flow meters, serial",
     "control": "control port, JSON lines on TCP",
+    "reset": "reset button",
 }
+_PRIORITY: Final = {True: "real-time", False: "ordinary"}
+_PRESSES: Final = {True: "somebody presses it when its lamp is lit", False: "nobody presses it"}
 
 _LAST_PORT: Final = 65535
 _FILE: Final = click.Path(path_type=Path, dir_okay=False)
@@ -122,7 +117,14 @@ def command(
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, emulator.stop)
         granted = priority and raise_priority()
-        click.echo(_as_json(emulator) if as_json else _as_text(rig.name, emulator, granted, played))
+        if as_json:
+            told = {"ready": True, "ports": emulator.ports, "pid": os.getpid()}
+            click.echo(json.dumps(told))
+        else:
+            click.echo(f"emulated rig {rig.name}, at {_PRIORITY[granted]} priority")
+            for part, where in {**emulator.ports, "reset": _PRESSES[played.attentive]}.items():
+                click.echo(f"  {_SHOWN[part]:32} {where}")
+            click.echo("Ctrl-C ends it")
         await emulator.run()
         await emulator.close()
         return emulator.summary()
@@ -137,17 +139,3 @@ def command(
         click.echo(json.dumps({"ended": True, **summary}))
     else:
         click.echo("ended: " + ", ".join(f"{value} {name}" for name, value in summary.items()))
-
-
-def _as_json(emulator: Emulator) -> str:
-    return json.dumps({"ready": True, "ports": emulator.ports, "pid": os.getpid()})
-
-
-def _as_text(name: str, emulator: Emulator, real_time: bool, script: Script) -> str:
-    lines = [f"emulated rig {name}, at {'real-time' if real_time else 'ordinary'} priority"]
-    lines += [f"  {_SHOWN[part]:32} {where}" for part, where in emulator.ports.items()]
-    presses = (
-        "somebody presses it when its lamp is lit" if script.attentive else "nobody presses it"
-    )
-    lines.append(f"  {'reset button':32} {presses}")
-    return "\n".join([*lines, "Ctrl-C ends it"])

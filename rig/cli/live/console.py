@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rig.cli.application import EXIT_BAD_INPUT
+from rig.cli.application import EXIT_BAD_INPUT, ending
 from rig.configuration import ConfigError, Problem, load_stream
 
 from .following import endpoints, follows_streams
@@ -60,8 +60,12 @@ def command(
     settings = load_stream(profile)
     where = endpoints(connect)
     offers = offers_of(campaigns)
-    try:
-        address = address_of(listen, names, certificate, key)
+    with ending(EXIT_BAD_INPUT, KeyFileError, StreamError, OSError, before="console: "):
+        try:
+            address = address_of(listen, names, certificate, key)
+        except AddressError as error:
+            problem = Problem("--listen", 0, 0, "console", listen, str(error), "")
+            raise ConfigError([problem]) from None
         token, token_file = console_token()
         with StreamClient(settings, where) as client:
             may_start = settings.is_local and not where
@@ -72,11 +76,6 @@ def command(
                 click.echo(f"token:   {token}  (also in {token_file})")
 
             serve(client, token, served, address, log=_log, ready=ready)
-    except AddressError as error:
-        raise ConfigError([Problem("--listen", 0, 0, "console", listen, str(error), "")]) from None
-    except (KeyFileError, StreamError, OSError) as error:
-        click.echo(f"console: {error}", err=True)
-        return EXIT_BAD_INPUT
     return 0
 
 

@@ -4,7 +4,7 @@ import threading
 
 import click
 
-from rig.cli.application import EXIT_BAD_INPUT
+from rig.cli.application import EXIT_BAD_INPUT, ending
 from rig.configuration import load_stream
 from rig.runner import StopFlag, stop_on_signals
 
@@ -21,13 +21,10 @@ def command(profile: str) -> int:
     from rig.stream import StreamError, check_files, publisher_session
 
     stop = StopFlag()
-    try:
+    with ending(EXIT_BAD_INPUT, StreamError):
         check_files(settings)
         with publisher_session(settings), stop_on_signals(stop):
             click.echo(f"routes on {', '.join(map(str, settings.listen))}")
             while not stop.requested:
                 threading.Event().wait(0.2)
-    except StreamError as error:
-        click.echo(str(error), err=True)
-        return EXIT_BAD_INPUT
     return 0

@@ -8,12 +8,13 @@ import click
 
 from faults import Campaign
 from rig.cli.campaigns import MotionProgress
-from rig.cli.rig_failures import failures_reported
+from rig.cli.rig_failures import failures_reported, require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import Rig, plan_campaign
 from rig.runner import StopFlag, stop_on_signals
 from rig.runner.campaign import Pace
 from rig.runner.experiments import ExperimentStoppedError
+from rig.runner.run_folder import make_empty
 
 
 def rig_time(campaigns: Sequence[Campaign]) -> str:
@@ -37,20 +38,24 @@ def print_motions(campaign: Campaign, rig: Rig, indent: str = "") -> None:
 def experiment(
     rig: Rig, pace: Pace | None, folder: Path, *, as_json: bool
 ) -> Iterator[tuple[Screen, StopFlag, MotionProgress]]:
-    """Give screen, stop flag and progress to the block that runs an experiment.
+    """Empty the folder; give screen, stop flag and progress to the block that runs an experiment.
 
     If the block fails in one of the ways below, the command ends.
 
     Args:
         rig: the rig on which the experiment is run.
         pace: the pace that the user asks for; None for the rig's own.
-        folder: folder of the experiment's recordings, which a message names.
+        folder: new or empty folder for the experiment's recordings.
         as_json: whether the screen stays silent, so that only the JSON goes to standard output.
 
     Raises:
-        click.exceptions.Exit: the experiment was stopped, a driver failed or the rig tripped. The
-            message is on stderr already; the error has the exit code. Other errors pass unchanged.
+        DirectoryError: the folder cannot be used.
+        click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed
+            or the rig tripped. The message is on stderr already; the error has the exit code. Other
+            errors pass unchanged.
     """
+    require_possible_pace(rig, pace)
+    make_empty(folder)
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     screen.quiet = as_json

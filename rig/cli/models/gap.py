@@ -5,6 +5,8 @@ from typing import Any, Final
 
 import click
 
+from rig.cli.option_types import paced
+
 HOLDOUT: Final = "--holdout"
 
 
@@ -18,11 +20,9 @@ class ManyHeldOut(click.Command):
         for place, word in enumerate(args):
             if word.startswith("-"):
                 held = word == HOLDOUT
-                repeated.append(word)
             elif held and args[place - 1] != HOLDOUT:
-                repeated += [HOLDOUT, word]
-            else:
-                repeated.append(word)
+                repeated.append(HOLDOUT)
+            repeated.append(word)
         return super().parse_args(ctx, repeated)
 
 
@@ -37,11 +37,7 @@ class ManyHeldOut(click.Command):
 )
 @click.option("--live", is_flag=True, help="Make the recordings on a rig, and settle what is open.")
 @click.option("--rig", metavar="RIG", help="Of --live: the rig.")
-@click.option(
-    "--pace",
-    type=click.Choice(["real", "fast"]),
-    help="Of --live: at the wall clock, or as fast as it can; the rig's own if not given.",
-)
+@paced("Of --live: at")
 @click.option(
     "--rounds",
     type=click.IntRange(1, 20),

@@ -5,22 +5,22 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 import numpy as np
-from rich.table import Table
+import yaml
 from rich.text import Text
 
 from estimator.gap import Discovered, GapResult, Plant, Wanted, find_gap
-from rig.cli.application import EXIT_STOPPED
-from rig.cli.problems import Problems
-from rig.cli.screen import Screen, table_of
-from rig.configuration import PlantModel, load_columns, load_model, load_plant, load_rig
-from rig.plant import TICK
+from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, Problems, ending
+from rig.cli.screen import Screen
+from rig.configuration import PlantModel, Rig, load_columns, load_model, load_plant, load_rig
+from rig.plant import TICK, Model
 from rig.recording import Column, Recording, RecordingError, read_measured, replacing
 from rig.report.gap import (
     estimated,
@@ -34,10 +34,25 @@ from rig.report.gap import (
     where_words,
 )
 from rig.runner.campaign import Pace
-from rig.runner.experiments import ROUNDS, answer, gap_figures, provenance_of, rig_plant, room_of
+from rig.runner.experiments import (
+    CHECK,
+    EXPERIMENT_S,
+    FITTED,
+    HELD,
+    ROUNDS,
+    ApartError,
+    answer,
+    apart,
+    close_gap,
+    gap_figures,
+    motions_campaign,
+    provenance_of,
+    rig_plant,
+    room_of,
+)
 from rig.runner.outcomes import sensors_of
 
-from .gap_live import close_on_rig, experiment_file, show_motions
+from .experiments import experiment, print_motions, rig_time
 
 MODEL_FILE: Final = "model.yaml"
 REPORT_FILE: Final = "report.html"
@@ -74,7 +89,8 @@ class Asked:
 def found_by(asked: Asked) -> int:
     """Find the gap that is asked for, write the files, show the finding; return the exit code.
 
-    All problems of the input go to stderr together; then nothing is written and the code is 2. With
+    All problems of the input go to stderr together; then nothing is written and the code is 2. If
+    the rig ended the experiment, the reason is on stderr and the code is `EXIT_STOPPED`. With
     `dry_run` the motions are only printed.
     """
     problems = Problems()
@@ -95,18 +111,17 @@ def found_by(asked: Asked) -> int:
             with problems.collected():
                 rig = load_rig(asked.rig)
         if asked.dry_run and not problems.found:
-            return show_motions(rig, tested)
+            return _show_motions(rig, tested)
     else:
         if not asked.recordings or not asked.holdout:
             problems.add("give recordings to fit to, and some to judge with after --holdout")
         if asked.rig or asked.pace or asked.dry_run or asked.rounds:
             problems.add("--rig, --pace, --rounds, --dry-run: are of motions on a rig; give --live")
     out = asked.out
-    if out is None or (out.exists() and not out.is_dir()):
-        what = (
-            "name a folder for what is found" if out is None else f"{out} is a file; name a folder"
-        )
-        problems.add(f"--out: {what}")
+    if out is None:
+        problems.add("--out: name a folder for what is found")
+    elif out.exists() and not out.is_dir():
+        problems.add(f"--out: {out} is a file; name a folder")
     columns = None
     if asked.columns is not None and (asked.outside is not None or asked.live):
         limit = "is for recordings of a rig; a plant's model file names them under channels"
@@ -121,8 +136,7 @@ def found_by(asked: Asked) -> int:
         return problems.report()
     wanted = Wanted(discovered=not asked.no_discovered, leaks=asked.accept_leaks)
     if asked.live:
-        rounds = asked.rounds or ROUNDS
-        result = close_on_rig(rig, tested, asked.pace, rounds, out, wanted, as_json=asked.as_json)
+        result = _close_on_rig(rig, tested, asked, out, wanted)
         plant, name = rig_plant(tested, rig.sensors, room_of(rig)), tested.name
     else:
         if own is not None:
@@ -130,41 +144,38 @@ def found_by(asked: Asked) -> int:
         else:
             plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
         find = partial(find_gap, wanted=wanted, said=_say)
-        unread = _unread(fitted, judged) if own is None else []
+        unread = _unread([*fitted, *judged]) if own is None else []
         result = _unjudged(fitted, judged, plant) if unread else find(fitted, judged, plant)
         result.reasons += unread
         result.reasons += _noted([*fitted, *judged])
         result.reasons += [plant.why_no_layout] if plant.why_no_layout else []
-    command = ("rig", *sys.argv[1:])
-    _write(result, plant, name, command, out, (asked.rig or "simulated", asked.model))
+    _write(result, plant, name, out, (asked.rig or "simulated", asked.model))
     if asked.as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
-        return _code(result)
+    else:
+        _show(result, out)
+    if not result.ended_by:
+        return 0
+    click.echo(f"rig: {result.ended_by}", err=True)
+    return EXIT_STOPPED
+
+
+def _show(result: GapResult, out: Path) -> None:
+    """Show what was found, and which files were written to the folder `out`."""
     screen = Screen()
     for line in _lines(result):
         screen.print(line)
-    screen.print(_table(result, plain=not screen.is_terminal))
+    headings = ("", "name", "value, 95 % interval", "was", "evidence", "may as well be")
+    screen.print_table(headings, _rows(result), fold=headings)
     screen.print(f"report: {out / REPORT_FILE}")
     screen.print(f"model: {out / MODEL_FILE}")
     if (out / EXPERIMENT_FILE).is_file():
         screen.print(f"experiment: {out / EXPERIMENT_FILE}")
-    return _code(result)
 
 
 def _say(words: str) -> None:
     """Tell on stderr what is being done, so that --json keeps stdout to itself."""
     click.echo(f"rig: {words}", err=True)
-
-
-def _code(result: GapResult) -> int:
-    """Return the exit code of a result: 0, or `EXIT_STOPPED` if the rig ended the experiment.
-
-    In the second case the reason is written to stderr.
-    """
-    if not result.ended_by:
-        return 0
-    click.echo(f"rig: {result.ended_by}", err=True)
-    return EXIT_STOPPED
 
 
 def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:
@@ -185,10 +196,10 @@ def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:
     return recording
 
 
-def _unread(fitted: Sequence[Recording], judged: Sequence[Recording]) -> list[str]:
+def _unread(recordings: Sequence[Recording]) -> list[str]:
     """Return the reasons, in words, if a rig's position or pressures were read too seldom."""
     reasons = []
-    for recording in (*fitted, *judged):
+    for recording in recordings:
         interpolated = {} if recording.sampling is None else recording.sampling.interpolated
         if set(interpolated) - {"spool_m"}:
             reasons.append(
@@ -210,10 +221,8 @@ def _unjudged(fitted: Sequence[Recording], judged: Sequence[Recording], plant: P
     result = GapResult("inconclusive", [], values=dict(plant.nominal), as_given=True)
     result.identification = [(r.source, r.content_hash()) for r in fitted]
     result.holdout = [(r.source, r.content_hash()) for r in judged]
-    result.seconds = (
-        sum(map(len, fitted)) * plant.period,
-        sum(map(len, judged)) * plant.period,
-    )
+    lengths = sum(map(len, fitted)), sum(map(len, judged))
+    result.seconds = (lengths[0] * plant.period, lengths[1] * plant.period)
     return result
 
 
@@ -243,29 +252,19 @@ def _refuse_repeated(
     fitted: Sequence[Recording], judged: Sequence[Recording], problems: Problems
 ) -> None:
     """Add a problem for each recording whose samples were given before: evidence counts once."""
-    seen: dict[str, tuple[str, bool]] = {}
+    seen: dict[str, tuple[Recording, bool]] = {}
     for recording, held in [*((r, False) for r in fitted), *((r, True) for r in judged)]:
-        content = recording.content_hash()
-        if content not in seen:
-            seen[content] = (recording.source, held)
-            continue
-        first, first_held = seen[content]
+        first, first_held = seen.setdefault(recording.content_hash(), (recording, held))
+        same = f"{recording.source} holds the same samples as {first.source}"
         if held != first_held:
-            problems.add(
-                f"--holdout: {recording.source} holds the same samples as {first}, which is fitted "
-                "to; hold out a recording of its own"
-            )
-        else:
-            problems.add(f"{recording.source}: holds the same samples as {first}; give it once")
+            problems.add(f"--holdout: {same}, which is fitted to; hold out a recording of its own")
+        elif first is not recording:
+            same = f"{recording.source}: holds the same samples as {first.source}"
+            problems.add(f"{same}; give it once")
 
 
 def _write(
-    result: GapResult,
-    plant: Plant,
-    model: str,
-    command: tuple[str, ...],
-    out: Path,
-    references: tuple[str, str],
+    result: GapResult, plant: Plant, model: str, out: Path, references: tuple[str, str]
 ) -> None:
     """Write model, report, figures and experiment: all of them, or, if one fails, none.
 
@@ -276,10 +275,10 @@ def _write(
         result: result of the gap workflow.
         plant: the plant whose model was tested.
         model: name of the model that was tested.
-        command: the command line, which the page shows.
         out: the folder; it is made if missing.
         references: rig and model, by path or name, of the experiment's campaign.
     """
+    command = ("rig", *sys.argv[1:])
     page = gap_page(result, plant, model, command)
     figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
     campaign = next((each.campaign for each in result.experiments if each.campaign), None)
@@ -304,40 +303,34 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
     """Yield the lines that say in words what was found."""
     yield Text(f"{result.verdict}: {headline(result)}", _STYLES.get(result.verdict, "yellow"))
     yield from result.reasons
-    for line in where_words(result.where):
-        yield f"where: {line}"
+    if result.where:
+        yield f"where: {where_words(result.where[0])}"
     yield gap_words(result)
     yield from left_words(result)
-    for experiment in result.experiments[:1]:
-        effects = " and ".join(map(in_words, experiment.effects))
-        if experiment.campaign:
-            sure = f"predicted z {experiment.z:.0f}"
-            yield f"to tell {effects} apart: {experiment.motion} ({sure})"
+    for each in result.experiments[:1]:
+        effects = " and ".join(map(in_words, each.effects))
+        if each.campaign:
+            yield f"to tell {effects} apart: {each.motion} (predicted z {each.z:.0f})"
         else:
-            yield f"{effects} cannot be told apart: {experiment.motion}"
+            yield f"{effects} cannot be told apart: {each.motion}"
 
 
-def _table(result: GapResult, *, plain: bool) -> Table:
-    """Return a table of effects, discovered disturbances and nuisances; `plain` is in ASCII."""
-    headings = ("", "name", "value, 95 % interval", "was", "evidence", "may as well be")
-    table = table_of(headings, plain=plain, fold=True)
+def _rows(result: GapResult) -> Iterator[tuple[str | Text, ...]]:
+    """Yield the cells of a row for each effect, discovered disturbance and nuisance."""
     for effect in result.effects:
         others = ", ".join(rival.effect for rival in effect.indistinguishable)
+        evidence = f"z = {effect.z:.1f}"
         for each in effect.parameters:
-            name = effect.name if each.key == "value" else f"{effect.name}.{each.key}"
-            table.add_row(
-                "missing", Text(name, "bold"), estimated(each), f"{each.before:.4g}",
-                f"z = {effect.z:.1f}", others,
-            )  # fmt: skip
+            name = Text(effect.name if each.key == "value" else f"{effect.name}.{each.key}", "bold")
+            yield "missing", name, estimated(each), f"{each.before:.4g}", evidence, others
         if effect.correction is not None:
-            _add_discovered(table, effect.correction, "corrected")
+            yield _of_discovered(effect.correction, "corrected")
     for disturbance in result.discovered:
-        _add_discovered(table, disturbance, _how(disturbance))
+        yield _of_discovered(disturbance, _how(disturbance))
+    how = "refitted, not kept" if result.as_given else "refitted"
     for each in result.refitted:
-        how = "refitted" if not result.as_given else "refitted, not kept"
         end = "at the end of its tolerance" if each.at_an_end else ""
-        table.add_row(how, each.key, estimated(each), f"{each.before:.4g}", end, "")
-    return table
+        yield how, each.key, estimated(each), f"{each.before:.4g}", end, ""
 
 
 def _how(each: Discovered) -> str:
@@ -349,10 +342,75 @@ def _how(each: Discovered) -> str:
     return f"discovered, {'suspected leak, ' if each.suspected_leak else ''}left out"
 
 
-def _add_discovered(table: Table, each: Discovered, how: str) -> None:
-    """Add a discovered disturbance to the table; `how` says whether the model written has it."""
-    table.add_row(
-        how, Text(f"{in_words(each.name)} in {each.where}", "bold"), extent(each), "0",
-        f"z = {each.z:.1f}, {share(each.share)}" if isfinite(each.z) else "",
-        ", ".join(map(in_words, each.could_also_be)),
-    )  # fmt: skip
+def _of_discovered(each: Discovered, how: str) -> tuple[str | Text, ...]:
+    """Return the cells of a discovered disturbance; `how` says whether the model written has it."""
+    name = Text(f"{in_words(each.name)} in {each.where}", "bold")
+    evidence = f"z = {each.z:.1f}, {share(each.share)}" if isfinite(each.z) else ""
+    others = ", ".join(map(in_words, each.could_also_be))
+    return how, name, extent(each), "0", evidence, others
+
+
+def _show_motions(rig: Rig, assumed: Model) -> int:
+    """Print the motions of the first round as they would run, and move nothing; return 0."""
+    campaigns = (
+        motions_campaign("held out", HELD, rig, assumed, 1),
+        motions_campaign("round 1", FITTED, rig, assumed, 1),
+        motions_campaign("check", CHECK, rig, assumed, 501),
+    )
+    click.echo(
+        f"gap of {rig.name} to the model {assumed.name}: {rig_time(campaigns)} of rig time in "
+        f"one round; each experiment {EXPERIMENT_S:g} s more, with a check after it"
+    )
+    for campaign in campaigns:
+        click.echo(f"{campaign.name}:")
+        print_motions(campaign, rig, indent="  ")
+    return 0
+
+
+def _close_on_rig(rig: Rig, given: Model, asked: Asked, out: Path, wanted: Wanted) -> GapResult:
+    """Close the gap of a model by motions on a rig, and return the result.
+
+    Args:
+        rig: the rig that is moved.
+        given: the model to start from.
+        asked: the options, with pace and number of rounds.
+        out: new or empty folder for the recordings.
+        wanted: what the revised model may hold of what is discovered.
+
+    Raises:
+        DirectoryError: the folder cannot be used.
+        click.exceptions.Exit: as `experiment` does, or because the search for effects died.
+    """
+    seed = int(datetime.now(UTC).timestamp()) % 1_000_000
+    before, after = "rig: nothing was found: ", f"; recordings are in {out}"
+    with (
+        experiment(rig, asked.pace, out, as_json=asked.as_json) as (_, stop, progress),
+        ending(EXIT_CRASHED, ApartError, before=before, after=after),
+    ):
+        return close_gap(
+            rig, given, out, rounds=asked.rounds or ROUNDS, wanted=wanted, pace=asked.pace,
+            observer=progress, stop=stop, worker=apart, seed=seed,
+        )  # fmt: skip
+
+
+def experiment_file(campaign: Mapping[str, Any], rig: str, model: str) -> str:
+    """Return the text of a campaign file that runs the experiment `campaign` on a rig.
+
+    `rig` and `model` are names or paths; a path to a file is made absolute.
+    """
+    content = {
+        "name": campaign["name"],
+        "description": campaign["description"],
+        "rig": _reference(rig),
+        "model": _reference(model),
+        "tests": json.loads(json.dumps(campaign["tests"])),
+    }
+    head = "# Written by rig gap: tells apart what its recordings could not. Look at it first:\n"
+    body = yaml.safe_dump(content, sort_keys=False)
+    return f"{head}# rig check this file, then rig run it.\n{body}"
+
+
+def _reference(reference: str) -> str:
+    """Return the absolute path of a file; return the reference unchanged if it is no file."""
+    path = Path(reference).expanduser()
+    return str(path.resolve()) if path.is_file() else reference

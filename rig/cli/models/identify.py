@@ -1,30 +1,39 @@
-"""`rig identify` learns a rig's friction from recordings or from an experiment."""
+"""`rig identify` learns a rig's friction from recordings, or from an experiment that it runs."""
 
 import json
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import click
-from rich.table import Table
-from rich.text import Text
 
 from estimator.friction import PARAMETERS, Spring, identify_recording
-from rig.cli.problems import Problems
-from rig.cli.screen import Screen, table_of
-from rig.configuration import Physical, QuantityError, load_model, load_rig
+from rig.cli.application import Problems
+from rig.cli.option_types import paced
+from rig.cli.screen import Screen
+from rig.configuration import Physical, QuantityError, Rig, dump_model, load_model, load_rig
 from rig.plant import Model, quantities
 from rig.recording import Recording, read_recording, replace_text
 from rig.report.friction import (
     FrictionRun,
     changes_in_words,
+    experiment_page,
     friction_page,
     in_words,
     needs_in_words,
+    parameter_rows,
+    remarks,
     shown,
 )
 from rig.runner.campaign import Pace
+from rig.runner.experiments import (
+    break_away_campaign,
+    experiment_figures,
+    places_of,
+    revised_model,
+    run_friction_experiment,
+    sliding_campaign,
+)
 from rig.runner.outcomes import (
     change_figures,
     friction_figures,
@@ -32,10 +41,12 @@ from rig.runner.outcomes import (
     sensors_of,
     spring_of,
 )
+from rig.runner.run_folder import default_directory
 
-from .identify_rig import run_on_rig, show_motions
+from .experiments import experiment, print_motions, rig_time
 
 _PAGE: Final = Path("friction.html")
+EXIT_NOT_IDENTIFIED: Final = 1
 
 
 @click.group()
@@ -46,11 +57,7 @@ def command() -> None:
 @command.command()
 @click.argument("recordings", nargs=-1, metavar="[RECORDING...]")
 @click.option("--rig", "rig_reference", metavar="RIG", help="Run the experiment on this rig.")
-@click.option(
-    "--pace",
-    type=click.Choice(["real", "fast"]),
-    help="Of the experiment: at the wall clock, or as fast as it can; the rig's own if not given.",
-)
+@paced("Of the experiment: at")
 @click.option("--dry-run", is_flag=True, help="Show the experiment's motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 @click.option("--spring", metavar="STIFFNESS", help="Spring that was there, such as '2e4 N/m'.")
@@ -102,8 +109,8 @@ def friction(
         if problems.found:
             return problems.report()
         if dry_run:
-            return show_motions(rig, assumed)
-        return run_on_rig(rig, assumed, given or model_spring(assumed), pace, out, as_json=as_json)
+            return _show_motions(rig, assumed)
+        return _run_on_rig(rig, assumed, given or model_spring(assumed), pace, out, as_json=as_json)
     out = out or _PAGE
     if out.is_dir():
         problems.add(f"--out: {out} is a folder; name the page's file")
@@ -127,7 +134,10 @@ def friction(
             click.echo(json.dumps(figures, allow_nan=False))
         return 0
     screen = Screen()
-    screen.print(_table(runs, plain=not screen.is_terminal))
+    units = runs[0].curve.estimates
+    right = (*(f"{in_words(name)}, {units[name].unit}" for name in PARAMETERS), "speeds, mm/s")
+    headings = ("recording", "date", *right)
+    screen.print_table(headings, map(_cells, runs), right=right, fold=("recording",))
     for line in changes_in_words(runs):
         screen.print(line)
     for run in runs:
@@ -140,16 +150,12 @@ def friction(
 def _run(name: str, recording: Recording, model: Model, given: Spring | None) -> FrictionRun:
     spring = given or spring_of(recording) or model_spring(model)
     curve = identify_recording(recording, model, spring, sensors_of(recording))
-    test = recording.metadata.get("test")
-    start_ns = recording.metadata.get("start_ns")
-    return FrictionRun(
-        name,
-        str(test["name"]) if isinstance(test, dict) and "name" in test else Path(name).name,
-        f"{datetime.fromtimestamp(start_ns / 1e9, UTC):%Y-%m-%d %H:%M}"
-        if isinstance(start_ns, int) and start_ns > 0
-        else None,
-        curve,
-    )
+    test, start_ns = (recording.metadata.get(key) for key in ("test", "start_ns"))
+    called = test["name"] if isinstance(test, dict) and "name" in test else Path(name).name
+    started = None
+    if isinstance(start_ns, int) and start_ns > 0:
+        started = f"{datetime.fromtimestamp(start_ns / 1e9, UTC):%Y-%m-%d %H:%M}"
+    return FrictionRun(name, str(called), started, curve)
 
 
 def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spring | None:
@@ -160,33 +166,81 @@ def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spri
     if spring is None and contact is None:
         return None
     values = []
-    known = quantities()
-    for option, text, parameter, lower in (
-        ("--spring", spring, "spring_stiffness", 0.0),
-        ("--contact", contact, "spring_contact", known["spring_contact"].lower),
-    ):
-        limits = known[parameter]
+    given = {"spring_stiffness": ("--spring", spring), "spring_contact": ("--contact", contact)}
+    for parameter, (option, text) in given.items():
+        limits = quantities()[parameter]
         if text is None:
             problems.add(f"{option}: a spring has a stiffness and a contact; give both")
             continue
         try:
-            values.append(Physical(limits.unit, lower, limits.upper).parse(text))
+            values.append(Physical(limits.unit, limits.lower, limits.upper).parse(text))
         except QuantityError as error:
             problems.add(f"{option}: {text} {error}")
     return Spring(*values) if len(values) == 2 else None
 
 
-def _table(runs: Sequence[FrictionRun], *, plain: bool) -> Table:
-    """Return a table of recordings and their friction; `plain` draws it with ASCII."""
-    units = runs[0].curve.estimates
-    right = (*(f"{in_words(name)}, {units[name].unit}" for name in PARAMETERS), "speeds, mm/s")
-    table = table_of(("recording", "date", *right), plain=plain, right=right)
-    table.columns[0].overflow = "fold"
-    for run in runs:
-        curve = run.curve
-        speeds = "none"
-        if curve.slowest is not None and curve.fastest is not None:
-            speeds = f"{1e3 * curve.slowest:.0f} to {1e3 * curve.fastest:.0f}"
-        cells = [shown(curve.estimates[name]) for name in PARAMETERS]
-        table.add_row(Text(run.recording), run.started or "", *cells, speeds)
-    return table
+def _cells(run: FrictionRun) -> tuple[str, ...]:
+    """Return the cells of a recording's row: path, date, each parameter, and range of speeds."""
+    curve = run.curve
+    speeds = "none"
+    if curve.slowest is not None and curve.fastest is not None:
+        speeds = f"{1e3 * curve.slowest:.0f} to {1e3 * curve.fastest:.0f}"
+    parameters = (shown(curve.estimates[name]) for name in PARAMETERS)
+    return run.recording, run.started or "", *parameters, speeds
+
+
+def _show_motions(rig: Rig, assumed: Model) -> int:
+    """Print every motion of the experiment as it would run, and move nothing; return 0."""
+    par = rig.plant.parameters
+    null_V = -par.spool_null_bias / par.valve_gain  # noqa: N806
+    campaigns = (
+        sliding_campaign(rig, assumed),
+        break_away_campaign(rig, assumed, null_V, places_of(rig, null_V)),
+    )
+    click.echo(
+        f"friction of {rig.name}: {rig_time(campaigns)} of rig time, "
+        f"judged by the model {assumed.name}"
+    )
+    for campaign in campaigns:
+        print_motions(campaign, rig)
+    click.echo(
+        "break-away ramps go around the command at which the ram is found to rest; here, by the "
+        f"rig's own model, {1e3 * null_V:.1f} mV. Where one does not move the ram it is repeated, "
+        "in closed loop"
+    )
+    return 0
+
+
+def _run_on_rig(
+    rig: Rig, assumed: Model, spring: Spring, pace: Pace | None, out: Path | None, *, as_json: bool
+) -> int:
+    """Run the friction experiment, write and show its results; return the exit code.
+
+    The code is 0 if the friction was identified, else `EXIT_NOT_IDENTIFIED`.
+
+    Raises:
+        DirectoryError, click.exceptions.Exit: as `experiment` does.
+    """
+    begun = datetime.now(UTC)
+    directory = out or default_directory(f"friction-{rig.name}", begun)
+    with experiment(rig, pace, directory, as_json=as_json) as (screen, stop, progress):
+        found = run_friction_experiment(
+            rig, assumed, spring, directory, pace=pace, observer=progress, stop=stop
+        )
+    figures, started = experiment_figures(found), f"{begun:%Y-%m-%d %H:%M}"
+    text = json.dumps(figures, indent=1, allow_nan=False)
+    replace_text(directory / "friction.json", text + "\n")
+    replace_text(directory / "friction.html", experiment_page(found, started))
+    revised = revised_model(found, directory, started)
+    if revised is not None:
+        dump_model(revised, directory / "model.yaml")
+    if as_json:
+        click.echo(json.dumps(figures, allow_nan=False))
+    else:
+        right = ("found", "from slowing down alone", "model")
+        screen.print_table(("parameter", "unit", *right), parameter_rows(found), right=right)
+        for line in remarks(found):
+            screen.print(line, soft_wrap=True)
+        model = f"model: {directory / 'model.yaml'}" if found.fit else "model: none, see above"
+        screen.print(f"{model}\nplots: {directory / 'friction.html'}", soft_wrap=True)
+    return 0 if found.fit is not None else EXIT_NOT_IDENTIFIED

@@ -7,17 +7,19 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from functools import partial
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, one_line
+from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, ending, one_line
 from rig.cli.screen import Screen
 from rig.configuration import Sweep, load_sweep
 from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
+from rig.runner.run_folder import default_directory
 from rig.sweep import (
     PAGE,
     SUMMARY,
@@ -27,7 +29,6 @@ from rig.sweep import (
     SweepFolder,
     Timing,
     chunks_of,
-    default_folder,
     read_identity,
     run_sweep,
     unfinished_folder,
@@ -81,9 +82,10 @@ def command(
     loaded = load_sweep(sweep)
     if resume and out is None:
         out = unfinished_folder(loaded, Path("runs"))
-    path = out or default_folder(loaded, datetime.now(UTC))
+    path = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
+    screen.quiet = as_json
     say: Callable[[str], Any] = partial(screen.print, soft_wrap=True)
     if as_json:
         say = partial(click.echo, err=True)
@@ -93,42 +95,33 @@ def command(
         say(f"{loaded.name}: {loaded.cases} cases of {loaded.duration_s:g} s, judged by "
             f"{loaded.filter_name}, in {path}")  # fmt: skip
         try:
-            timing = _run(loaded, folder, runner, stop, screen, as_json=as_json)
+            with ending(EXIT_CRASHED, SweepError, before="rig: "):
+                timing = _run(loaded, folder, runner, stop, screen)
             done = sum(folder.done(chunks_of(loaded)).values())
             if done < loaded.cases:
                 again = shlex.join(["rig", "sweep", str(path), "--resume"])
                 say(f"stopped by {stop.reason}: {done} of {loaded.cases} cases are done; {again}")
                 return EXIT_STOPPED
             return _finish(loaded, folder, timing, say, as_json=as_json)
-        except SweepError as error:
-            click.echo(f"rig: {error}", err=True)
         except OSError as error:
             state = f"results cannot be written to {path}: {error.strerror or error}"
             click.echo(f"rig: {state}; free space, and go on with --resume", err=True)
-        return EXIT_CRASHED
+            return EXIT_CRASHED
 
 
 def _runner(jobs: int, cluster: str | None, stack: ExitStack, say: Callable[[str], Any]) -> Runner:
-    if cluster is not None:
-        from rig.sweep import connect, run_cluster
+    from rig.sweep import connect, run_cluster, run_here, run_pool
 
+    if cluster is not None:
         client = stack.enter_context(connect(cluster))
         return lambda chunks, setting, stopped: run_cluster(chunks, setting, client, stopped, say)
-    from rig.sweep import run_here, run_pool
-
     if jobs == 1:
         return run_here
     return lambda chunks, setting, stopped: run_pool(chunks, setting, jobs, stopped)
 
 
 def _run(
-    sweep: Sweep,
-    folder: SweepFolder,
-    runner: Runner,
-    stop: StopFlag,
-    screen: Screen,
-    *,
-    as_json: bool,
+    sweep: Sweep, folder: SweepFolder, runner: Runner, stop: StopFlag, screen: Screen
 ) -> Timing:
     with Progress(
         TextColumn("{task.description}"),
@@ -136,16 +129,15 @@ def _run(
         TextColumn("{task.completed:.0f} of {task.total:.0f} cases"),
         TimeRemainingColumn(),
         console=screen,
-        disable=as_json or not screen.is_terminal,
+        disable=not screen.is_terminal,
         transient=True,
     ) as progress:
         bar = progress.add_task("starting", total=sweep.cases)
-        begun = False
+        # The first cases are those that were finished before.
+        words = chain(["starting"], repeat("running"))
 
         def advanced(cases: int) -> None:
-            nonlocal begun
-            progress.update(bar, advance=cases, description="running" if begun else "starting")
-            begun = True
+            progress.update(bar, advance=cases, description=next(words))
 
         return run_sweep(sweep, folder, runner, lambda: stop.requested, advanced)
 
@@ -176,9 +168,9 @@ def _finish(
     page = folder.path / PAGE
     code = 0
     try:
-        from rig.report.sweep import write_sweep_page
+        from rig.report.sweep import sweep_page
 
-        write_sweep_page(sweep, table, study, page)
+        replace_text(page, sweep_page(sweep, table, study))
         say(f"report: {page}")
     except Exception as error:  # the results are written already, so a missing page loses none
         click.echo(f"rig: no report: {one_line(error)}", err=True)

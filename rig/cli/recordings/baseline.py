@@ -7,9 +7,9 @@ import click
 
 from estimator.accounts import MOST_MODEL_ERROR
 from estimator.leaks import learn_baseline, write_baseline
-from rig.cli.problems import Problems
+from rig.cli.application import Problems
 from rig.configuration import load_model
-from rig.recording import read_recording
+from rig.recording import Recording, read_recording
 
 
 @click.command()
@@ -43,9 +43,9 @@ def command(recordings: tuple[str, ...], out: Path, model: str, model_error: flo
     for recording in recordings:
         with problems.collected():
             contents.append(read_recording(recording))
-    hashes = [content.content_hash() for content in contents]
-    for content, digest in zip(contents, hashes, strict=True):
-        first = contents[hashes.index(digest)]
+    seen: dict[str, Recording] = {}
+    for content in contents:
+        first = seen.setdefault(content.content_hash(), content)
         if content is not first:
             problems.add(f"{content.source}: the same samples as {first.source}; give them once")
     if problems.found:

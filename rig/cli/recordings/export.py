@@ -31,9 +31,7 @@ def command(source: str, out: str, extension: str | None) -> int:
     if extension is not None and not out.lower().endswith(f".{extension}"):
         limit = f"does not end with .{extension}"
         raise RecordingError.of_file(out, "", "leave --format out", limit)
-    content = read_recording(source, required=())
-    _export(content, out)
-    click.echo(_line(out, content))
+    _export(read_recording(source, required=()), out)
     return 0
 
 
@@ -42,38 +40,34 @@ def _export_run(run: Path, out: Path, extension: str) -> int:
 
     recordings = read_run(run).recordings
     if not recordings:
-        raise RecordingError([RecordingProblem(str(run), None, "run", "has no recording", "", "")])
+        raise RecordingError([RecordingProblem(str(run), "run", "has no recording", "")])
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unwritable(str(out), error) from error
     problems: list[RecordingProblem] = []
     for recording in recordings:
-        target = str(out / f"{recording.stem}.{extension}")
         try:
             content = read_recording(recording, required=())
         except RecordingError as error:
             # A recording that a kill has cut off does not prevent the export of the others.
             problems += error.problems
             continue
-        _export(content, target)
-        click.echo(_line(target, content))
+        _export(content, str(out / f"{recording.stem}.{extension}"))
     if problems:
         raise RecordingError(problems)
     return 0
 
 
 def _export(content: Recording, out: str) -> None:
+    """Write a recording to a file, and say how much it has."""
     try:
         export(content, out)
     except OSError as error:
         raise _unwritable(out, error) from error
+    click.echo(f"{out}: {len(content)} samples of {len(content.channels)} channels")
 
 
 def _unwritable(out: str, error: OSError) -> RecordingError:
     reason = error.strerror or str(error)
     return RecordingError.of_file(out, reason, "choose another folder", "cannot be written")
-
-
-def _line(out: str, content: Recording) -> str:
-    return f"{out}: {len(content)} samples of {len(content.channels)} channels"

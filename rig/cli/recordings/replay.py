@@ -1,28 +1,28 @@
 """`rig replay` runs filter and detector over recordings, as they would have run in the loop."""
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
-from rich.table import Table
 from rich.text import Text
 
 from estimator.filters import DEFAULT_FILTER, filter_named
-from estimator.leaks import Baseline, Decision, Found, load_baseline, replay
+from estimator.leaks import Decision, Found, detector_for, load_baseline, replay
 from faults import Verdict, to_litres_per_minute
+from rig.cli.application import Problems
 from rig.cli.campaigns import leak
 from rig.cli.option_types import Range
-from rig.cli.problems import Problems
-from rig.cli.screen import Screen, table_of
+from rig.cli.screen import Screen
 from rig.configuration import load_columns, load_model
-from rig.plant import LEAKS, Model
+from rig.plant import LEAKS
 from rig.recording import Recording, read_measured
 from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
 from rig.runner.run_folder import findings, leak_figures
+
+_STYLES: Final[dict[str, str]] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def command(
     is bad: then every problem of every file is on stderr, and nothing on stdout.
     """
     problems = Problems()
-    baseline, columns = None, None
+    columns = None
     with problems.collected():
         columns = None if columns_file is None else load_columns(columns_file)
     with problems.collected():
@@ -106,54 +106,40 @@ def command(
         filter_named(filter_name)
     except ValueError as error:
         problems.add(f"--filter: {error}")
+
+    def judged(name: str, recording: Recording) -> Replayed:
+        rate = false_alarms_per_day
+        if baseline is None:
+            detector = detector_of(recording, assumed, filter_name, rate)
+        else:
+            detector = baseline.detector(filter_name, assumed, rate)
+        detector = detector or detector_for(filter_name, assumed, rate)
+        sensors = sensors_of(recording)
+        result = replay(
+            recording, assumed, filter_name=filter_name, detector=detector, sensors=sensors
+        )
+        resets = tuple(result.run.reset_times_s.tolist())
+        notes = () if recording.sampling is None else tuple(recording.sampling.notes())
+        verdict = (result.decision, result.detected_at_s, resets, result.found, result.unfit)
+        return Replayed(name, filter_name, *verdict, notes)
+
     replayed = []
     for recording in recordings:
         with problems.collected():
             content = read_measured(recording, optional=("spool_m",), columns=columns)
             # Once any input is bad, the others are only read to report their problems too.
             if not problems.found:
-                replayed.append(
-                    _replay(
-                        recording, content, assumed, filter_name, false_alarms_per_day, baseline
-                    )
-                )
+                replayed.append(judged(recording, content))
     if problems.found:
         return problems.report()
     if as_json:
         for each in replayed:
             click.echo(json.dumps(json_object(each), allow_nan=False))
     else:
-        screen = Screen()
-        screen.print(replay_table(replayed, plain=not screen.is_terminal))
+        right = ("onset", "detected", "leak flow", "statistic/threshold")
+        headings = ("recording", "verdict", *right)
+        Screen().print_table(headings, map(row_of, replayed), right=right, fold=headings)
     return 0
-
-
-def _replay(
-    name: str,
-    recording: Recording,
-    model: Model,
-    filter_name: str,
-    false_alarms_per_day: float,
-    baseline: Baseline | None,
-) -> Replayed:
-    if baseline is None:
-        detector = detector_of(recording, model, filter_name, false_alarms_per_day)
-    else:
-        detector = baseline.detector(filter_name, model, false_alarms_per_day)
-    result = replay(
-        recording,
-        model,
-        filter_name=filter_name,
-        false_alarms_per_day=false_alarms_per_day,
-        detector=detector,
-        sensors=sensors_of(recording),
-    )
-    resets = tuple(result.run.reset_times_s.tolist())
-    detected_at_s = result.detected_at_s
-    notes = () if recording.sampling is None else tuple(recording.sampling.notes())
-    return Replayed(
-        name, filter_name, result.decision, detected_at_s, resets, result.found, result.unfit, notes
-    )
 
 
 def json_object(replayed: Replayed) -> dict[str, Any]:
@@ -185,32 +171,27 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
     }
 
 
-def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
-    """Return a table with one row per recording; `plain` draws it with ASCII."""
-    right = ("onset", "detected", "leak flow", "statistic/threshold")
-    table = table_of(("recording", "verdict", *right), plain=plain, right=right, fold=True)
-    for each in replayed:
-        decision = each.decision
-        verdict = Text(decision.verdict, _style(decision.verdict))
-        if probable := chance(decision):
-            verdict.append(f" {probable}", "default")
-        if each.unfit:
-            verdict.append(f": {each.unfit}", "default")
-        elif decision.verdict == Verdict.INCONCLUSIVE:
-            verdict.append(f": {advice(decision)}", "default")
-        for line in in_passing(decision, each.found):
-            verdict.append(f"; {line}", "yellow")
-        if each.filter_resets_s:
-            verdict.append(f"; {_lost(each)}", "yellow")
-        table.add_row(
-            Text(each.recording),
-            verdict,
-            _seconds(decision.onset_s),
-            _seconds(each.detected_at_s),
-            leak(decision),
-            f"{decision.statistic:.1f}/{decision.threshold:.1f}",
-        )
-    return table
+def row_of(each: Replayed) -> tuple[str | Text, ...]:
+    """Return the cells of a recording's row: its path, verdict, times, leak flow and statistic."""
+    decision = each.decision
+    verdict = Text(decision.verdict, _STYLES.get(decision.verdict, "red"))
+    if probable := chance(decision):
+        verdict.append(f" {probable}", "default")
+    if each.unfit:
+        verdict.append(f": {each.unfit}", "default")
+    elif decision.verdict == Verdict.INCONCLUSIVE:
+        verdict.append(f": {advice(decision)}", "default")
+    for line in in_passing(decision, each.found):
+        verdict.append(f"; {line}", "yellow")
+    if resets := each.filter_resets_s:
+        times = f", {len(resets)} times" if len(resets) > 1 else ""
+        verdict.append(f"; filter lost at {resets[0]:.2f} s{times}", "yellow")
+    onset, detected = (
+        "" if time_s is None else f"{time_s:.2f} s"
+        for time_s in (decision.onset_s, each.detected_at_s)
+    )
+    statistic = f"{decision.statistic:.1f}/{decision.threshold:.1f}"
+    return each.recording, verdict, onset, detected, leak(decision), statistic
 
 
 def advice(decision: Decision) -> str:
@@ -225,28 +206,12 @@ def advice(decision: Decision) -> str:
     travel, needed = details.get("travel_m"), details.get("travel_needed_m")
     if travel is not None and needed is not None and travel < needed:
         return f"move the ram by more than {needed * 1e3:.0f} mm; it moved {travel * 1e3:.1f} mm"
-    unseen = {name: details.get(f"smallest_{name}_m3_per_s") for name in LEAKS}
-    flows = {name: flow for name, flow in unseen.items() if flow is not None}
+    unseen = [(details.get(f"smallest_{name}_m3_per_s"), name) for name in LEAKS]
+    flows = [(flow, name) for flow, name in unseen if flow is not None]
     if not flows:
         return "record for longer"
-    worst = max(flows, key=lambda name: flows[name])
-    flow = to_litres_per_minute(flows[worst])
+    flow, worst = max(flows, key=lambda each: each[0])
     return (
-        f"{worst} up to {flow:.2g} L/min would not have shown; record for longer, "
-        "with larger motion both ways"
+        f"{worst} up to {to_litres_per_minute(flow):.2g} L/min would not have shown; record for "
+        "longer, with larger motion both ways"
     )
-
-
-def _lost(replayed: Replayed) -> str:
-    """Return in words when the filter first diverged, and how often, if more than once."""
-    first, number = replayed.filter_resets_s[0], len(replayed.filter_resets_s)
-    return f"filter lost at {first:.2f} s" + (f", {number} times" if number > 1 else "")
-
-
-def _style(verdict: str) -> str:
-    styles: dict[str, str] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
-    return styles.get(verdict, "red")
-
-
-def _seconds(time_s: float | None) -> str:
-    return "" if time_s is None else f"{time_s:.2f} s"

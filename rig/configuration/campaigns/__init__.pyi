@@ -18,4 +18,9 @@ from .schedule import (
     load_schedule as load_schedule,
     read_schedule as read_schedule,
 )
-from .setpoints import Level as Level, LevelField as LevelField, check_unmixed as check_unmixed
+from .setpoints import (
+    Level as Level,
+    LevelField as LevelField,
+    check_unmixed as check_unmixed,
+    schema_of as schema_of,
+)

@@ -11,16 +11,16 @@ import numpy as np
 from estimator.filters import DEFAULT_FILTER, FILTERS
 from estimator.leaks import Baseline, BaselineError, load_baseline
 from faults import Campaign, CampaignTest, OnFault
-from rig.configuration.models import read_model
+from rig.configuration.models import named_model, read_model
 from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
     Sources,
+    asked,
+    read_in,
     read_mapping,
     resolve,
-    resolve_in,
-    shown,
     suggestion,
 )
 from rig.configuration.rigs import Rig, read_rig
@@ -68,34 +68,28 @@ def load_campaign(
     """
     sources = Sources()
     base = base or Path.cwd()
-    path = resolve("campaign", str(reference), base, sources.problems)
-    rig_path = None
-    if rig_override is not None:
-        rig_path = resolve("rig", str(rig_override), base, sources.problems)
-    loaded = read_campaign(path, sources, rig_path) if path is not None else None
-    sources.problems.raise_if_any()
-    assert loaded is not None
-    return loaded
-
-
-def read_campaign(
-    path: Path, sources: Sources, rig_path: Path | None = None
-) -> tuple[Campaign, Rig] | None:
-    """Return the campaign in a file, and its rig; None if there is any problem.
-
-    The problems are added to those of `sources`, where earlier ones count too. `rig_path` replaces
-    the rig that the file names.
-    """
+    path = resolve("campaign", asked("campaign", reference, sources), base)
+    chosen = None if rig_override is None else asked("rig", rig_override, sources)
+    rig_path = resolve("rig", chosen, base)
     root = sources.read_yaml(path)
-    if root is None:
-        return None
-    file = read_mapping(CampaignFile, root, sources.problems)
-    rig = _read_rig(root, rig_path, sources)
-    model = _read_model(root, sources)
-    detector = _read_detector(root, sources)
-    baseline = _read_baseline(root.find(("detector", "baseline")), detector, model, sources)
-    conditions = read_conditions(root.get("conditions"), rig, sources.problems)
-    tests = _read_tests(root, path, rig, sources)
+    return sources.finished(read_campaign(root, rig_path) if root is not None else None)
+
+
+def read_campaign(root: Located, rig_path: Path | None = None) -> tuple[Campaign, Rig] | None:
+    """Return the campaign that a file describes, and its rig; None if there is any problem.
+
+    Problems are recorded, and earlier ones count too. `rig_path` replaces the rig that the file
+    names.
+    """
+    sources = root.sources
+    file = read_mapping(CampaignFile, root)
+    rig_root = sources.read_yaml(rig_path or resolve("rig", root.get("rig")))
+    rig = read_rig(rig_root) if rig_root is not None else None
+    model = read_in("model", named_model(root), read_model)
+    detector = _read_detector(root.get("detector"))
+    baseline = _read_baseline(root.find("detector", "baseline"), detector, model)
+    conditions = read_conditions(root.get("conditions"), rig)
+    tests = _read_tests(root, rig)
     if sources.problems.found or file is None or rig is None or model is None or detector is None:
         return None
     campaign = Campaign(
@@ -109,108 +103,55 @@ def read_campaign(
         baseline=baseline,
         baseline_file=detector.baseline or "",
         source_files={str(source): digest for source, digest in sources.sha256.items()},
-        resolved=resolved(file, rig, model, detector, tests),
         conditions=conditions,
     )
     return campaign, rig
 
 
-def _read_rig(root: Located, chosen: Path | None, sources: Sources) -> Rig | None:
-    chosen = chosen or resolve_in("rig", root.get("rig"), sources.problems)
-    return read_rig(chosen, sources) if chosen is not None else None
-
-
-def _read_model(root: Located, sources: Sources) -> Model | None:
-    entry = root.get("model") or Located("nominal", root.place, "model")
-    found = resolve_in("model", entry, sources.problems)
-    return read_model(found, sources) if found is not None else None
-
-
-def _read_detector(root: Located, sources: Sources) -> DetectorFile | None:
-    item = root.get("detector")
+def _read_detector(item: Located | None) -> DetectorFile | None:
     if item is None:
         return DetectorFile()
-    file = read_mapping(DetectorFile, item, sources.problems)
+    file = read_mapping(DetectorFile, item)
     if file is not None and file.filter not in FILTERS:
-        entry = item.find(("filter",))
         remedy = suggestion(file.filter, list(FILTERS), "filters")
-        sources.problems.add(entry.place, "filter", shown(entry), "is not a known filter", remedy)
+        item.refuse("is not a known filter", remedy, key="filter")
     return file
 
 
 def _read_baseline(
-    entry: Located, detector: DetectorFile | None, model: Model | None, sources: Sources
+    entry: Located, detector: DetectorFile | None, model: Model | None
 ) -> Baseline | None:
     """Return the detector's baseline; None if it names none or an unusable one.
 
-    Its path is relative to the campaign's folder. Problems are added to those of `sources`.
+    Its path is relative to the campaign's folder. Problems are recorded.
     """
     if detector is None or model is None or not detector.baseline:
         return None
-    path = (entry.place.path.parent / Path(detector.baseline).expanduser()).resolve()
-    if sources.read_bytes(path, entry) is None:
+    path = entry.path_to(detector.baseline).resolve()
+    if entry.sources.read_bytes(path, entry) is None:
         return None
     try:
         return load_baseline(path, model.name)
     except BaselineError as error:
         for problem in error.problems:
-            sources.problems.add(entry.place, entry.name, "", problem)
+            entry.refuse(problem, value="")
     return None
 
 
-def _read_tests(
-    root: Located, path: Path, rig: Rig | None, sources: Sources
-) -> tuple[CampaignTest, ...]:
-    defaults, tests = root.get("defaults"), root.get("tests")
-    if defaults is not None:
-        _check_defaults(defaults, sources)
+def _read_tests(root: Located, rig: Rig | None) -> tuple[CampaignTest, ...]:
+    defaults, tests, on_fault = (root.get(key) for key in ("defaults", "tests", "on_fault"))
+    if defaults is not None and not isinstance(defaults.value, dict):
+        defaults.refuse("is not a mapping", "write keys of tests below it")
+    elif defaults is not None and (name := defaults.get("name")) is not None:
+        name.refuse("is a default", "give every test its own")
     if tests is None:
         return ()
     if not tests.elements():
-        remedy = "write at least one test: `- name: ...`"
-        sources.problems.add(tests.place, "tests", shown(tests), "is not a list of tests", remedy)
-    return read_tests(tests, _with_on_fault(defaults, root), path.parent, rig, sources)
-
-
-def _with_on_fault(defaults: Located | None, root: Located) -> Located | None:
-    """Return the defaults of tests, completed by the campaign's `on_fault` if that is valid."""
-    on_fault = root.get("on_fault")
-    if on_fault is None or on_fault.value not in list(OnFault):
-        return defaults
-    given = dict(defaults.items()) if defaults is not None else {}
-    return Located({"on_fault": on_fault, **given}, root.place, "defaults")
-
-
-def _check_defaults(defaults: Located, sources: Sources) -> None:
-    if not isinstance(defaults.value, dict):
-        remedy = "write keys of tests below it"
-        sources.problems.add(
-            defaults.place, "defaults", shown(defaults), "is not a mapping", remedy
-        )
-    elif (name := defaults.get("name")) is not None:
-        remedy = "give every test its own"
-        sources.problems.add(name.place, "name", shown(name), "is a default", remedy)
-
-
-def resolved(
-    file: CampaignFile,
-    rig: Rig,
-    model: Model,
-    detector: DetectorFile,
-    tests: tuple[CampaignTest, ...],
-) -> dict[str, Any]:
-    """Return a campaign, its rig and its model as plain SI values, for recordings and results.
-
-    Conditions, and the content of the baseline, are left out.
-    """
-    return {
-        "name": file.name,
-        "description": file.description.strip(),
-        "rig": plain(rig),
-        "model": plain(model),
-        "detector": detector.model_dump(exclude_none=True),
-        "tests": [plain(test) for test in tests],
-    }
+        tests.refuse("is not a list of tests", "write at least one test: `- name: ...`")
+    if on_fault is not None and on_fault.value in list(OnFault):
+        given = dict(defaults.items()) if defaults is not None else {}
+        defaults = root.with_value({"on_fault": on_fault, **given})
+    return read_tests(tests, defaults, rig)
 
 
 def plain(value: Any) -> Any:

@@ -3,7 +3,7 @@
 from typing import Annotated, Any, Final
 
 from faults import Condition, WhenUnmet
-from rig.configuration.reading import Located, Physical, Problems, elements_of, show, shown
+from rig.configuration.reading import Located, Physical, elements_of, show
 from rig.configuration.rigs import Rig, read_channel_limits
 from rig.io import FAST_INPUTS, SLOW_INPUTS
 from rig.recording import unit_of
@@ -27,21 +27,19 @@ def measured_by(rig: Rig) -> tuple[str, ...]:
     return tuple(name for name in _MEASURABLE if name in read)
 
 
-def read_conditions(
-    item: Located | None, rig: Rig | None, problems: Problems
-) -> tuple[Condition, ...]:
+def read_conditions(item: Located | None, rig: Rig | None) -> tuple[Condition, ...]:
     """Return the usable conditions of a campaign; record the problems of the others.
 
     If `rig` is None, a condition may be on any signal that some rig can measure.
     """
     known = _MEASURABLE if rig is None else measured_by(rig)
-    elements = elements_of(item, problems, "write a list: - {channel: ..., low: ...}")
-    limit = "is not measured by this rig"
-    limits = read_channel_limits(elements, _keys, _MEASURABLE, known, limit, problems)
+    elements = elements_of(item, "write a list: - {channel: ..., low: ...}")
+    unknown = "is not measured by this rig"
+    limits = read_channel_limits(elements, _keys, _MEASURABLE, known, unknown)
     conditions = (
         (Condition(give_up_s=given.pop("give_up"), **given), element) for element, given in limits
     )
-    return tuple(each for each, element in conditions if _is_sound(each, element, problems))
+    return tuple(each for each, element in conditions if _is_sound(each, element))
 
 
 def _keys(bound: Any) -> dict[str, Any]:
@@ -54,14 +52,11 @@ def _keys(bound: Any) -> dict[str, Any]:
     }
 
 
-def _is_sound(condition: Condition, element: Located, problems: Problems) -> bool:
+def _is_sound(condition: Condition, element: Located) -> bool:
     width = condition.high - condition.low
-    if not 0.0 <= 2.0 * condition.hysteresis < width:
-        entry = element.find(("hysteresis",))
-        limit = (
-            f"leaves nothing between the limits, {show(width, unit_of(condition.channel))} apart"
-        )
-        remedy = "reduce it; low must be below high"
-        problems.add(entry.place, "hysteresis", shown(entry), limit, remedy)
-        return False
-    return True
+    is_sound = 0.0 <= 2.0 * condition.hysteresis < width
+    if not is_sound:
+        apart = show(width, unit_of(condition.channel))
+        limit = f"leaves nothing between the limits, {apart} apart"
+        element.refuse(limit, "reduce it; low must be below high", key="hysteresis")
+    return is_sound

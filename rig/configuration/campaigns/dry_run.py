@@ -1,5 +1,6 @@
 """The dry run works out, before anything moves, what a campaign would do to its rig."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 
@@ -29,30 +30,23 @@ class PlannedFault:
     """A fault as it will be injected.
 
     Attributes:
-        kind: the fault's name, such as `internal_leakage`.
-        at_s: time in s of the test at which it begins.
-        until_s: time in s at which it ends; None if it lasts to the end of the test.
-        ramp_s: time in s over which it grows to its full size; 0 for at once.
-        coefficient: full size in `unit`, which is SI.
-        unit: unit of the coefficient.
+        fault: the fault.
+        unit: SI unit of its coefficient.
         needle_opening: opening of the needle valve, 0 to 1; None where no needle makes the fault.
         flow_m3_per_s: flow at 6.9 MPa across the leak; None for a blockage.
     """
 
-    kind: str
-    at_s: float
-    until_s: float | None
-    ramp_s: float
-    coefficient: float
+    fault: Fault
     unit: str
     needle_opening: float | None
     flow_m3_per_s: float | None
 
     def __str__(self) -> str:
         """Return the fault as one line of text."""
-        end = "" if self.until_s is None else f" until {self.until_s:g} s"
-        ramp = f", growing over {self.ramp_s:g} s" if self.ramp_s else ""
-        text = f"{self.kind} at {self.at_s:g} s{end}{ramp}: {self.coefficient:.4g} {self.unit}"
+        fault = self.fault
+        end = "" if fault.until_s == inf else f" until {fault.until_s:g} s"
+        ramp = f", growing over {fault.ramp_s:g} s" if fault.ramp_s else ""
+        text = f"{fault.kind} at {fault.at_s:g} s{end}{ramp}: {fault.coefficient:.4g} {self.unit}"
         if self.needle_opening is not None:
             text += f", needle at {self.needle_opening:.1%}"
         if self.flow_m3_per_s is not None:
@@ -66,32 +60,28 @@ class PlannedTest:
     """A test as it will run.
 
     Attributes:
+        test: the test.
         command_range_V: lowest and highest command of an open-loop test; None in closed loop.
         position_range_m: lowest and highest setpoint in closed loop; in open loop, lowest and
             highest position of the simulated ram, with the faults injected.
         peak_speed_m_per_s: greatest speed of the setpoint in closed loop (inf if it jumps), or of
             the simulated ram in open loop.
         valve_speed_m_per_s: speed of an unloaded ram at the rig's largest command.
-        expect: the verdict that the test should have.
-        on_fault: the reaction to a confirmed fault.
         warnings: what will not go as commanded, and what the detector cannot find or size, each
             with its remedy.
     """
 
-    name: str
-    duration_s: float
-    settle_s: float
+    test: CampaignTest
     command_range_V: tuple[float, float] | None  # noqa: N815
     position_range_m: tuple[float, float]
     peak_speed_m_per_s: float
     valve_speed_m_per_s: float
     faults: tuple[PlannedFault, ...]
-    expect: Verdict
-    on_fault: OnFault
     warnings: tuple[str, ...]
 
     def lines(self) -> list[str]:
         """Return the test as lines of text, the first of which begins with its name."""
+        test = self.test
         low, high = self.position_range_m
         speed = f"at most {self.peak_speed_m_per_s:.2g} m/s"
         if not isfinite(self.peak_speed_m_per_s):
@@ -100,11 +90,11 @@ class PlannedTest:
         if self.command_range_V is not None:
             least, most = self.command_range_V
             motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
-        head = f"{self.name}: {self.duration_s:g} s after {self.settle_s:g} s of settling"
-        lines = [head, f"  motion {motion}", f"  expect {self.expect}"]
+        head = f"{test.name}: {test.duration_s:g} s after {test.settle_s:g} s of settling"
+        lines = [head, f"  motion {motion}", f"  expect {test.expect}"]
         lines += [f"  fault {fault}" for fault in self.faults]
-        if self.on_fault != OnFault.IGNORE:
-            lines.append(f"  on a confirmed fault: {self.on_fault}")
+        if test.on_fault != OnFault.IGNORE:
+            lines.append(f"  on a confirmed fault: {test.on_fault}")
         return lines + [f"  warning: {warning}" for warning in self.warnings]
 
 
@@ -139,16 +129,12 @@ def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
         position, speed = _simulated_motion(test, rig, setpoint)
     fastest = valve_speed(rig.plant.parameters, rig.limits.command_V)
     return PlannedTest(
-        name=test.name,
-        duration_s=test.duration_s,
-        settle_s=test.settle_s,
+        test=test,
         command_range_V=commanded,
         position_range_m=position,
         peak_speed_m_per_s=speed,
         valve_speed_m_per_s=fastest,
         faults=tuple(_plan_fault(fault, rig) for fault in test.faults),
-        expect=test.expect,
-        on_fault=test.on_fault,
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
             *_detector_warnings(test, rig, filter_name),
@@ -175,19 +161,18 @@ def _simulated_motion(
 
 def _warnings(
     test: CampaignTest, rig: Rig, position: tuple[float, float], speed: float, fastest: float
-) -> list[str]:
-    warnings = []
+) -> Iterator[str]:
     limits, par = rig.limits, rig.plant.parameters
     closed_loop = test.setpoint.quantity == "position"
     if not closed_loop and not (
         limits.position_min_m <= position[0] and position[1] <= limits.position_max_m
     ):
-        warnings.append(
+        yield (
             f"the ram drifts beyond the limits of {show(limits.position_min_m, 'm')} to "
             f"{show(limits.position_max_m, 'm')}; start elsewhere or shorten the test"
         )
     if closed_loop and isfinite(speed) and speed > fastest:
-        warnings.append(
+        yield (
             f"the setpoint moves at up to {speed:.2g} m/s, the valve delivers {fastest:.2g} m/s; "
             "the ram will lag"
         )
@@ -195,34 +180,31 @@ def _warnings(
         force = test.load.stiffness * max(0.0, position[1] - test.load.contact)
         stall = (par.supply_pressure - par.return_pressure) * par.piston_area
         if force > stall:
-            warnings.append(
+            yield (
                 f"the spring pushes back with {show(force, 'N')}, the ram stalls at "
                 f"{show(stall, 'N')}; reduce the motion beyond {show(test.load.contact, 'm')}"
             )
-    return warnings
 
 
-def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> list[str]:
-    """Return warnings about faults of a test that the detector cannot find, or cannot size."""
-    warnings = []
+def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:
+    """Yield warnings about faults of a test that the detector cannot find, or cannot size."""
     if test.on_fault == OnFault.TOLERATE and filter_name != DEFAULT_FILTER:
-        warnings.append(
+        yield (
             f"the detector of {filter_name} does not say how large a leak is, so that none is "
             f"tolerated; judge by {DEFAULT_FILTER}"
         )
     if any(fault.kind == Verdict.SUPPLY_LEAKAGE for fault in test.faults):
         droops = rig.plant.parameters.supply_droop > 0.0
         if not droops and (rig.backend == "simulated" or not rig.has_supply_pressure_sensor):
-            warnings.append(
+            yield (
                 f"the supply of the model {rig.plant.name} does not droop, so that a leak of its "
                 "line changes nothing that is measured; give it a supply_droop"
             )
         elif not rig.has_supply_pressure_sensor:
-            warnings.append(
+            yield (
                 "without a transducer for the supply pressure a supply leak is an unknown_fault "
                 "at best; expect that"
             )
-    return warnings
 
 
 def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:
@@ -232,19 +214,6 @@ def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:
         unit = quantities()[fault.column].unit
         law = linear_flow if fault.linear else square_root_flow
         flow = float(law(fault.coefficient, TYPICAL_PRESSURE))
-        opening = None if fault.linear else _needle_opening(fault, rig)
-    return PlannedFault(
-        kind=str(fault.kind),
-        at_s=fault.at_s,
-        until_s=None if fault.until_s == inf else fault.until_s,
-        ramp_s=fault.ramp_s,
-        coefficient=fault.coefficient,
-        unit=unit,
-        needle_opening=opening,
-        flow_m3_per_s=flow,
-    )
-
-
-def _needle_opening(fault: Fault, rig: Rig) -> float | None:
-    valve = rig.bypass_valves.get(fault.kind)
-    return valve.needle_opening_for(fault.coefficient) if valve else None
+        valve = None if fault.linear else rig.bypass_valves.get(fault.kind)
+        opening = valve.needle_opening_for(fault.coefficient) if valve else None
+    return PlannedFault(fault, unit, opening, flow)

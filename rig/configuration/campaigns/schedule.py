@@ -1,9 +1,11 @@
 """Schedule files list campaigns and the times at which they are run; both are checked here."""
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 from zoneinfo import ZoneInfo
@@ -19,7 +21,6 @@ from rig.configuration.reading import (
     read_mapping,
     reference_in,
     resolve,
-    shown,
 )
 
 from .campaign import read_campaign
@@ -100,14 +101,8 @@ class Schedule:
 
         Both have a time zone. Only the newest `MOST_TIMES` are returned if there are more.
         """
-        found: list[datetime] = []
-        for time in self._times_from(entry, after):
-            if time > upto:
-                break
-            found.append(time)
-            if len(found) > MOST_TIMES:
-                found.pop(0)
-        return found
+        times = takewhile(lambda time: time <= upto, self._times_from(entry, after))
+        return list(deque(times, MOST_TIMES))
 
     def next_time(self, entry: Entry, after: datetime) -> datetime | None:
         """Return an entry's first time after `after`, in UTC; None if no time is left."""
@@ -168,99 +163,89 @@ def load_schedule(path: Path) -> Schedule:
         ConfigError: lists every problem of the file and of all files it refers to.
     """
     sources = Sources()
-    schedule = read_schedule(path.resolve(), sources)
-    sources.problems.raise_if_any()
-    assert schedule is not None
-    return schedule
+    root = sources.read_yaml(path.resolve())
+    return sources.finished(read_schedule(root) if root is not None else None)
 
 
-def read_schedule(path: Path, sources: Sources) -> Schedule | None:
-    """Return the schedule in a file; None if it cannot be read.
+def read_schedule(root: Located) -> Schedule | None:
+    """Return the schedule that a file describes; None if it has none.
 
-    Problems are added to those of `sources`. Entries with problems are left out, so that the
-    schedule may only be used if there are none.
+    Problems are recorded. Entries with problems are left out, so that the schedule may only be used
+    if there are none.
     """
-    root = sources.read_yaml(path)
-    file = read_mapping(ScheduleFile, root, sources.problems) if root is not None else None
-    if root is None or file is None:
+    file = read_mapping(ScheduleFile, root)
+    if file is None:
         return None
-    zone = _zone(root, file.timezone, sources)
-    entries = tuple(_entries(root, zone, sources))
+    zone = _zone(root, file.timezone)
     return Schedule(
         name=file.name,
-        path=path,
-        folder=(path.parent / Path(file.runs).expanduser()).resolve(),
+        path=root.place.path,
+        folder=root.path_to(file.runs).resolve(),
         zone=zone,
-        entries=entries,
-        hook=_hook(root.get("hook"), sources),
+        entries=tuple(_entries(root, zone)),
+        hook=_hook(root.get("hook")),
         grace_s=file.grace,
         halt=file.halt,
     )
 
 
-def _zone(root: Located, name: str, sources: Sources) -> ZoneInfo:
+def _zone(root: Located, name: str) -> ZoneInfo:
     try:
         return ZoneInfo(name)
     except (OSError, ValueError, KeyError):
-        entry = root.find(("timezone",))
         remedy = "write one such as UTC or Europe/Helsinki"
-        sources.problems.add(entry.place, "timezone", name, "is not a known time zone", remedy)
+        root.refuse("is not a known time zone", remedy, name, "timezone")
         return ZoneInfo("UTC")
 
 
-def _hook(item: Located | None, sources: Sources) -> tuple[str, ...]:
+def _hook(item: Located | None) -> tuple[str, ...]:
     if item is None:
         return ()
     words = [word.value for word in item.elements()]
     if not words or not all(isinstance(word, str | int | float) for word in words):
         remedy = 'write a list of words, such as ["notify", "{campaign}", "{exit_code}"]; no shell'
-        sources.problems.add(item.place, "hook", shown(item), "is no command", remedy)
+        item.refuse("is no command", remedy)
         return ()
     return tuple(str(word) for word in words)
 
 
-def _entries(root: Located, zone: ZoneInfo, sources: Sources) -> Iterator[Entry]:
-    items, defaults = root.get("entries"), root.get("defaults")
-    shared = dict(defaults.items()) if defaults is not None else {}
+def _entries(root: Located, zone: ZoneInfo) -> Iterator[Entry]:
+    items, problems = root.get("entries"), root.sources.problems
     if items is None or not items.elements():
-        place = (items or root).place
         remedy = "write at least one: `- {name: ..., campaign: ..., cron: ...}`"
-        sources.problems.add(place, "entries", "", "is not a list of entries", remedy)
+        (items or root).refuse("is not a list of entries", remedy, "", name="entries")
         return
     names: set[str] = set()
-    for item in items.elements():
-        if isinstance(item.value, dict):
-            item = Located({**shared, **item.value}, item.place, item.name)
-        before = sources.problems.reported
-        file = read_mapping(EntryFile, item, sources.problems)
+    for element in items.elements():
+        item = element.completed_by(root.get("defaults"))
+        before = problems.reported
+        file = read_mapping(EntryFile, item)
         if file is None:
             continue
         if file.name in names:
-            remedy = "choose another name"
-            sources.problems.add(item.place, "name", file.name, "is given twice", remedy)
+            item.refuse("is given twice", "choose another name", file.name, name="name")
         names.add(file.name)
-        entry = _entry(item, file, zone, sources)
-        if sources.problems.reported == before:
+        entry = _entry(item, file, zone)
+        if problems.reported == before:
             yield entry
 
 
-def _entry(item: Located, file: EntryFile, zone: ZoneInfo, sources: Sources) -> Entry:
+def _entry(item: Located, file: EntryFile, zone: ZoneInfo) -> Entry:
     given = [key for key in ("cron", "every", "at") if item.get(key) is not None]
     if len(given) != 1:
-        value = f"has {' and '.join(given)}" if given else "has no time"
-        remedy = "give one of cron, every and at"
-        sources.problems.add(item.place, file.name, "", value, remedy)
+        limit = f"has {' and '.join(given)}" if given else "has no time"
+        item.refuse(limit, "give one of cron, every and at", "", name=file.name)
     if file.cron is not None:
-        _check_cron(item.find(("cron",)), file.cron, sources)
-    campaign, rig = _check_campaign(item, sources)
+        _check_cron(item, file.cron)
+    campaign, rig = _check_campaign(item)
     return Entry(
         name=file.name,
         campaign=campaign,
         rig=rig,
         cron=file.cron,
         every_s=file.every,
-        at=_time(item.get("at"), zone, sources),
-        start=_time(item.get("start"), zone, sources),
+        at=_time(item.get("at"), zone),
+        start=_time(item.get("start"), zone),
         missed=file.missed,
         retries=file.retries,
         retry_after_s=file.retry_after,
@@ -268,7 +253,7 @@ def _entry(item: Located, file: EntryFile, zone: ZoneInfo, sources: Sources) -> 
     )
 
 
-def _check_cron(entry: Located, text: str, sources: Sources) -> None:
+def _check_cron(item: Located, text: str) -> None:
     try:
         if len(text.split()) != 5:
             raise CronSimError("five fields are needed")
@@ -276,29 +261,23 @@ def _check_cron(entry: Located, text: str, sources: Sources) -> None:
     except (CronSimError, StopIteration) as error:
         remedy = "write minute, hour, day, month, weekday, such as 30 2 * * MON-FRI"
         why = str(error).lower() or "never comes"
-        sources.problems.add(entry.place, "cron", text, f"is no time: {why}", remedy)
+        item.refuse(f"is no time: {why}", remedy, text, "cron")
 
 
-def _check_campaign(item: Located, sources: Sources) -> tuple[str, str | None]:
+def _check_campaign(item: Located) -> tuple[str, str | None]:
     """Read and check an entry's campaign and rig, and return their absolute paths.
 
-    The rig is None if the entry names none. Problems are added to those of `sources`.
+    The rig is None if the entry names none. Problems are recorded.
     """
-    entry, rig_entry = item.get("campaign"), item.get("rig")
-    folder = item.place.path.parent
-    reference, rig = reference_in(entry), reference_in(rig_entry)
-    rig_path = None
-    if rig is not None:
-        rig_path = resolve("rig", rig, folder, sources.problems, rig_entry)
-    if reference is not None:
-        path = resolve("campaign", reference, folder, sources.problems, entry)
-        if path is not None and (rig is None or rig_path is not None):
-            read_campaign(path, sources, rig_path)
-            reference = str(path)
-    return reference or "", None if rig_path is None else str(rig_path)
+    rig = item.get("rig")
+    rig_path, path = resolve("rig", rig), resolve("campaign", item.get("campaign"))
+    root = item.sources.read_yaml(path) if reference_in(rig) is None or rig_path else None
+    if root is not None:
+        read_campaign(root, rig_path)
+    return str(path or ""), None if rig_path is None else str(rig_path)
 
 
-def _time(item: Located | None, zone: ZoneInfo, sources: Sources) -> datetime | None:
+def _time(item: Located | None, zone: ZoneInfo) -> datetime | None:
     if item is None:
         return None
     value = item.value
@@ -306,6 +285,6 @@ def _time(item: Located | None, zone: ZoneInfo, sources: Sources) -> datetime | 
         time = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
     except ValueError:
         remedy = "write 2026-12-01 03:00, in the schedule's time zone"
-        sources.problems.add(item.place, item.name, shown(item), "is no date and time", remedy)
+        item.refuse("is no date and time", remedy)
         return None
     return (time if time.tzinfo else time.replace(tzinfo=zone)).astimezone(UTC)

@@ -5,8 +5,9 @@ valve command itself (open loop).
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple, TypeVar
 
 from control import (
     Chirp,
@@ -27,15 +28,14 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Place,
-    Problems,
     QuantityError,
     Schema,
-    Sources,
     WrongDimensionError,
     read_mapping,
-    shown,
     suggestion,
 )
+
+S = TypeVar("S")
 
 _HOLD: Final = Physical("s", 1e-3, 3600.0, 2.0)
 _LEVELS: Final[tuple[tuple[Physical, Quantity], ...]] = (
@@ -69,6 +69,7 @@ class LevelField(Field):
         raise QuantityError("is neither a length nor a voltage", remedy)
 
 
+_ZERO: Final = Level(0.0, "position")
 AnyLevel = Annotated[Level, LevelField()]
 Frequency = Annotated[float, Physical("Hz", 1e-3, 500.0, 0.5)]
 SweepEnd = Annotated[float, Physical("Hz", 0.0, 500.0, 1.0)]
@@ -120,12 +121,12 @@ class SineFile(SetpointFile):
 
     amplitude: AnyLevel
     frequency: Frequency
-    mean: AnyLevel | None = None
+    mean: AnyLevel = _ZERO
     phase: Phase = 0.0
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return the setpoint."""
-        mean, amplitude = _value(self.mean), self.amplitude.value
+        mean, amplitude = self.mean.value, self.amplitude.value
         return Sine(mean, amplitude, self.frequency, self.phase, context.quantity)
 
 
@@ -139,20 +140,14 @@ class ChirpFile(SetpointFile):
     start_frequency: SweepEnd
     end_frequency: SweepEnd
     sweep_time: Annotated[float | None, Physical("s", 0.1, 86400.0, 40.0)] = None
-    mean: AnyLevel | None = None
+    mean: AnyLevel = _ZERO
     phase: Phase = 0.0
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return the setpoint."""
-        sweep = self.end_frequency - self.start_frequency
-        return Chirp(
-            _value(self.mean),
-            self.amplitude.value,
-            self.start_frequency,
-            sweep / (self.sweep_time or context.duration_s),
-            self.phase,
-            context.quantity,
-        )
+        mean, amplitude, start = self.mean.value, self.amplitude.value, self.start_frequency
+        rate = (self.end_frequency - start) / (self.sweep_time or context.duration_s)
+        return Chirp(mean, amplitude, start, rate, self.phase, context.quantity)
 
 
 class StepsFile(SetpointFile):
@@ -187,12 +182,12 @@ class MultisineFile(SetpointFile):
 
     amplitude: AnyLevel
     frequencies: list[Frequency]
-    mean: AnyLevel | None = None
+    mean: AnyLevel = _ZERO
     seed: int | None = None
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return the setpoint."""
-        mean, amplitude = _value(self.mean), self.amplitude.value
+        mean, amplitude = self.mean.value, self.amplitude.value
         frequencies = tuple(self.frequencies)
         return Multisine(mean, amplitude, frequencies, self.seed, context.quantity)
 
@@ -223,49 +218,60 @@ SCHEMAS: Final[dict[str, type[SetpointFile]]] = {
 }
 
 
-def _value(level: Level | None) -> float:
-    return 0.0 if level is None else level.value
+def schema_of(item: Located, schemas: Mapping[str, type[S]], what: str) -> type[S] | None:
+    """Return the schema of the type that a mapping names; if it names none, record that.
 
-
-def read_setpoint(item: Located, context: SetpointContext, sources: Sources) -> Setpoint | None:
-    """Return the setpoint that a mapping describes; None if it cannot be made.
-
-    The problems are then added to those of `sources`.
+    Args:
+        item: the mapping, with its type under the key `type`.
+        schemas: type -> schema.
+        what: what the mapping describes, for messages.
     """
     kind = item.get("type")
-    problems = sources.problems
     if not isinstance(item.value, dict) or kind is None:
-        remedy = f"give its type: {', '.join(SCHEMAS)}"
-        problems.add(item.place, item.name, shown(item), "is not a setpoint", remedy)
+        item.refuse(f"is not a {what}", f"give its type: {', '.join(schemas)}")
         return None
-    schema = SCHEMAS.get(str(kind.value))
+    schema = schemas.get(str(kind.value))
     if schema is None:
-        remedy = suggestion(str(kind.value), list(SCHEMAS), "types")
-        problems.add(kind.place, "type", shown(kind), "is not a known setpoint", remedy)
-        return None
+        remedy = suggestion(str(kind.value), list(schemas), "types")
+        kind.refuse(f"is not a known {what}", remedy)
+    return schema
+
+
+def read_setpoint(item: Located, context: SetpointContext) -> Setpoint | None:
+    """Return the setpoint that a mapping describes; None if it cannot be made.
+
+    The problems are then recorded.
+    """
+    problems = item.sources.problems
     before = problems.reported
-    file = read_mapping(schema, item, problems)
-    quantity = _common_quantity(item, sources)
+    schema = schema_of(item, SCHEMAS, "setpoint")
+    file = read_mapping(schema, item) if schema is not None else None
+    quantity = _common_quantity(item) if schema is not None else None
     if file is None or problems.reported > before:
         return None
     if isinstance(file, FromFileFile):
-        if sources.read_bytes(context.folder / file.path, item.find(("path",))) is None:
+        path = context.folder / file.path
+        if item.sources.read_bytes(path, item.find("path")) is None:
             return None
     elif quantity is not None:
         context = context._replace(quantity=quantity)
     try:
         return file.build(context)
     except SetpointFileError as error:
-        _add_file_problems(error, item, sources)
+        for problem in error.problems:
+            csv, _, line = problem.where.rpartition(":")
+            place = item.find("path").place
+            if line.isdecimal():
+                place = Place(Path(csv), int(line), 1)
+            problems.add(place, problem.field, problem.value, problem.limit, problem.remedy)
     except RequestError as error:
         for problem in error.problems:
             key = str(problem.field).partition("[")[0].removesuffix("_hz").removesuffix("_s")
-            found = item.find((key,))
-            problems.add(found.place, found.name, problem.value, problem.limit, problem.remedy)
+            item.find(key).refuse(problem.limit, problem.remedy, problem.value)
     return None
 
 
-def _common_quantity(item: Located, sources: Sources) -> Quantity | None:
+def _common_quantity(item: Located) -> Quantity | None:
     """Return the common quantity of a setpoint's levels; None if there are no levels.
 
     If some levels are positions and others commands, record a problem and return None.
@@ -273,33 +279,21 @@ def _common_quantity(item: Located, sources: Sources) -> Quantity | None:
     found: dict[Quantity, str] = {}
     for key, entry in item.items():
         for level in entry.elements() or [entry]:
-            try:
-                quantity = LevelField().parse(level.value).quantity
-            except QuantityError:
-                continue
-            found.setdefault(quantity, key)
-    check_unmixed(found, item, sources.problems)
+            with suppress(QuantityError):
+                found.setdefault(LevelField().parse(level.value).quantity, key)
+    check_unmixed(found, item)
     return next(iter(found)) if len(found) == 1 else None
 
 
-def check_unmixed(found: Mapping[Quantity, str], item: Located, problems: Problems) -> None:
+def check_unmixed(found: Mapping[Quantity, str], item: Located) -> None:
     """Record a problem if a setpoint has levels both in metres and in volts.
 
     Args:
         found: each quantity that the levels have -> a key whose level has it.
         item: the setpoint.
-        problems: takes the mistake.
     """
     if len(found) > 1:
         units = {"position": "metres", "command": "volts"}
         listing = ", ".join(f"{key} in {units[quantity]}" for quantity, key in found.items())
         remedy = "give all in metres (closed loop) or all in volts (open loop)"
-        problems.add(item.place, item.name, listing, "are mixed", remedy)
-
-
-def _add_file_problems(error: SetpointFileError, item: Located, sources: Sources) -> None:
-    entry = item.find(("path",))
-    for problem in error.problems:
-        path, _, line = problem.where.rpartition(":")
-        place = Place(Path(path), int(line), 1) if line.isdecimal() else entry.place
-        sources.problems.add(place, problem.field, problem.value, problem.limit, problem.remedy)
+        item.refuse("are mixed", remedy, listing)

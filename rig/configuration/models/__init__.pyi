@@ -1,13 +1,11 @@
 from .columns import load_columns as load_columns
 from .discovered import term_lines as term_lines
 from .model import (
-    BELONGS_TO_EFFECT as BELONGS_TO_EFFECT,
-    PARAMETERS as PARAMETERS,
     ModelFile as ModelFile,
-    effect_values as effect_values,
+    ParameterReader as ParameterReader,
     load_model as load_model,
+    named_model as named_model,
     override as override,
-    parameter_schemas as parameter_schemas,
     physical as physical,
     read_model as read_model,
 )

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from estimator.gap import SLOTS, Addition, Plant, PlantDescription, as_addition, as_term
-from rig.configuration.reading import Located, Problems, shown
+from rig.configuration.reading import Located
 
 from .discovered import KEY, Vocabulary, lines_of, read_term
 
@@ -33,7 +33,7 @@ def vocabulary(thing: PlantDescription | Plant) -> Vocabulary:
     return Vocabulary(places, {**regions, "time": "s"}, list(places), _DIRECTION in regions)
 
 
-def read_additions(root: Located, known: Vocabulary, problems: Problems) -> list[Addition]:
+def read_additions(root: Located, known: Vocabulary) -> list[Addition]:
     """Return the additions that a model file gives; record the problems.
 
     An addition with a mistake is left out.
@@ -41,11 +41,10 @@ def read_additions(root: Located, known: Vocabulary, problems: Problems) -> list
     section = root.get(KEY)
     if section is None or section.value == "none":
         return []
-    entries = section.elements() if isinstance(section.value, list) else []
+    entries = section.elements()
     if not isinstance(section.value, list) or len(entries) > SLOTS:
-        limit = f"is not a list of at most {SLOTS} terms"
-        problems.add(section.place, section.name, shown(section), limit, _EXAMPLE)
-    terms = [read_term(entry, known, problems) for entry in entries]
+        section.refuse(f"is not a list of at most {SLOTS} terms", _EXAMPLE)
+    terms = [read_term(entry, known) for entry in entries]
     return [as_addition(term) for term in terms if term is not None]
 
 

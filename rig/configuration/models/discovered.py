@@ -26,12 +26,9 @@ from pydantic import create_model
 from rig.configuration.reading import (
     Located,
     Physical,
-    Problems,
     Schema,
-    Sources,
     quantity_in,
     read_mapping,
-    shown,
     suggestion,
 )
 from rig.plant import (
@@ -143,20 +140,18 @@ def _numbers(form: str, unit: str) -> dict[str, Physical]:
     return {}
 
 
-def read_terms(section: Located, sources: Sources) -> Terms | None:
+def read_terms(section: Located) -> Terms | None:
     """Return the terms of a model file; record the problems.
 
     A term with a mistake is left out; fields of unused terms are neutral. None if the section is
     neither "none" nor a list of terms, or has more of them than the plant holds.
     """
-    problems = sources.problems
     if section.value == "none":
         return Terms(fields_of(()), ())
     if not isinstance(section.value, list):
-        limit = f"is not a list of at most {MOST_TERMS} terms"
-        problems.add(section.place, section.name, shown(section), limit, _EXAMPLE)
+        section.refuse(f"is not a list of at most {MOST_TERMS} terms", _EXAMPLE)
         return None
-    read = [(entry, read_term(entry, _OF_RIG, problems)) for entry in section.elements()]
+    read = [(entry, read_term(entry, _OF_RIG)) for entry in section.elements()]
     found = [(entry, term) for entry, term in read if term is not None]
     held = [(entry, term) for entry, term in found if is_held(term)]
     tables = [(entry, term) for entry, term in held if term.form == "table"]
@@ -168,34 +163,32 @@ def read_terms(section: Located, sources: Sources) -> Terms | None:
     ):
         for entry, _ in kept[most:]:
             limit = f"is one of {len(kept)} {what}; a model holds at most {most} {what}"
-            problems.add(entry.place, entry.name, "", limit, f"keep the {most} that explain most")
+            entry.refuse(limit, f"keep the {most} that explain most", "")
     if len(held) > MOST_TERMS or len(tables) > MOST_TABLES:
         return None
     return Terms(fields_of(tuple(term for _, term in held)), tuple(term for _, term in others))
 
 
-def read_term(entry: Located, known: Vocabulary, problems: Problems) -> AddedTerm | None:
+def read_term(entry: Located, known: Vocabulary) -> AddedTerm | None:
     """Return the term that an entry describes; None if it has a mistake, which is recorded."""
-    before = len(problems.found)
-    term: Any = read_mapping(_schema(tuple(known.quantities)), entry, problems)
+    problems = entry.sources.problems.found
+    before = len(problems)
+    term: Any = read_mapping(_schema(tuple(known.quantities)), entry)
     if term is None:
         return None
     form, of = _FORMS[term.form], term.of or ""
     if term.to not in known.places:
         remedy = suggestion(term.to, known.told, "places")
-        problems.add(entry.find(("to",)).place, "to", term.to, "is not a choice here", remedy)
+        entry.refuse("is not a choice here", remedy, term.to, "to")
     if form == "1" and of:
-        limit = f"does not go with form {term.form}"
-        problems.add(entry.find(("of",)).place, "of", of, limit, "leave it out")
+        entry.refuse(f"does not go with form {term.form}", "leave it out", of, "of")
     elif form != "1" and entry.get("of") is None:
         limit = f"lacks the key of, the quantity that form {term.form} depends on"
-        remedy = f"name one of {', '.join(known.quantities)}"
-        problems.add(entry.place, entry.name, "", limit, remedy)
+        entry.refuse(limit, f"name one of {', '.join(known.quantities)}", "")
     if term.against_motion and not known.turns:
-        place = entry.find(("against_motion",)).place
         limit = "needs a region with the name direction, which the plant does not have"
-        problems.add(place, "against_motion", "true", limit, "leave it out")
-    if len(problems.found) > before:
+        entry.refuse(limit, "leave it out", "true", "against_motion")
+    if len(problems) > before:
         return None
     along = known.of_unit(of)
     value = Physical(unit_per(known.places[term.to], along, form))
@@ -203,67 +196,60 @@ def read_term(entry: Located, known: Vocabulary, problems: Problems) -> AddedTer
     keys = {*wanted, *(("at", "values") if form == "table" else ())}
     for key in _OF_FORMS:
         if entry.get(key) is not None and key not in keys:
-            place = entry.find((key,)).place
-            problems.add(place, key, "", f"is not of form {term.form}", "leave it out")
-    given = [_number(entry, key, kind, problems) for key, kind in wanted.items()]
+            entry.refuse(f"is not of form {term.form}", "leave it out", "", key)
+    given = [
+        _quantity(item, kind)
+        for key, kind in wanted.items()
+        if (item := _given(entry, key, f"add `{key}: ... {kind.unit}`")) is not None
+    ]
     numbers = [number for number in given if number is not None]
     knots: tuple[tuple[float, float], ...] = ()
     if form == "table":
-        numbers, knots = [1.0], _knots(entry, Physical(along), value, problems)
-    if len(problems.found) > before:
+        numbers, knots = [1.0], _knots(entry, Physical(along), value)
+    if len(problems) > before:
         return None
     size, at, by = [*numbers, 0.0, 0.0][:3]
     return AddedTerm(term.to, of, form, term.against_motion, size, at, by, knots)
 
 
-def _given(entry: Located, key: str, problems: Problems, remedy: str) -> Located | None:
+def _given(entry: Located, key: str, remedy: str) -> Located | None:
     """Return the value of a key; if it is missing, record a problem and return None."""
     item = entry.get(key)
     if item is None:
-        problems.add(entry.place, entry.name, "", f"lacks the key {key}", remedy)
+        entry.refuse(f"lacks the key {key}", remedy, "")
     return item
 
 
-def _number(entry: Located, key: str, kind: Physical, problems: Problems) -> float | None:
-    item = _given(entry, key, problems, f"add `{key}: ... {kind.unit}`")
-    return None if item is None else quantity_in(item, lambda: kind.parse(item.plain()), problems)
+def _quantity(item: Located, kind: Physical) -> float | None:
+    return quantity_in(item, lambda: kind.parse(item.plain()))
 
 
-def _knots(
-    entry: Located, along: Physical, size: Physical, problems: Problems
-) -> tuple[tuple[float, float], ...]:
+def _knots(entry: Located, along: Physical, size: Physical) -> tuple[tuple[float, float], ...]:
     """Return the knots of a table, with all its problems recorded; () if it has any."""
-    before = len(problems.found)
-    at, values = (
-        _quantities(entry, key, kind, problems) for key, kind in (("at", along), ("values", size))
-    )
-    if len(problems.found) > before:
+    problems = entry.sources.problems.found
+    before = len(problems)
+    at, values = _quantities(entry, "at", along), _quantities(entry, "values", size)
+    if len(problems) > before:
         return ()
     if len(at) != len(values):
         limit = f"has {len(values)} entries, but `at` has {len(at)}"
-        place = entry.find(("values",)).place
-        problems.add(place, "values", "", limit, "give one value for each position")
+        entry.refuse(limit, "give one value for each position", "", "values")
     for index, (left, right) in enumerate(pairwise(at), 1):
         if not right > left:
-            item = entry.find(("at", index))
-            limit = "is not above the one before it"
-            problems.add(item.place, item.name, shown(item), limit, "write them in ascending order")
+            position = entry.find("at", index)
+            position.refuse("is not above the one before it", "write them in ascending order")
     return tuple(zip(at, values, strict=False))
 
 
-def _quantities(entry: Located, key: str, kind: Physical, problems: Problems) -> list[float]:
+def _quantities(entry: Located, key: str, kind: Physical) -> list[float]:
     """Return the quantities in a table's list; record its problems."""
-    item = _given(entry, key, problems, _TABLE_EXAMPLE)
+    item = _given(entry, key, _TABLE_EXAMPLE)
     if item is None:
         return []
     count = len(item.value) if isinstance(item.value, list) else 0
     if not 2 <= count <= MOST_KNOTS:
-        limit = f"is not a list of 2 to {MOST_KNOTS} quantities"
-        problems.add(item.place, item.name, shown(item), limit, _TABLE_EXAMPLE)
-    parsed = [
-        quantity_in(each, lambda each=each: kind.parse(each.plain()), problems)  # type: ignore[misc]
-        for each in item.elements()
-    ]
+        item.refuse(f"is not a list of 2 to {MOST_KNOTS} quantities", _TABLE_EXAMPLE)
+    parsed = [_quantity(each, kind) for each in item.elements()]
     return [value for value in parsed if value is not None]
 
 

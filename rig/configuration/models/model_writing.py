@@ -4,8 +4,7 @@ Each value has its symbol and source in a comment.
 """
 
 import os
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +13,10 @@ import yaml
 
 from rig.configuration.reading import ConfigError, Problem, QuantityError, display_path
 from rig.plant import CATALOGUE, FRICTION_LAWS, NOMINAL, Model, quantities
+from rig.recording import replacing
 
 from .discovered import written_terms
-from .model import PARAMETERS, SHIFTABLE, physical
+from .model import PARAMETERS, physical
 
 _QUANTITIES: Final = quantities()
 _COMMENT_COLUMN: Final = 48
@@ -34,20 +34,14 @@ def dump_model(model: Model, path: Path) -> None:
         OSError: the file cannot be written.
     """
     _require_loadable(model, path)
-    parts = (_header, _parameters, _effects, written_terms, _provenance)
+    parts = (_header, _sections, written_terms, _provenance)
     text = "\n".join(line for part in parts for line in part(model))
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        # mkstemp makes files that only their owner may read, but everybody may read a model.
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        # Everybody may read a model, whatever else this user's files are.
+        temporary.chmod(0o644)
+        file.write(text + "\n")
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _quantity(field: str, value: float) -> str:
@@ -77,24 +71,44 @@ def _header(model: Model) -> Iterator[str]:
     yield f"friction_law: {law}"
 
 
-def _line(indent: str, key: str, field: str, value: float) -> str:
-    quantity = _QUANTITIES[field]
-    text = f"{indent}{key}: {_quantity(field, value)}"
-    comment = ", ".join(part for part in (quantity.symbol, quantity.source) if part)
-    return f"{text:<{_COMMENT_COLUMN}} # {comment}"
+def _sections(model: Model) -> Iterator[str]:
+    def line(key: str, field: str) -> str:
+        quantity = _QUANTITIES[field]
+        comment = ", ".join(part for part in (quantity.symbol, quantity.source) if part)
+        return commented(f"{key}: {_quantity(field, getattr(model.parameters, field))}", comment)
+
+    switched_on = [CATALOGUE[name] for name in _switched_on(model)]
+    keys = {effect.name: {p.name: p.field for p in effect.parameters} for effect in switched_on}
+    return section_lines(PARAMETERS, keys, line)
 
 
-def _parameters(model: Model) -> Iterator[str]:
-    under_effects = {
-        parameter.field
-        for name in _switched_on(model)
-        for parameter in CATALOGUE[name].parameters
-        if parameter.field in SHIFTABLE
-    }
+def section_lines(
+    own: Iterable[str], effects: Mapping[str, Mapping[str, str]], line: Callable[[str, str], str]
+) -> Iterator[str]:
+    """Yield the lines of the sections `parameters` and `effects` of a model file.
+
+    Args:
+        own: names of the parameters that stand under `parameters`, unless they belong to one of the
+            effects.
+        effects: effect that is switched on -> key in the file -> name of a parameter.
+        line: makes the line of a parameter from its key, indented, and its name.
+    """
+    under_effects = {name for keys in effects.values() for name in keys.values()}
     yield "parameters:"
-    for field in PARAMETERS:
-        if field not in under_effects:
-            yield _line("  ", field, field, getattr(model.parameters, field))
+    yield from (line(f"  {name}", name) for name in own if name not in under_effects)
+    if effects:
+        yield "effects:"
+    for effect, keys in effects.items():
+        if list(keys) == ["value"]:
+            yield line(f"  {effect}", keys["value"])
+            continue
+        yield f"  {effect}:"
+        yield from (line(f"    {key}", name) for key, name in keys.items())
+
+
+def commented(text: str, comment: str) -> str:
+    """Return a line of a model file with a comment behind it, unless the comment is empty."""
+    return f"{text:<{_COMMENT_COLUMN}} # {comment}" if comment else text
 
 
 def _switched_on(model: Model) -> list[str]:
@@ -110,21 +124,6 @@ def _switched_on(model: Model) -> list[str]:
         )
     ]
     return [*model.effects, *acting]
-
-
-def _effects(model: Model) -> Iterator[str]:
-    names = _switched_on(model)
-    if not names:
-        return
-    yield "effects:"
-    for name in names:
-        knobs = CATALOGUE[name].parameters
-        if len(knobs) == 1 and knobs[0].name == "value":
-            yield _line("  ", name, knobs[0].field, getattr(model.parameters, knobs[0].field))
-            continue
-        yield f"  {name}:"
-        for knob in knobs:
-            yield _line("    ", knob.name, knob.field, getattr(model.parameters, knob.field))
 
 
 def _provenance(model: Model) -> Iterator[str]:

@@ -4,9 +4,10 @@ Such a file has the plant's values, its channels, and by how much the model may 
 itself, with its equations and effects, is a Python module (`plant_loading`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf
+from functools import partial
+from math import inf, nan
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -27,23 +28,24 @@ from rig.configuration.reading import (
     Physical,
     Schema,
     Sources,
+    checked,
     quantity_in,
     read_mapping,
-    shown,
     suggestion,
 )
 from rig.recording import Column, Recording, RecordingError, read_measured, read_sampling
 
 from .additions import read_additions, vocabulary, written_additions
-from .columns import TIME, checked, column_in
+from .columns import TIME, column_in
 from .discovered import KEY
-from .model_writing import plain_provenance
+from .model_writing import commented, plain_provenance, section_lines
 
 ALIKE: Final = 0.1
 """Greatest difference of a recording's period from that of the others, as a part of it."""
 REVISED: Final = "revised"
-_COMMENT_COLUMN: Final = 48
 _CARRIED: Final = ("period", "channels", "tolerances", "model_error", "steering")
+_LOWEST: Final = {"noise": 1e-300, "resolution": 0.0, "lower": -inf, "upper": -inf}
+"""Keys of an output, with the smallest value that each may have, in the output's unit."""
 
 
 @dataclass(frozen=True)
@@ -144,27 +146,22 @@ def read_plant_file(
     if isinstance(thing, PlantDescription):
         check_description(thing)
     sources = Sources()
-    root = sources.read_yaml(path.resolve())
-    sources.problems.raise_if_any()
-    assert root is not None
-    reading = _Reading(thing, sources)
-    file = read_mapping(_File, root, sources.problems)
-    values = reading.values(root)
-    columns, outputs = reading.channels(root)
-    tolerances = reading.shares(root, "tolerances", [p.name for p in thing.parameters])
-    errors = reading.errors(root)
-    steering = reading.steering(root)
+    root = sources.finished(sources.read_yaml(path.resolve()))
+    file = read_mapping(_File, root)
+    values = _values_in(root, thing)
+    columns, outputs = _channels(root.get("channels"), thing)
+    tolerances = _tolerances(root.get("tolerances"), thing)
+    errors = _errors(root.get("model_error"), thing)
+    steering = _steering(root.get("steering"), thing)
     if isinstance(thing, PlantDescription) and root.get("tolerances") is not None:
         thing = replace(thing, tolerances=tolerances)
-    additions = read_additions(root, vocabulary(thing), sources.problems)
-    sources.problems.raise_if_any()
-    assert file is not None
-    rows = None
+    additions = read_additions(root, vocabulary(thing))
+    file = sources.finished(file)
+    row_s = None
     if isinstance(thing, Plant):
         if file.period is not None and abs(file.period / thing.period - 1.0) > 1e-6:
-            place = root.find(("period",))
             limit = f"the module has the plant in full, for {thing.period * 1e3:g} ms"
-            sources.problems.add(place.place, "period", shown(place), limit, "delete it")
+            root.refuse(limit, "delete it", key="period")
             sources.problems.raise_if_any()
         changed: Any = {"nuisances": nuisances(thing.parameters, tolerances, values)}
         plant = replace(
@@ -186,15 +183,14 @@ def read_plant_file(
         rows = next(filter(None, (read_sampling(each, columns) for each in recordings)), None)
         period = file.period or (1e-3 if rows is None else rows.grid)
         plant = build(described, values, period, period if rows is None else rows.period)
-    plant = _holding(plant, additions, root, sources)
-    effects = tuple(name for name, _ in reading.switched_on(root))
-    row_s = None
-    if file.period is None and not isinstance(thing, Plant):
-        row_s = plant.period if rows is None else rows.period
+        if file.period is None:
+            row_s = plant.period if rows is None else rows.period
+    plant = _holding(plant, additions, root)
+    effects = tuple(_switched_on(root, catalogue(thing)))
     return PlantModel(file.name, plant, columns, effects, root.plain(), row_s)
 
 
-def _holding(plant: Plant, additions: Sequence[Addition], root: Located, sources: Sources) -> Plant:
+def _holding(plant: Plant, additions: Sequence[Addition], root: Located) -> Plant:
     """Return the plant with the additions that the file gives.
 
     Raises:
@@ -202,205 +198,172 @@ def _holding(plant: Plant, additions: Sequence[Addition], root: Located, sources
     """
     if not additions:
         return plant
-    layout = plant.layout
-    if layout is None:
-        section = root.find((KEY,))
-        limit = "cannot be held"
+    if plant.layout is None:
         remedy = plant.why_no_layout or "delete it: models of this plant hold no additions"
-        sources.problems.add(section.place, section.name, "", limit, remedy)
-        sources.problems.raise_if_any()
-    else:
-        plant = replace(plant, nominal={**plant.nominal, **layout.values(additions)})
-    return plant
+        root.refuse("cannot be held", remedy, "", KEY)
+        root.sources.problems.raise_if_any()
+    assert plant.layout is not None
+    return replace(plant, nominal={**plant.nominal, **plant.layout.values(additions)})
 
 
-class _Reading:
-    """A reader of the sections of one file, which adds the mistakes to the sources' problems."""
+def _limits(parameter: Parameter) -> Any:
+    return Annotated[Any, Physical(parameter.unit, parameter.lower, parameter.upper)]
 
-    def __init__(self, thing: PlantDescription | Plant, sources: Sources) -> None:
-        self.thing, self.problems = thing, sources.problems
-        self.known = {parameter.name: parameter for parameter in thing.parameters}
-        self.effects = catalogue(thing)
 
-    def _checked(
-        self, item: Located, fields: Mapping[str, Any], hints: dict[str, str] | None = None
-    ) -> dict[str, Any]:
-        return checked(item, fields, self.problems, hints)
-
-    def _input_units(self) -> dict[str, str]:
-        """Return the unit of each input by its channel; empty if the unit is not known."""
-        inputs = self.thing.inputs
-        return {
-            **{each: "" for each in inputs if isinstance(each, str)},
-            **{each.channel: each.unit for each in inputs if not isinstance(each, str)},
+def _values_in(root: Located, thing: PlantDescription | Plant) -> dict[str, float]:
+    """Return the values of all parameters by name, in SI; NaN where one is missing."""
+    values = {p.name: nan if p.neutral is None else p.neutral for p in thing.parameters}
+    section, own = root.get("parameters"), own_parameters(thing)
+    under_effects = _effect_values(root, thing)
+    if section is not None:
+        hints = {
+            name: f"set it under effects: {{{effect}: ...}}"
+            for effect, keys in catalogue(thing).items()
+            for name in keys.values()
         }
+        read = checked(section, {p.name: _limits(p) for p in own}, hints)
+        found = {name: float(value) for name, value in read.items() if value is not None}
+        for name in found:
+            if name in under_effects:
+                section.refuse("is given under effects too", "keep one of them", key=name)
+        values |= found
+        for each in own:
+            if each.neutral is None and each.name not in {*found, *under_effects}:
+                _add_lacking(section, each)
+    return values | under_effects
 
-    def _physical(self, name: str) -> Any:
-        each = self.known[name]
-        return Annotated[Any, Physical(each.unit, each.lower, each.upper)]
 
-    # Values
+def _add_lacking(section: Located, parameter: Parameter) -> None:
+    entry = section.find(parameter.name)
+    if entry is not section and section.sources.problems.has_at(entry.place):
+        return
+    about = f" ({parameter.about})" if parameter.about else ""
+    example = f"{parameter.name}: ... {parameter.unit}".rstrip()
+    section.refuse(f"lacks {parameter.name}", f"add `{example}`{about}", "")
 
-    def values(self, root: Located) -> dict[str, float]:
-        """Return the values of all parameters by name, in SI; NaN where one is missing."""
-        neutral = {p.name: p.neutral for p in self.thing.parameters}
-        values: dict[str, float] = {k: v for k, v in neutral.items() if v is not None}
-        own = own_parameters(self.thing)
-        section = root.get("parameters")
-        under_effects = self._effect_values(root)
-        if section is not None:
-            hints = {
-                name: f"set it under effects: {{{effect}: ...}}"
-                for effect, keys in self.effects.items()
-                for name in keys.values()
-            }
-            read = self._checked(section, {p.name: self._physical(p.name) for p in own}, hints)
-            found = {name: float(value) for name, value in read.items() if value is not None}
-            for name, value in found.items():
-                if name in under_effects:
-                    self.problems.add(
-                        section.find((name,)).place, name, shown(section.find((name,))),
-                        "is given under effects too", "keep one of them",
-                    )  # fmt: skip
-                values[name] = value
-            for each in own:
-                if each.neutral is None and each.name not in {*found, *under_effects}:
-                    self._lacking(section, each)
-        values.update(under_effects)
-        return {name: values.get(name, float("nan")) for name in self.known}
 
-    def _lacking(self, section: Located, each: Parameter) -> None:
-        entry = section.find((each.name,))
-        if self.problems.has_at(entry.place) and entry is not section:
-            return
-        about = f" ({each.about})" if each.about else ""
-        example = f"{each.name}: ... {each.unit}".rstrip()
-        remedy = f"add `{example}`{about}"
-        self.problems.add(section.place, "parameters", "", f"lacks {each.name}", remedy)
+def _switched_on(root: Located, known: Mapping[str, Any]) -> dict[str, Located]:
+    """Return those of the known effects that the file switches on, with its entry for each."""
+    section = root.get("effects")
+    return {
+        name: entry
+        for name, entry in (section.items() if section is not None else ())
+        if name in known and entry.value not in (None, "none")
+    }
 
-    def switched_on(self, root: Located) -> list[tuple[str, Located]]:
-        """Return the effects that the file switches on, each with its entry in the file."""
-        section = root.get("effects")
-        if section is None:
-            return []
-        return [
-            (name, entry)
-            for name, entry in section.items()
-            if name in self.effects and entry.value not in (None, "none")
-        ]
 
-    def _effect_values(self, root: Located) -> dict[str, float]:
-        section = root.get("effects")
-        if section is not None:
-            self._checked(section, dict.fromkeys(self.effects, Any))
-        values: dict[str, float] = {}
-        for name, entry in self.switched_on(root):
-            keys = self.effects[name]
-            if not isinstance(entry.value, dict) and "value" in keys:
-                entry = Located({"value": entry}, entry.place, entry.name)
-            found = self._checked(entry, {k: self._physical(p) for k, p in keys.items()})
-            values |= {keys[key]: float(v) for key, v in found.items() if v is not None}
-        return values
+def _effect_values(root: Located, thing: PlantDescription | Plant) -> dict[str, float]:
+    effects, limits = catalogue(thing), {p.name: _limits(p) for p in thing.parameters}
+    section = root.get("effects")
+    if section is not None:
+        checked(section, dict.fromkeys(effects, Any))
+    values: dict[str, float] = {}
+    for name, entry in _switched_on(root, effects).items():
+        keys = effects[name]
+        if not isinstance(entry.value, dict) and "value" in keys:
+            entry = entry.with_value({"value": entry})
+        found = checked(entry, {key: limits[parameter] for key, parameter in keys.items()})
+        values |= {keys[key]: float(v) for key, v in found.items() if v is not None}
+    return values
 
-    # Recordings
 
-    def channels(self, root: Located) -> tuple[dict[str, Column], Any]:
-        """Return the column of each channel that the file names, and the outputs.
+def _input_units(thing: PlantDescription | Plant) -> dict[str, str]:
+    """Return the unit of each input by its channel; empty if the unit is not known."""
+    return {
+        **{each: "" for each in thing.inputs if isinstance(each, str)},
+        **{each.channel: each.unit for each in thing.inputs if not isinstance(each, str)},
+    }
 
-        The outputs have the noise, resolution and range that the file gives them.
-        """
-        section = root.get("channels")
-        outputs = {output.channel: output for output in self.thing.outputs}
-        if section is None:
-            return {}, self.thing.outputs
-        inputs = self._input_units()
-        self._checked(section, dict.fromkeys((TIME, *inputs, *outputs), Any))
-        columns: dict[str, Column] = {}
-        for name, entry in section.items():
-            if name in outputs:
-                unit = outputs[name].unit
-                kinds = {
-                    key: Annotated[Any, Physical(unit, lower)]
-                    for key, lower in (("noise", 1e-300), ("resolution", 0.0), ("lower", -inf),
-                                       ("upper", -inf))
-                }  # fmt: skip
-                columns[name], found = column_in(name, entry, unit, self.problems, kinds)
-                given = {key: found[key] for key in kinds if found.get(key) is not None}
-                outputs[name] = replace(outputs[name], **given)
-            elif name == TIME or name in inputs:
-                unit = "s" if name == TIME else inputs[name]
-                columns[name], _ = column_in(name, entry, unit, self.problems, {})
-        return columns, tuple(outputs.values())
 
-    # Allowed errors
+def _channels(
+    section: Located | None, thing: PlantDescription | Plant
+) -> tuple[dict[str, Column], Any]:
+    """Return the column of each channel that the file names, and the outputs.
 
-    def shares(self, root: Located, key: str, names: list[str]) -> dict[str, float]:
-        """Return the fractions that the section `key` gives, by name; {} if it is missing."""
-        section = root.get(key)
-        if section is None:
-            return {}
-        found = self._checked(section, dict.fromkeys(names, Annotated[Any, Physical("", 0.0)]))
-        return {name: float(value) for name, value in found.items() if value is not None}
+    The outputs have the noise, resolution and range that the file gives them.
+    """
+    if section is None:
+        return {}, thing.outputs
+    outputs = {output.channel: output for output in thing.outputs}
+    units = {TIME: "s", **_input_units(thing)}
+    checked(section, dict.fromkeys((*units, *outputs), Any))
+    columns: dict[str, Column] = {}
+    for name, entry in section.items():
+        if name in outputs:
+            unit = outputs[name].unit
+            kinds = {key: Annotated[Any, Physical(unit, low)] for key, low in _LOWEST.items()}
+            columns[name], found = column_in(name, entry, unit, kinds)
+            given = {key: found[key] for key in kinds if found.get(key) is not None}
+            outputs[name] = replace(outputs[name], **given)
+        elif name in units:
+            columns[name], _ = column_in(name, entry, units[name])
+    return columns, tuple(outputs.values())
 
-    def errors(self, root: Located) -> dict[str, float]:
-        """Return the model errors that the file gives, by equation, in the equation's unit."""
-        section = root.get("model_error")
-        if section is None:
-            return {}
-        if isinstance(self.thing, Plant):
-            self.problems.add(
-                section.place, "model_error", shown(section), "is not for a plant made in full",
-                "set the noise of its states in the module",
-            )  # fmt: skip
-            return {}
-        found: dict[str, float] = {}
-        equations = {each.name: each for each in self.thing.equations}
-        self._known_keys(section, list(equations))
-        for name, entry in section.items():
-            if name in equations:
-                value = self._quantity(entry, equations[name].unit, 0.0)
-                if value is not None:
-                    found[name] = value
-        return found
 
-    def _known_keys(self, section: Located, names: list[str]) -> None:
-        # A schema cannot check this, as names with spaces cannot be its fields.
-        if not isinstance(section.value, dict):
-            self.problems.add(section.place, section.name, shown(section), "is not a mapping",
-                              f"keys: {', '.join(names)}")  # fmt: skip
-        for name, entry in section.items():
-            if name not in names:
-                self.problems.add(entry.place, name, "", "is not a known key",
-                                  suggestion(name, names, "keys"))  # fmt: skip
+def _tolerances(section: Located | None, thing: PlantDescription | Plant) -> dict[str, float]:
+    """Return the fractions by which the file lets parameters differ; {} if it gives none."""
+    if section is None:
+        return {}
+    share = Annotated[Any, Physical("", 0.0)]
+    found = checked(section, {parameter.name: share for parameter in thing.parameters})
+    return {name: float(value) for name, value in found.items() if value is not None}
 
-    def _quantity(self, entry: Located, unit: str, lower: float = -inf) -> float | None:
-        return quantity_in(entry, lambda: Physical(unit, lower).parse(entry.value), self.problems)
 
-    def steering(self, root: Located) -> dict[tuple[str, str], float] | None:
-        """Return the gain from each input to each output that it steers.
+def _errors(section: Located | None, thing: PlantDescription | Plant) -> dict[str, float]:
+    """Return the model errors that the file gives, by equation, in the equation's unit."""
+    if section is None:
+        return {}
+    if isinstance(thing, Plant):
+        remedy = "set the noise of its states in the module"
+        section.refuse("is not for a plant made in full", remedy)
+        return {}
+    return _quantities(section, {each.name: each.unit for each in thing.equations}, 0.0)
 
-        Return None if the file does not have the section, {} if it says "none".
-        """
-        section = root.get("steering")
-        if section is None:
-            return None
-        if section.value == "none":
-            return {}
-        units = self._input_units()
-        outputs = {output.channel: output.unit for output in self.thing.outputs}
-        self._known_keys(section, list(units))
-        gains: dict[tuple[str, str], float] = {}
-        for name, entry in section.items():
-            if name not in units:
-                continue
-            self._known_keys(entry, list(outputs))
-            for channel, gain in entry.items():
-                if channel in outputs:
-                    unit = f"{units[name]}/{outputs[channel]}" if units[name] else ""
-                    value = self._quantity(gain, unit)
-                    if value is not None:
-                        gains[name, channel] = value
-        return gains
+
+def _quantities(
+    section: Located, units: Mapping[str, str], lower: float = -inf
+) -> dict[str, float]:
+    """Return the quantities in a mapping with the keys of `units`; record the problems.
+
+    A schema cannot check this, as names with spaces cannot be its fields.
+    """
+    found = {
+        name: quantity_in(entry, partial(Physical(units[name], lower).parse, entry.value))
+        for name, entry in _known(section, list(units))
+    }
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _known(section: Located, names: Sequence[str]) -> list[tuple[str, Located]]:
+    """Return the entries of a mapping that have one of these names; record the others."""
+    if not isinstance(section.value, dict):
+        section.refuse("is not a mapping", f"keys: {', '.join(names)}")
+    for name, entry in section.items():
+        if name not in names:
+            entry.refuse("is not a known key", suggestion(name, names, "keys"), "")
+    return [(name, entry) for name, entry in section.items() if name in names]
+
+
+def _steering(
+    section: Located | None, thing: PlantDescription | Plant
+) -> dict[tuple[str, str], float] | None:
+    """Return the gain from each input to each output that it steers.
+
+    Return None if the file does not have the section, {} if it says "none".
+    """
+    if section is None:
+        return None
+    if section.value == "none":
+        return {}
+    inputs = _input_units(thing)
+    gains: dict[tuple[str, str], float] = {}
+    for name, entry in _known(section, list(inputs)):
+        units = {
+            output.channel: f"{inputs[name]}/{output.unit}" if inputs[name] else ""
+            for output in thing.outputs
+        }
+        gains |= {(name, channel): gain for channel, gain in _quantities(entry, units).items()}
+    return gains
 
 
 def write_plant_file(
@@ -424,66 +387,49 @@ def write_plant_file(
     Raises:
         OSError: the file cannot be written.
     """
-    names = [*model.effects, *(name for name in effects if name not in model.effects)]
+    names = {*model.effects, *effects}
     on = {name: keys for name, keys in catalogue(model.plant).items() if name in names}
-    written = _Values(values, model.plant.parameters, provenance)
+    known = {parameter.name: parameter for parameter in model.plant.parameters}
+    intervals = _intervals(provenance, on)
     same = dict(values) == model.plant.nominal and not effects
     revised = same or model.name.endswith(f" {REVISED}")
     name = model.name if revised else f"{model.name} {REVISED}"
     header = {"name": name, "description": model.content.get("description")}
     lines = [_dumped({key: value for key, value in header.items() if value})]
-    lines += ["parameters:"]
-    under_effects = {parameter for keys in on.values() for parameter in keys.values()}
-    for each in own_parameters(model.plant):
-        if each.name not in under_effects:
-            lines.append(written.line("  ", each.name, each.name, written.refitted.get(each.name)))
-    if on:
-        lines.append("effects:")
-    for effect, keys in on.items():
-        intervals = written.intervals(effect)
-        if list(keys) == ["value"]:
-            lines.append(written.line("  ", effect, keys["value"], intervals.get("value")))
-            continue
-        lines.append(f"  {effect}:")
-        lines += [written.line("    ", k, p, intervals.get(k)) for k, p in keys.items()]
+    lines += section_lines(
+        [parameter.name for parameter in own_parameters(model.plant)],
+        on,
+        lambda key, name: _line(key, known[name], values[name], intervals.get(name)),
+    )
     lines += written_additions(model.plant, values)
-    lines += _carried(model.content)
+    carried = {key: model.content.get(key) for key in _CARRIED}
+    lines += [_dumped({key: value}) for key, value in carried.items() if value is not None]
     if provenance:
         lines.append(_dumped({"provenance": plain_provenance(provenance)}))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-class _Values:
-    """A writer of lines with a value, its unit, its meaning and its interval."""
+def _intervals(provenance: Any, effects: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """Return the interval of each parameter, by its name, which is None where there is none.
 
-    def __init__(
-        self, values: Mapping[str, float], parameters: tuple[Parameter, ...], provenance: Any
-    ) -> None:
-        self.values = values
-        self.known = {parameter.name: parameter for parameter in parameters}
-        self.provenance = provenance if isinstance(provenance, Mapping) else {}
-        refitted: Mapping[str, Any] = self.provenance.get("refitted") or {}
-        self.refitted = {key: each for key, each in refitted.items() if each.get("kept", True)}
-
-    def intervals(self, effect: str) -> Mapping[str, Any]:
-        found = (self.provenance.get("effects") or {}).get(effect) or {}
-        return dict(found.get("parameters") or {})
-
-    def line(self, indent: str, key: str, parameter: str, interval: Any) -> str:
-        each = self.known[parameter]
-        text = f"{indent}{key}: {float(self.values[parameter])!r} {each.unit}".rstrip()
-        comment = [each.about] if each.about else []
-        ends = [interval.get(end) for end in ("lower", "upper")] if interval else []
-        if ends and None not in ends:
-            comment.append(f"95 %: {ends[0]:.6g} to {ends[1]:.6g} {each.unit}".rstrip())
-        return f"{text:<{_COMMENT_COLUMN}} # {'; '.join(comment)}" if comment else text
+    `effects` gives the parameter of each key of the effects that are switched on.
+    """
+    given = provenance if isinstance(provenance, Mapping) else {}
+    refitted: Mapping[str, Any] = given.get("refitted") or {}
+    found = {name: each for name, each in refitted.items() if each.get("kept", True)}
+    for effect, keys in effects.items():
+        fitted = ((given.get("effects") or {}).get(effect) or {}).get("parameters") or {}
+        found |= {name: fitted.get(key) for key, name in keys.items()}
+    return found
 
 
-def _carried(content: Mapping[str, Any]) -> Iterator[str]:
-    """Yield, as YAML, the sections of the old file that a revision does not change."""
-    for key in _CARRIED:
-        if content.get(key) is not None:
-            yield _dumped({key: content[key]})
+def _line(key: str, parameter: Parameter, value: float, interval: Any) -> str:
+    """Return the line of a parameter: its value with unit, its meaning and its interval."""
+    comment = [parameter.about] if parameter.about else []
+    ends = [interval.get(end) for end in ("lower", "upper")] if interval else []
+    if ends and None not in ends:
+        comment.append(f"95 %: {ends[0]:.6g} to {ends[1]:.6g} {parameter.unit}".rstrip())
+    return commented(f"{key}: {float(value)!r} {parameter.unit}".rstrip(), "; ".join(comment))
 
 
 def _dumped(content: Mapping[str, Any]) -> str:

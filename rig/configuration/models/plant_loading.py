@@ -36,17 +36,18 @@ def load_plant(
         PlantError: the module, or the plant it describes, cannot be used.
         ConfigError: lists every problem of the model file.
     """
-    thing = _object(reference)
     path = Path(model) if model is not None else None
-    if path is None or not path.is_file():
-        given = display_path(path) if path else "none given"
-        remedy = "give the YAML file with this plant's parameters"
-        limit = "" if path is None else "is not a file" if path.exists() else "does not exist"
-        raise ConfigError([Problem("--model", 0, 0, given, "", limit, remedy)])
     try:
+        thing = _object(reference)
+        if path is None or not path.is_file():
+            given = display_path(path) if path else "none given"
+            remedy = "give the YAML file with this plant's parameters"
+            limit = "" if path is None else "is not a file" if path.exists() else "does not exist"
+            raise ConfigError([Problem("--model", 0, 0, given, "", limit, remedy)])
         read = read_plant_file(path, thing, recordings)
     except PlantError as error:
-        raise PlantError([f"--plant {reference}: {each}" for each in error.problems]) from None
+        problems = [f"--plant {reference}: {each}" for each in error.problems]
+        raise PlantError(problems) from error.__cause__
 
     def write(values: Any, effects: tuple[str, ...], provenance: Any, target: Any) -> None:
         write_plant_file(read, values, effects, provenance, Path(target))
@@ -58,8 +59,8 @@ def _object(reference: str) -> PlantDescription | Plant:
     """Import the module and return the plant or description that a reference names."""
     source, _, name = reference.rpartition(":")
     if not source or not name:
-        raise PlantError([f"--plant {reference}: names no object of a module; {_EXAMPLE}"])
-    module = _module(source, reference)
+        raise PlantError([f"names no object of a module; {_EXAMPLE}"])
+    module = _module(source)
     thing = getattr(module, name, None)
     if isinstance(thing, PlantDescription | Plant):
         return thing
@@ -68,13 +69,9 @@ def _object(reference: str) -> PlantDescription | Plant:
     ]
     if thing is None:
         remedy = suggestion(name, plants, "plants in it")
-        raise PlantError([f"--plant {reference}: {source} has no {name}; {remedy}"])
-    raise PlantError(
-        [
-            f"--plant {reference}: {name} is a {type(thing).__name__}, must be a PlantDescription "
-            "(docs/another_plant.md)"
-        ]
-    )
+        raise PlantError([f"{source} has no {name}; {remedy}"])
+    wrong = f"{name} is a {type(thing).__name__}"
+    raise PlantError([f"{wrong}, must be a PlantDescription (docs/another_plant.md)"])
 
 
 @contextmanager
@@ -87,26 +84,23 @@ def _found_from(folder: Path) -> Iterator[None]:
         sys.path.remove(str(folder))
 
 
-def _module(source: str, reference: str) -> ModuleType:
+def _module(source: str) -> ModuleType:
     path = Path(source)
     by_path = source.endswith(".py")
     if by_path and not path.is_file():
-        raise PlantError([f"--plant {reference}: {source} does not exist; check the path"])
+        raise PlantError([f"{source} does not exist; check the path"])
     folder = path.resolve().parent if by_path else Path.cwd()
     try:
         with _found_from(folder):
             return _from_path(path) if by_path else importlib.import_module(source)
     except ModuleNotFoundError as error:
         if error.name is not None and error.name in (source, source.split(".")[0]):
-            raise PlantError(
-                [
-                    f"--plant {reference}: there is no module {error.name} in {folder} or on "
-                    "PYTHONPATH; go to its folder, or give its path, as in plants/axis.py:axis"
-                ]
-            ) from None
-        raise PlantError([_broken(reference, error)]) from error
+            remedy = "go to its folder, or give its path, as in plants/axis.py:axis"
+            missing = f"there is no module {error.name} in {folder} or on PYTHONPATH"
+            raise PlantError([f"{missing}; {remedy}"]) from None
+        raise PlantError([_broken(error)]) from error
     except Exception as error:
-        raise PlantError([_broken(reference, error)]) from error
+        raise PlantError([_broken(error)]) from error
 
 
 def _from_path(path: Path) -> ModuleType:
@@ -119,11 +113,11 @@ def _from_path(path: Path) -> ModuleType:
     return module
 
 
-def _broken(reference: str, error: Exception) -> str:
+def _broken(error: Exception) -> str:
     """Return a message on the error that stopped a module's import, with file and line."""
     if isinstance(error, SyntaxError):
         where = f"{error.filename}:{error.lineno}"
     else:
         frame = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{frame.filename}:{frame.lineno}"
-    return f"--plant {reference}: {where}: {type(error).__name__}: {error}"
+    return f"{where}: {type(error).__name__}: {error}"

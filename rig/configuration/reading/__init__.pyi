@@ -1,4 +1,4 @@
-from .document import Located as Located, Sources as Sources
+from .document import LONGEST_VALUE as LONGEST_VALUE, Located as Located, Sources as Sources
 from .fields import (
     Adjustable as Adjustable,
     Field as Field,
@@ -9,13 +9,14 @@ from .fields import (
 from .lookup import (
     FOLDERS as FOLDERS,
     Kind as Kind,
+    asked as asked,
     available as available,
     copy_shipped as copy_shipped,
     is_path as is_path,
     load as load,
+    read_in as read_in,
     reference_in as reference_in,
     resolve as resolve,
-    resolve_in as resolve_in,
     shipped_config_dir as shipped_config_dir,
 )
 from .matrix import expand as expand
@@ -24,7 +25,6 @@ from .problems import (
     ConfigError as ConfigError,
     Place as Place,
     Problem as Problem,
-    Problems as Problems,
     display_path as display_path,
     suggestion as suggestion,
 )
@@ -36,10 +36,9 @@ from .quantities import (
     unit_factor as unit_factor,
 )
 from .validation import (
-    LONGEST_VALUE as LONGEST_VALUE,
     Schema as Schema,
+    checked as checked,
     elements_of as elements_of,
     quantity_in as quantity_in,
     read_mapping as read_mapping,
-    shown as shown,
 )

@@ -4,12 +4,16 @@ import hashlib
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
 from .problems import Place, Problems
 
+T = TypeVar("T")
+
+LONGEST_VALUE = 60
+"""Most characters of a value that a message shows."""
 MAX_DEPTH = 32
 # Aliases let a short file unfold without bound; real files have some thousand values at most.
 MAX_VALUES = 200_000
@@ -24,12 +28,14 @@ class Located:
     """A YAML value with its place: a scalar, a list of `Located`, or a dict of name to `Located`.
 
     The place of a value in a mapping is that of its key, so that an editor jumps to the line to
-    change. `name` is the name of the value in messages.
+    change. `name` is the name of the value in messages. `sources` are the files with which it was
+    read, to whose problems its mistakes are added.
     """
 
     value: Any
     place: Place
     name: str
+    sources: "Sources" = field(repr=False, compare=False)
 
     def items(self) -> Iterator[tuple[str, "Located"]]:
         """Iterate over keys and values of a mapping; there are none if this is no mapping."""
@@ -45,7 +51,7 @@ class Located:
         entry = self.value.get(key) if isinstance(self.value, dict) else None
         return None if entry is None or entry.value is None else entry
 
-    def find(self, path: tuple[str | int, ...]) -> "Located":
+    def find(self, *path: str | int) -> "Located":
         """Return the value at a path of keys and indices; if it ends early, the last one on it."""
         here = self
         for step in path:
@@ -54,6 +60,52 @@ class Located:
             except (KeyError, IndexError, TypeError):
                 break
         return here
+
+    def with_value(self, value: Any) -> "Located":
+        """Return another value with the place and the name of this one."""
+        return Located(value, self.place, self.name, self.sources)
+
+    def completed_by(self, defaults: "Located | None") -> "Located":
+        """Return a mapping with the entries of `defaults` for the keys that it does not have.
+
+        Whatever is no mapping is returned as it is; defaults that are no mapping have no entries.
+        """
+        if defaults is None or not isinstance(self.value, dict):
+            return self
+        return self.with_value({**dict(defaults.items()), **self.value})
+
+    def path_to(self, reference: str) -> Path:
+        """Return the path that a reference means, which counts from the folder of this file."""
+        return self.place.path.parent / Path(reference).expanduser()
+
+    @property
+    def shown(self) -> str:
+        """The value as text of at most `LONGEST_VALUE` characters, for a message."""
+        if isinstance(self.value, dict):
+            return "a mapping"
+        if isinstance(self.value, list):
+            text = f"[{', '.join(element.shown for element in self.value)}]"
+            return text if len(text) <= LONGEST_VALUE else "a list"
+        text = "nothing" if self.value is None else str(self.value)
+        return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+    def refuse(
+        self, limit: str, remedy: str = "", value: object = None, key: str = "", name: str = ""
+    ) -> None:
+        """Record a mistake of this value or, if `key` is given, of that entry of this mapping.
+
+        The problem is placed at the entry, or at the mapping if it has no such entry.
+
+        Args:
+            limit: the rule that is broken, as in `Problem`.
+            remedy: the remedy, as in `Problem`.
+            value: what the message shows in place of the value in the file.
+            key: key of the entry, which is its name in the message.
+            name: another name for the message.
+        """
+        found = self.find(key) if key else self
+        text = found.shown if value is None else value
+        self.sources.problems.add(found.place, name or key or self.name, text, limit, remedy)
 
     def plain(self) -> Any:
         """Return the value as ordinary dicts, lists and scalars."""
@@ -71,6 +123,16 @@ class Sources:
     problems: Problems = field(default_factory=Problems)
     sha256: dict[Path, str] = field(default_factory=dict)
 
+    def finished(self, found: T | None) -> T:
+        """Return what was read, which is None only if there are problems.
+
+        Raises:
+            ConfigError: lists all problems that were recorded, if there are any.
+        """
+        self.problems.raise_if_any()
+        assert found is not None
+        return found
+
     def read_bytes(self, path: Path, referrer: Located | None = None) -> bytes | None:
         """Return a file's content and store its hash; if it is unreadable, add a problem.
 
@@ -80,40 +142,37 @@ class Sources:
         try:
             content = path.read_bytes()
         except OSError as error:
-            place = referrer.place if referrer else Place(path, 0, 0)
-            name = referrer.name if referrer else "file"
+            named = referrer or Located(path, Place(path, 0, 0), "file", self)
             reason = (error.strerror or str(error)).lower()
-            self.problems.add(place, name, path, f"cannot be read: {reason}", "check the path")
+            named.refuse(f"cannot be read: {reason}", "check the path", path)
             return None
         self.sha256[path] = hashlib.sha256(content).hexdigest()
         return content
 
-    def read_yaml(self, path: Path, referrer: Located | None = None) -> Located | None:
+    def read_yaml(self, path: Path | None, referrer: Located | None = None) -> Located | None:
         """Return the mapping in a YAML file; if the file holds none, add a problem, return None.
 
-        If the file cannot be read, the problem is placed at `referrer`, the value that names it. A
-        file above `MAX_BYTES` or with wrong syntax counts as holding none. Of a repeated key the
-        first value counts, and a problem is added.
+        Without a path, return None too. If the file cannot be read, the problem is placed at
+        `referrer`, the value that names it. A file above `MAX_BYTES` or with wrong syntax counts as
+        holding none. Of a repeated key the first value counts, and a problem is added.
         """
-        content = self.read_bytes(path, referrer)
-        if content is None:
+        content = self.read_bytes(path, referrer) if path is not None else None
+        if path is None or content is None:
             return None
+        start = Located(None, Place(path, 1, 1), "file", self)
         if len(content) > MAX_BYTES:
             size, most = f"{len(content) / 1e6:.0f} MB", f"{MAX_BYTES / 1e6:g} MB"
-            self.problems.add(
-                Place(path, 1, 1), "file", size, f"is larger than {most}", "is it the right file?"
-            )
+            start.refuse(f"is larger than {most}", "is it the right file?", size)
             return None
         loader = None
         try:
             _check_depth(content)
             loader = _LOADER(content)
             node = loader.get_single_node()
-            start = Place(path, 1, 1)
             if not isinstance(node, yaml.MappingNode):
-                self.problems.add(start, "file", "", "is not a mapping", "write `key: value` lines")
+                start.refuse("is not a mapping", "write `key: value` lines", "")
                 return None
-            return _Builder(path, loader, self.problems).build(node, start, "file", 0)
+            return _Builder(path, loader, self).build(node, start.place, "file", 0)
         except (yaml.YAMLError, UnicodeError, RecursionError) as error:
             self._add_syntax_problem(path, error)
             return None
@@ -157,7 +216,7 @@ class _Builder:
 
     path: Path
     loader: yaml.SafeLoader | yaml.CSafeLoader
-    problems: Problems
+    sources: Sources
     values: int = 0
 
     def _place(self, node: yaml.Node) -> Place:
@@ -167,39 +226,38 @@ class _Builder:
         self.values += 1
         if depth > MAX_DEPTH or self.values > MAX_VALUES:
             raise yaml.YAMLError(f"{name} is nested too deeply, too large, or contains itself")
+        value: Any
         if isinstance(node, yaml.MappingNode):
-            return Located(self._mapping(node, depth), place, name)
-        if isinstance(node, yaml.SequenceNode):
-            elements = [
+            value = self._mapping(node, depth)
+        elif isinstance(node, yaml.SequenceNode):
+            value = [
                 self.build(element, self._place(element), f"{name}[{index}]", depth + 1)
                 for index, element in enumerate(node.value)
             ]
-            return Located(elements, place, name)
-        return Located(self._scalar(node, place, name), place, name)
+        else:
+            value = self._scalar(node, place, name)
+        return Located(value, place, name, self.sources)
 
     def _mapping(self, node: yaml.MappingNode, depth: int) -> dict[str, Located]:
         entries: dict[str, Located] = {}
         for key_node, value_node in node.value:
             place = self._place(key_node)
-            key = self._key(key_node)
+            # Keys are names, so `no:` or `1:` stays text instead of becoming a boolean or a number.
+            is_name = isinstance(key_node, yaml.ScalarNode)
+            key = str(key_node.value) if is_name else "a list or mapping"
             if key in entries:
-                first = entries[key].place
-                self.problems.add(
-                    place, key, "", f"is given twice, first in line {first.line}", "keep one"
-                )
+                limit = f"is given twice, first in line {entries[key].place.line}"
+                self.sources.problems.add(place, key, "", limit, "keep one")
                 continue
             entries[key] = self.build(value_node, place, key, depth + 1)
         return entries
-
-    def _key(self, node: yaml.Node) -> str:
-        # Keys are names, so `no:` or `1:` stays text instead of becoming a boolean or a number.
-        return str(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
 
     def _scalar(self, node: yaml.Node, place: Place, name: str) -> Any:
         try:
             value = self.loader.construct_object(node)
         except (yaml.YAMLError, ValueError, OverflowError) as error:
             reason = getattr(error, "problem", None) or str(error)
-            self.problems.add(place, name, node.value, f"cannot be read: {reason}", "quote it")
+            limit = f"cannot be read: {reason}"
+            self.sources.problems.add(place, name, node.value, limit, "quote it")
             return None
         return value if isinstance(value, Hashable) else str(node.value)

@@ -55,28 +55,18 @@ class Physical(Field):
         """Return the SI value of a text with a unit, or of a bare number if the unit is "" or rad.
 
         Raises:
-            QuantityError: it is not this quantity, or it is outside the limits.
+            QuantityError: it is not this quantity, or it is outside the limits, which belong to the
+                range. The error names the limit in the unit that the file uses, and the value that
+                was probably meant, if there is one within the limits.
         """
         reading = read(raw, self.unit)
-        self.check_range(reading)
-        return reading.value
-
-    def check_range(self, reading: Reading) -> None:
-        """Raise unless a value is within the limits, ends included.
-
-        Raises:
-            QuantityError: the value is outside. The error names the limit in the unit that the
-                file uses, and the value that was probably meant, if there is one within the limits.
-        """
         if self.lower <= reading.value <= self.upper:
-            return
+            return reading.value
         above = reading.value > self.upper
         limit = Decimal(repr(self.upper if above else self.lower))
         shown = _show(limit / unit_factor(reading.unit, self.unit), reading.unit)
-        fitting = self._fitting(reading)
-        remedy = (
-            f"did you mean {fitting}?" if fitting else f"at {'most' if above else 'least'} {shown}"
-        )
+        fitting, end = self._fitting(reading), f"at {'most' if above else 'least'} {shown}"
+        remedy = f"did you mean {fitting}?" if fitting else end
         raise QuantityError(f"is {'above' if above else 'below'} {shown}", remedy)
 
     def _fitting(self, reading: Reading) -> str | None:

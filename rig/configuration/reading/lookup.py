@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final, Literal, TypeVar
 
 from .document import Located, Sources
-from .problems import ConfigError, Place, Problem, Problems, display_path, nearest
+from .problems import ConfigError, Place, Problem, display_path, nearest
 
 T = TypeVar("T")
 Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream", "schedule", "sweep"]
@@ -72,59 +72,59 @@ def reference_in(item: Located | None) -> str | None:
     return str(item.value) if isinstance(item.value, str | int | float) else None
 
 
-def resolve(
-    kind: Kind, reference: str, base: Path, problems: Problems, referrer: Located | None = None
-) -> Path | None:
+def asked(kind: Kind, reference: str | Path, sources: Sources) -> Located:
+    """Return a reference that a user gives, as if it were a value named after its kind."""
+    return Located(str(reference), Place(Path(reference), 0, 0), kind, sources)
+
+
+def resolve(kind: Kind, item: Located | None, base: Path | None = None) -> Path | None:
     """Return the file that a reference means; if there is none, add a problem and return None.
 
     A relative path is resolved from `base`. A name is looked for in the folder of its kind within
     `base`, beside `base` if a file refers to it (so that an edited copy made by `rig init` wins),
     in `base` itself unless that is a folder of one kind, and then among the shipped configurations.
-    The referring file itself is never the result.
+    The referring file itself is never the result. If the value is no name or path, the result is
+    None without a problem.
 
     Args:
         kind: kind of configuration that is wanted.
-        reference: the path or name.
-        base: folder of the referring file, or the working directory.
-        problems: takes the problem.
-        referrer: value of a file that gives the reference; None if a user gives it.
-    """
-    place = referrer.place if referrer else Place(Path(reference), 0, 0)
-    name = referrer.name if referrer else kind
-    if is_path(reference):
-        path = (base / Path(reference).expanduser()).resolve()
-        if path.is_file():
-            return path
-        limit = "is not a file" if path.exists() else "does not exist"
-        problems.add(place, name, reference, limit, _alternatives(kind, path.stem, path.parent))
-        return None
-    for folder in _folders(kind, base, beside=referrer is not None):
-        for suffix in SUFFIXES:
-            path = (folder / f"{reference}{suffix}").resolve()
-            if path.is_file() and not (referrer and path == referrer.place.path):
-                return path
-    remedy = _alternatives(kind, reference, base)
-    problems.add(place, name, reference, f"is not a known {kind}", remedy)
-    return None
-
-
-def resolve_in(kind: Kind, item: Located | None, problems: Problems) -> Path | None:
-    """Return the file that a value refers to; a relative path counts from the value's own folder.
-
-    If there is no such file, add a problem and return None. If the value is no name or path, return
-    None without a problem.
+        item: the value that gives the path or name, in a file or `asked` for.
+        base: folder from which a user's reference counts; None for a value in a file, which counts
+            from the folder of its file.
     """
     reference = reference_in(item)
     if item is None or reference is None:
         return None
-    return resolve(kind, reference, item.place.path.parent, problems, item)
+    folder = base or item.place.path.parent
+    if is_path(reference):
+        path = (folder / Path(reference).expanduser()).resolve()
+        if path.is_file():
+            return path
+        limit = "is not a file" if path.exists() else "does not exist"
+        item.refuse(limit, _alternatives(kind, path.stem, path.parent), reference)
+        return None
+    for each in _folders(kind, folder, beside=base is None):
+        for suffix in SUFFIXES:
+            path = (each / f"{reference}{suffix}").resolve()
+            if path.is_file() and path != item.place.path:
+                return path
+    item.refuse(f"is not a known {kind}", _alternatives(kind, reference, folder), reference)
+    return None
+
+
+def read_in(kind: Kind, item: Located | None, read: Callable[[Located], T | None]) -> T | None:
+    """Return the object of the configuration that a value refers to.
+
+    `read` makes it from the mapping in the file. The result is None if there is no such file, or
+    if it cannot be used; the problems are recorded.
+    """
+    path = resolve(kind, item)
+    root = item.sources.read_yaml(path) if item is not None else None
+    return read(root) if root is not None else None
 
 
 def load(
-    kind: Kind,
-    reference: str | Path,
-    base: Path | None,
-    read: Callable[[Path, Sources], T | None],
+    kind: Kind, reference: str | Path, base: Path | None, read: Callable[[Located], T | None]
 ) -> T:
     """Return the object that a configuration describes, which is given by path or by name.
 
@@ -133,18 +133,16 @@ def load(
         reference: its path or name.
         base: folder from which a relative path is resolved, and where a name is looked for before
             the shipped ones; the working directory if None.
-        read: reads a file and returns its object; if the file cannot be used, it records the
+        read: makes the object from the mapping in the file; if that cannot be used, it records the
             problems and returns None.
 
     Raises:
         ConfigError: lists every problem of the file and of all files it refers to.
     """
     sources = Sources()
-    path = resolve(kind, str(reference), base or Path.cwd(), sources.problems)
-    found = read(path, sources) if path is not None else None
-    sources.problems.raise_if_any()
-    assert found is not None
-    return found
+    path = resolve(kind, asked(kind, reference, sources), base or Path.cwd())
+    root = sources.read_yaml(path)
+    return sources.finished(read(root) if root is not None else None)
 
 
 def available(kind: Kind, base: Path | None = None) -> list[str]:

@@ -7,6 +7,7 @@ within which limits.
 
 from collections.abc import Callable
 from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
@@ -15,10 +16,10 @@ from pydantic import Field as SchemaField, create_model
 from rig.io import RegisterMapError
 from rig.plant import Quantity
 
-from .document import Located, Sources
+from .document import Located
 from .fields import Physical
-from .lookup import FOLDERS, reference_in, resolve_in
-from .validation import Schema, elements_of, read_mapping, shown
+from .lookup import FOLDERS, reference_in, resolve
+from .validation import Schema, elements_of, read_mapping
 
 T = TypeVar("T")
 
@@ -37,7 +38,7 @@ class Option(NamedTuple):
     default: Any
 
 
-def read_options(options: type[T], item: Located | None, sources: Sources) -> T | None:
+def read_options(options: type[T], item: Located | None) -> T | None:
     """Return an object of the class `options`, made from a mapping with its fields as keys.
 
     If it cannot be made, record the problems and return None. If `item` is None, all fields have
@@ -45,35 +46,27 @@ def read_options(options: type[T], item: Located | None, sources: Sources) -> T 
     """
     if item is None:
         return options()
-    before = sources.problems.reported
-    file = read_mapping(options_schema(options), item, sources.problems)
+    problems = item.sources.problems
+    before = problems.reported
+    known = options_of(options)
+    definitions: Any = {name: (_written(each), each.default) for name, each in known.items()}
+    file = read_mapping(create_model("OptionsFile", __base__=Schema, **definitions), item)
     # model_dump is not used here, as it would turn dataclasses into dicts.
-    values = {key: getattr(file, key) for key in options_of(options)} if file is not None else {}
-    for name, option in options_of(options).items():
+    values = {key: getattr(file, key) for key in known} if file is not None else {}
+    for name, option in known.items():
         entry, reader = item.get(name), _reader(option)
         if reader is not None and entry is not None:
-            values[name] = reader(entry, sources)
-    if sources.problems.reported > before:
+            values[name] = reader(entry)
+    if problems.reported > before:
         return None
     try:
         return options(**values)
     except RegisterMapError as error:
         for problem in error.problems:
-            found = item.find(problem.path)
-            sources.problems.add(
-                found.place, found.name, problem.value, problem.limit, problem.remedy
-            )
+            item.find(*problem.path).refuse(problem.limit, problem.remedy, problem.value)
     except ValueError as error:
-        sources.problems.add(item.place, item.name, "", f"cannot be used: {error}")
+        item.refuse(f"cannot be used: {error}", value="")
     return None
-
-
-def options_schema(options: type) -> type[Schema]:
-    """Return the schema of a mapping whose keys are the fields of a dataclass or named tuple."""
-    definitions: dict[str, Any] = {
-        name: (_written(option), option.default) for name, option in options_of(options).items()
-    }
-    return create_model(f"{options.__qualname__}File", __base__=Schema, **definitions)
 
 
 def options_of(options: type) -> dict[str, Option]:
@@ -124,7 +117,7 @@ def _written(option: Option) -> Any:
     return Annotated[option.hint, limits]
 
 
-def _reader(option: Option) -> Callable[[Located, Sources], Any] | None:
+def _reader(option: Option) -> Callable[[Located], Any] | None:
     """Return the function that reads an option; None if the option is a plain value of YAML.
 
     Paths, nested sections and lists of sections have such a function.
@@ -133,10 +126,10 @@ def _reader(option: Option) -> Callable[[Located, Sources], Any] | None:
     if kind is Path:
         return _read_path
     if _is_section(kind):
-        return lambda item, sources: _read_dataclass(kind, item, sources)
+        return partial(_read_section, kind)
     element: Any = get_args(kind)[0] if get_origin(kind) is tuple else None
     if _is_section(element):
-        return lambda item, sources: _read_list(element, item, sources)
+        return partial(_read_list, element)
     return None
 
 
@@ -144,7 +137,7 @@ def _is_section(kind: Any) -> bool:
     return isinstance(kind, type) and is_dataclass(kind)
 
 
-def _read_path(item: Located, sources: Sources) -> Path | None:
+def _read_path(item: Located) -> Path | None:
     """Return a path, resolved from the folder of the file that gives it.
 
     An option that is named after a kind of shipped file (`dbc`) may also give such a file's name.
@@ -152,22 +145,18 @@ def _read_path(item: Located, sources: Sources) -> Path | None:
     """
     reference = reference_in(item)
     if reference is None:
-        sources.problems.add(item.place, item.name, shown(item), "is not a path", "write one")
+        item.refuse("is not a path", "write one")
         return None
-    if item.name in FOLDERS:
-        return resolve_in(item.name, item, sources.problems)
-    return item.place.path.parent / Path(reference).expanduser()
+    return resolve(item.name, item) if item.name in FOLDERS else item.path_to(reference)
 
 
-def _read_dataclass(kind: type[T], item: Located, sources: Sources) -> T | None:
+def _read_section(kind: type[T], item: Located) -> T | None:
     """Return a nested section, written in place or in a map file that is given by path or name."""
     if reference_in(item) is None:
-        return read_options(kind, item, sources)
-    path = resolve_in("map", item, sources.problems)
-    root = sources.read_yaml(path, item) if path is not None else None
-    return read_options(kind, root, sources) if root is not None else None
+        return read_options(kind, item)
+    root = item.sources.read_yaml(resolve("map", item), item)
+    return read_options(kind, root) if root is not None else None
 
 
-def _read_list(kind: type[T], item: Located, sources: Sources) -> tuple[T | None, ...]:
-    elements = elements_of(item, sources.problems, "write a list: - {...}")
-    return tuple(read_options(kind, element, sources) for element in elements)
+def _read_list(kind: type[T], item: Located) -> tuple[T | None, ...]:
+    return tuple(read_options(kind, each) for each in elements_of(item, "write a list: - {...}"))

@@ -133,19 +133,15 @@ def read(raw: object, si_unit: str) -> Reading:
         QuantityError: it is no number or too large, or its unit is missing or wrong.
     """
     wanted = dimension(si_unit)
-    bare_allowed = si_unit in ("", "rad")
-    if isinstance(raw, bool) or not isinstance(raw, int | float | str):
-        raise QuantityError("is not a quantity", f"write {wanted.name}: {wanted.example}")
-    match = _NUMBER.fullmatch(str(raw))
+    is_read = isinstance(raw, int | float | str) and not isinstance(raw, bool)
+    match = _NUMBER.fullmatch(str(raw)) if is_read else None
     if match is None:
         raise QuantityError("is not a quantity", f"write {wanted.name}: {wanted.example}")
     number, unit = Decimal(match[1]), match[2]
-    if not unit:
-        if not bare_allowed:
-            raise QuantityError(
-                "has no unit", f"write {wanted.name} with its unit, such as {wanted.example}"
-            )
-        unit = si_unit
+    if not unit and si_unit not in ("", "rad"):
+        remedy = f"write {wanted.name} with its unit, such as {wanted.example}"
+        raise QuantityError("has no unit", remedy)
+    unit = unit or si_unit
     try:
         value = float(number * unit_factor(unit, si_unit))
     except ArithmeticError as error:

@@ -1,16 +1,14 @@
 """YAML is validated here with pydantic, and every problem gets its line and column."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from .document import Located
-from .problems import Problems, nearest, suggestion
+from .problems import nearest, suggestion
 from .quantities import QuantityError
-
-LONGEST_VALUE = 60
 
 
 class Schema(BaseModel):
@@ -27,22 +25,24 @@ T = TypeVar("T")
 
 
 def read_mapping(
-    schema: type[S], item: Located, problems: Problems, hints: dict[str, str] | None = None
+    schema: type[S], item: Located | None, hints: Mapping[str, str] | None = None
 ) -> S | None:
     """Return a mapping validated by its schema; a key with a wrong or no value counts as absent.
 
     Unknown keys, wrong values and missing keys are recorded as problems. Return None if a required
-    key is wrong or missing, or if the value is no mapping. `hints` gives the remedy for keys that
-    belong somewhere else.
+    key is wrong or missing, if the value is no mapping, or if there is none. `hints` gives the
+    remedy for keys that belong somewhere else.
     """
+    if item is None:
+        return None
     if not isinstance(item.value, dict):
-        keys = ", ".join(schema.model_fields)
-        problems.add(item.place, item.name, shown(item), "is not a mapping", f"keys: {keys}")
+        item.refuse("is not a mapping", f"keys: {', '.join(schema.model_fields)}")
         return None
     data = {}
     for key, entry in item.items():
         if key not in schema.model_fields:
-            _add_unknown_key(key, entry, list(schema.model_fields), problems, hints or {})
+            remedy = (hints or {}).get(key) or suggestion(key, list(schema.model_fields), "keys")
+            item.refuse("is not a known key", remedy, "", key)
         elif entry.value is not None:
             data[key] = entry.plain()
     try:
@@ -50,32 +50,34 @@ def read_mapping(
     except ValidationError as error:
         bad = {str(detail["loc"][0]) for detail in error.errors() if detail["loc"]}
         for detail in error.errors():
-            _add(schema, item, dict(detail), problems)
+            _add(schema, item, dict(detail))
     try:
         return schema.model_validate({key: data[key] for key in data if key not in bad})
     except ValidationError:
         return None
 
 
-def shown(item: Located) -> str:
-    """Return a value as text of at most `LONGEST_VALUE` characters for a message."""
-    if isinstance(item.value, dict):
-        return "a mapping"
-    if isinstance(item.value, list):
-        text = f"[{', '.join(shown(element) for element in item.value)}]"
-        return text if len(text) <= LONGEST_VALUE else "a list"
-    text = "nothing" if item.value is None else str(item.value)
-    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+def checked(
+    item: Located, fields: Mapping[str, Any], hints: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return the values of a mapping for the keys of `fields`; None where absent or wrong.
+
+    `fields` gives the type of each key's value, `hints` the remedy for misplaced keys. Mistakes are
+    recorded as problems.
+    """
+    definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
+    file = read_mapping(create_model("Section", __base__=Schema, **definitions), item, hints)
+    return {key: getattr(file, key, None) for key in fields}
 
 
-def elements_of(item: Located | None, problems: Problems, remedy: str) -> list[Located]:
+def elements_of(item: Located | None, remedy: str) -> list[Located]:
     """Return the elements of a list; [] for None; if it is no list, add a problem and return []."""
     if item is not None and not isinstance(item.value, list):
-        problems.add(item.place, item.name, shown(item), "is not a list", remedy)
+        item.refuse("is not a list", remedy)
     return [] if item is None else item.elements()
 
 
-def quantity_in(item: Located, read: Callable[[], T], problems: Problems) -> T | None:
+def quantity_in(item: Located, read: Callable[[], T]) -> T | None:
     """Return the result of `read`; if it raises `QuantityError`, add a problem, return None.
 
     The problem is placed at `item`, the value that `read` reads.
@@ -83,40 +85,31 @@ def quantity_in(item: Located, read: Callable[[], T], problems: Problems) -> T |
     try:
         return read()
     except QuantityError as error:
-        problems.add(item.place, item.name, shown(item), error.limit, error.remedy)
+        item.refuse(error.limit, error.remedy)
         return None
 
 
-def _add_unknown_key(
-    key: str, entry: Located, known: list[str], problems: Problems, hints: dict[str, str]
-) -> None:
-    remedy = hints.get(key) or suggestion(key, known, "keys")
-    problems.add(entry.place, key, "", "is not a known key", remedy)
-
-
-def _add(schema: type[Schema], item: Located, detail: dict[str, Any], problems: Problems) -> None:
+def _add(schema: type[Schema], item: Located, detail: dict[str, Any]) -> None:
     location = tuple(step for step in detail["loc"] if isinstance(step, str | int))
     name = str(location[0]) if location else item.name
     if detail["type"] == "missing":
         unknown = [key for key, _ in item.items() if key not in schema.model_fields]
         # If a key is a misspelling of the missing one, it was reported with this name as remedy.
         if nearest(name, unknown) is None:
-            remedy = f"add `{name}: ...`"
-            problems.add(item.place, item.name, "", f"lacks the key {name}", remedy)
+            item.refuse(f"lacks the key {name}", f"add `{name}: ...`", "")
         return
-    found = item.find(location)
-    context = detail.get("ctx", {})
+    found = item.find(*location)
     if detail["type"] == "quantity":
-        problems.add(found.place, found.name, shown(found), context["limit"], context["remedy"])
+        found.refuse(detail["ctx"]["limit"], detail["ctx"]["remedy"])
         return
     choices = _choices(schema.model_fields[name].annotation) if name in schema.model_fields else []
     if detail["type"] in ("literal_error", "enum") and choices:
         near = nearest(str(found.value), choices)
         remedy = f"did you mean {near}?" if near else f"choose one of {', '.join(choices)}"
-        problems.add(found.place, found.name, shown(found), "is not a choice here", remedy)
+        found.refuse("is not a choice here", remedy)
         return
     message = str(detail["msg"]).removeprefix("Input ").removeprefix("Value error, ")
-    problems.add(found.place, found.name, shown(found), message[0].lower() + message[1:])
+    found.refuse(message[0].lower() + message[1:])
 
 
 def _choices(annotation: object) -> list[str]:

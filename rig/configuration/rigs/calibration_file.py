@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from faults import NeedleCalibration
-from rig.configuration.reading import Located, Schema, Sources, display_path, read_mapping
+from rig.configuration.reading import Located, Schema, display_path, read_mapping
 from rig.recording import replace_text
 
 _UNIT: Final = "m^3/(s Pa^0.5)"
@@ -27,27 +27,26 @@ class NeedleReference(Schema):
     calibration: str
 
 
-def find_needle(kind: str, item: Located, sources: Sources) -> Located | None:
+def find_needle(kind: str, item: Located) -> Located | None:
     """Return the needle of the bypass `kind` from the calibration file that a rig file names.
 
     If the file or its needle cannot be used, add a problem and return None. A relative path is
     resolved from the folder of the rig file.
     """
-    problems = sources.problems
-    reference = read_mapping(NeedleReference, item, problems)
+    reference = read_mapping(NeedleReference, item)
     if reference is None:
         return None
-    named = item.find(("calibration",))
-    path = (named.place.path.parent / Path(reference.calibration).expanduser()).resolve()
-    root = sources.read_yaml(path, named)
-    if root is None or read_mapping(CalibrationFile, root, problems) is None:
+    named = item.find("calibration")
+    path = named.path_to(reference.calibration).resolve()
+    root = item.sources.read_yaml(path, named)
+    if root is None or read_mapping(CalibrationFile, root) is None:
         return None
-    needle = root.find(("needles",)).get(kind)
+    needles = root.find("needles")
+    needle = needles.get(kind)
     if needle is None:
-        there = ", ".join(name for name, _ in root.find(("needles",)).items()) or "none"
+        there = ", ".join(name for name, _ in needles.items()) or "none"
         remedy = f"needles there: {there}; measure it by `rig calibrate valves --valve {kind}`"
-        shown = display_path(path)
-        problems.add(named.place, named.name, shown, f"has no needle of {kind}", remedy)
+        named.refuse(f"has no needle of {kind}", remedy, display_path(path))
     return needle
 
 

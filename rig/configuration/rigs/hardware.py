@@ -4,11 +4,10 @@ They cover drivers, sensors, valves and limits. A mistake that only the device s
 missing port or another identity, is found by its driver when this is opened.
 """
 
-from operator import attrgetter
 from typing import Final
 
 from faults import FAULT_KINDS, Verdict
-from rig.configuration.reading import Located, Problems, show
+from rig.configuration.reading import Located, show
 from rig.io import ChannelLimit, DriverSpec, LoopSettings, connection_of
 from rig.plant import TICK
 
@@ -40,129 +39,109 @@ def valves_of(kind: str) -> tuple[str, ...]:
     return (needle,) if kind == Verdict.RETURN_BLOCKAGE else (f"{kind}_ball", needle)
 
 
-def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
+def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...]) -> None:
     """Check that a hardware rig's drivers fit its file; record a problem for each mistake.
 
     There must be one fast driver, which writes the command. The drivers must supply the needed
     signals and the sensors that the file has. No two of them may read the same signal, write the
     same signal, or use the same device.
     """
-    section = root.find(("drivers",))
-    _check_fast(section, drivers, problems)
-    _check_channels(drivers, problems)
-    _check_devices(drivers, problems)
+    section = root.find("drivers")
+    _check_fast(section, drivers)
+    _check_shared(drivers)
     supplied = {signal for driver in drivers for signal in driver.spec.inputs}
     for signal in NEEDED_INPUTS:
         if signal not in supplied:
             remedy = "configure the fast driver, or its register map, to read it"
-            problems.add(section.place, section.name, signal, "is read by no driver", remedy)
+            section.refuse("is read by no driver", remedy, signal)
     for key, signals in SENSORS.items():
         entry = root.get(key)
         if entry is not None and entry.value is True and supplied.isdisjoint(signals):
             limit = f"needs a driver that reads {' or '.join(signals)}"
-            remedy = f"configure one, or write `{key}: false`"
-            problems.add(entry.place, key, "true", limit, remedy)
+            entry.refuse(limit, f"configure one, or write `{key}: false`", "true")
 
 
-def check_rates(
-    root: Located, loop: LoopSettings, drivers: tuple[DriverSpec, ...], problems: Problems
-) -> None:
+def check_rates(root: Located, loop: LoopSettings, drivers: tuple[PlacedDriver, ...]) -> None:
     """Check that the rates of loop, filters and fast device fit; record a problem for each mistake.
 
     The exchange's timeout must also be below the loop's `stale_limit`.
     """
     if loop.exchange_timeout >= loop.stale_limit:
-        timeout = root.find(("loop", "exchange_timeout"))
         limit = f"is not below the stale_limit of {show(loop.stale_limit, 's')}"
         remedy = "a late reply must not be old when it is given up: write less"
         value = show(loop.exchange_timeout, "s")
-        problems.add(timeout.place, "exchange_timeout", value, limit, remedy)
-    rate = root.find(("loop", "rate"))
+        root.find("loop").refuse(limit, remedy, value, "exchange_timeout")
     if abs(loop.rate * TICK - 1.0) > 1e-9:
         limit = f"is not the {show(1.0 / TICK, 'Hz')} of filters and recordings"
         remedy = "leave it out; for a slower device write `slower_device: hold`"
-        problems.add(rate.place, "rate", show(loop.rate, "Hz"), limit, remedy)
+        root.find("loop").refuse(limit, remedy, show(loop.rate, "Hz"), "rate")
         return
-    for spec in drivers:
-        if spec.kind == "fast" and spec.rate_hz < loop.rate:
-            _check_slower(root, loop, spec, problems)
+    for driver in drivers:
+        if driver.spec.kind == "fast" and driver.spec.rate_hz < loop.rate:
+            _check_slower(root.find("loop"), loop, driver)
 
 
 def check_rungs(
-    item: Located | None,
-    rungs: tuple[ChannelLimit, ...],
-    drivers: tuple[DriverSpec, ...],
-    problems: Problems,
+    item: Located | None, rungs: tuple[ChannelLimit, ...], drivers: tuple[PlacedDriver, ...]
 ) -> None:
     """Check that the fast driver reads every channel for which the file gives a limit."""
-    supplied = {signal for spec in drivers if spec.kind == "fast" for signal in spec.inputs}
+    supplied = {signal for spec, _ in drivers if spec.kind == "fast" for signal in spec.inputs}
     for rung in rungs:
         if item is not None and rung.channel not in supplied:
             limit = "has a limit and is not read by the fast driver"
             remedy = "add it to the driver's register map, or remove the limit"
-            problems.add(item.find(("channels",)).place, "channels", rung.channel, limit, remedy)
+            item.refuse(limit, remedy, rung.channel, "channels")
 
 
-def _check_fast(section: Located, drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
+def _check_fast(section: Located, drivers: tuple[PlacedDriver, ...]) -> None:
     fast = [driver for driver in drivers if driver.spec.kind == "fast"]
     if not fast:
         remedy = "add one that exchanges samples with the loop, such as modbus_daq"
-        problems.add(section.place, section.name, "", "have no fast driver", remedy)
+        section.refuse("have no fast driver", remedy, "")
     for second in fast[1:]:
         limit = f"is a second fast driver beside {fast[0].spec.name}"
-        problems.add(second.item.place, second.spec.name, "", limit, "the loop has one: remove one")
+        second.item.refuse(limit, "the loop has one: remove one", "")
     for driver in fast:
         if "command_V" not in driver.spec.outputs:
             remedy = "give it a register or output for the valve command"
-            problems.add(
-                driver.item.place, driver.spec.name, "", "does not write command_V", remedy
-            )
+            driver.item.refuse("does not write command_V", remedy, "")
 
 
-def _check_channels(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
-    """Check that no two drivers read the same signal, and no two write the same one."""
-    for verb, signals_of in (("read", attrgetter("inputs")), ("written", attrgetter("outputs"))):
+def _check_shared(drivers: tuple[PlacedDriver, ...]) -> None:
+    """Check that no two drivers read or write the same signal, or use the same connection."""
+    for use, remedy, things_of in (
+        ("read by", "leave it out of one of them", lambda spec: spec.inputs),
+        ("written by", "leave it out of one of them", lambda spec: spec.outputs),
+        ("the connection of", "give each driver its own device", _connections),
+    ):
         first: dict[str, str] = {}
         for driver in drivers:
             taken: dict[str, list[str]] = {}
-            for signal in signals_of(driver.spec):
-                other = first.setdefault(signal, driver.spec.name)
+            for thing in things_of(driver.spec):
+                other = first.setdefault(thing, driver.spec.name)
                 if other != driver.spec.name:
-                    taken.setdefault(other, []).append(signal)
-            for other, signals in taken.items():
-                limit = f"is {verb} by the driver {other} too"
-                remedy = "leave it out of one of them"
-                value = ", ".join(signals)
-                problems.add(driver.item.place, driver.spec.name, value, limit, remedy)
+                    taken.setdefault(other, []).append(thing)
+            for other, things in taken.items():
+                driver.item.refuse(f"is {use} the driver {other} too", remedy, ", ".join(things))
 
 
-def _check_devices(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
-    """Check that no two drivers use the same connection, where only one driver can have it."""
-    first: dict[str, str] = {}
-    for driver in drivers:
-        device = connection_of(driver.spec.options)
-        if device is None:
-            continue
-        other = first.setdefault(device, driver.spec.name)
-        if other != driver.spec.name:
-            limit = f"is the connection of the driver {other} too"
-            remedy = "give each driver its own device"
-            problems.add(driver.item.place, driver.spec.name, device, limit, remedy)
+def _connections(spec: DriverSpec) -> tuple[str, ...]:
+    """Return the connection that only one driver can have, if the driver has one."""
+    connection = connection_of(spec.options)
+    return () if connection is None else (connection,)
 
 
-def _check_slower(root: Located, loop: LoopSettings, spec: DriverSpec, problems: Problems) -> None:
+def _check_slower(section: Located, loop: LoopSettings, driver: PlacedDriver) -> None:
     """Check that the file allows a fast device that is slower than the loop.
 
     `slower_device` must not be "refuse", and `stale_limit` must be two of its periods or more.
     """
-    entry = root.find(("drivers", spec.name))
-    rate, period = show(spec.rate_hz, "Hz"), 1.0 / spec.rate_hz
+    rate, period = show(driver.spec.rate_hz, "Hz"), 1.0 / driver.spec.rate_hz
     if loop.slower_device == "refuse":
         limit = f"is below the loop's {show(loop.rate, 'Hz')}"
         remedy = "choose a faster device, or hold its values: `loop: {slower_device: hold}`"
-        problems.add(entry.place, spec.name, rate, limit, remedy)
+        driver.item.refuse(limit, remedy, rate)
     elif loop.stale_limit < 2.0 * period:
-        found = root.find(("loop", "stale_limit"))
-        limit = f"is below two periods of {spec.name} at {rate}"
+        limit = f"is below two periods of {driver.spec.name} at {rate}"
         remedy = f"write {show(2.0 * period, 's')} or more"
-        problems.add(found.place, "stale_limit", show(loop.stale_limit, "s"), limit, remedy)
+        section.refuse(limit, remedy, show(loop.stale_limit, "s"), "stale_limit")

@@ -11,17 +11,15 @@ from typing import Annotated, Any, Final
 
 from pydantic import create_model
 
-from control import COMMAND_LIMIT
+from control import COMMAND_LIMIT, Quantity
 from rig.configuration.reading import (
     Interval,
     Located,
     Physical,
-    Problems,
     Schema,
     elements_of,
     read_mapping,
     show,
-    shown,
     suggestion,
 )
 from rig.io import FAST_INPUTS, ChannelLimit, Response
@@ -41,6 +39,12 @@ class Limits:
     command_V: float  # noqa: N815
     pressure_max_Pa: float  # noqa: N815
 
+    def of(self, quantity: Quantity) -> Physical:
+        """Return the limits of a setpoint: of positions, in m, or of commands, in V."""
+        if quantity == "position":
+            return Physical("m", self.position_min_m, self.position_max_m)
+        return Physical("V", -self.command_V, self.command_V)
+
 
 class LimitsFile(Schema):
     """Keys of a rig's limits."""
@@ -51,37 +55,30 @@ class LimitsFile(Schema):
     channels: Any = None
 
 
-def read_limits(item: Located | None, plant: Model | None, problems: Problems) -> Limits | None:
+def read_limits(item: Located | None, plant: Model | None) -> Limits | None:
     """Return a rig's limits; if the section is missing or unusable, return None.
 
     If the plant is known, positions must lie within its stroke and the pressure above its supply
     pressure; limits that do not are returned all the same. Problems are recorded.
     """
-    file = read_mapping(LimitsFile, item, problems) if item is not None else None
+    file = read_mapping(LimitsFile, item)
     if item is None or file is None:
         return None
     lower, upper = file.position
     if plant is not None:
         par = plant.parameters
-        entry = item.find(("position",))
         if lower < par.stroke_min or upper > par.stroke_max:
-            stroke = f"{show(par.stroke_min, 'm')} to {show(par.stroke_max, 'm')}"
-            problems.add(
-                entry.place,
-                "position",
-                f"{show(lower, 'm')} to {show(upper, 'm')}",
-                f"reaches beyond the stroke of {stroke}",
-                "keep the limits within the stroke",
-            )
+            limit = f"reaches beyond the stroke of {_range(par.stroke_min, par.stroke_max)}"
+            remedy = "keep the limits within the stroke"
+            item.refuse(limit, remedy, _range(lower, upper), "position")
         if file.pressure <= par.supply_pressure:
-            problems.add(
-                item.find(("pressure",)).place,
-                "pressure",
-                shown(item.find(("pressure",))),
-                f"is not above the supply pressure of {show(par.supply_pressure, 'Pa')}",
-                "give the pressure at which the rig must trip",
-            )
+            limit = f"is not above the supply pressure of {show(par.supply_pressure, 'Pa')}"
+            item.refuse(limit, "give the pressure at which the rig must trip", key="pressure")
     return Limits(lower, upper, file.command, file.pressure)
+
+
+def _range(lower: float, upper: float) -> str:
+    return f"{show(lower, 'm')} to {show(upper, 'm')}"
 
 
 def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
@@ -101,18 +98,17 @@ def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
     )
 
 
-def read_ladder(item: Located | None, problems: Problems) -> tuple[ChannelLimit, ...]:
+def read_ladder(item: Located | None) -> tuple[ChannelLimit, ...]:
     """Return the usable limits that a rig file lists under `limits: {channels: [...]}`.
 
     Problems of the others are recorded.
     """
     channels = item.get("channels") if item is not None else None
-    remedy = "write a list: - {channel: ..., high: ..., action: ...}"
-    elements = elements_of(channels, problems, remedy)
-    limit = "is not a known channel"
-    limits = read_channel_limits(elements, _rung_keys, FAST_INPUTS, FAST_INPUTS, limit, problems)
+    elements = elements_of(channels, "write a list: - {channel: ..., high: ..., action: ...}")
+    unknown = "is not a known channel"
+    limits = read_channel_limits(elements, _rung_keys, FAST_INPUTS, FAST_INPUTS, unknown)
     rungs = ((ChannelLimit(**given), element) for element, given in limits)
-    return tuple(rung for rung, element in rungs if _is_sound(rung, element, problems))
+    return tuple(rung for rung, element in rungs if _is_sound(rung, element))
 
 
 def read_channel_limits(
@@ -121,7 +117,6 @@ def read_channel_limits(
     channels: Sequence[str],
     known: Sequence[str],
     unknown: str,
-    problems: Problems,
 ) -> Iterator[tuple[Located, dict[str, Any]]]:
     """Yield each usable element of a list of channel limits, with the values of its keys.
 
@@ -135,25 +130,24 @@ def read_channel_limits(
         channels: channels whose unit is known; their bounds are read in this unit.
         known: channels that may have a limit here.
         unknown: message on a channel that is not in `known`.
-        problems: takes the mistakes.
     """
     for element in elements:
         entry = element.get("channel")
         channel = str(entry.value) if entry is not None else ""
-        before = problems.reported
         # The bounds of an unknown channel cannot be checked; only the channel is reported.
         bound = Annotated[float, Physical(unit_of(channel))] if channel in channels else Any
         ends = {"channel": (str, ...), "low": (bound, -inf), "high": (bound, inf)}
         keys: dict[str, Any] = ends | keys_of(bound)
-        file = read_mapping(create_model("LimitFile", __base__=Schema, **keys), element, problems)
+        problems = element.sources.problems
+        before = problems.reported
+        file = read_mapping(create_model("LimitFile", __base__=Schema, **keys), element)
         if entry is not None and channel not in known:
-            remedy = suggestion(channel, known, "channels")
-            problems.add(entry.place, "channel", channel, unknown, remedy)
+            entry.refuse(unknown, suggestion(channel, known, "channels"), channel)
         elif file is not None and problems.reported == before:
             given = file.model_dump()
             if given["low"] == -inf and given["high"] == inf:
                 remedy = "add `low: ...`, `high: ...` or both"
-                problems.add(element.place, channel, "", "has no limit", remedy)
+                element.refuse("has no limit", remedy, "", name=channel)
             else:
                 given["for_s"] = given.pop("for")
                 yield element, given
@@ -167,10 +161,8 @@ def _rung_keys(bound: Any) -> dict[str, Any]:
     }
 
 
-def _is_sound(rung: ChannelLimit, element: Located, problems: Problems) -> bool:
+def _is_sound(rung: ChannelLimit, element: Located) -> bool:
     if rung.low >= rung.high:
-        entry, unit = element.find(("low",)), unit_of(rung.channel)
-        limit = f"is not below high ({show(rung.high, unit)})"
-        problems.add(entry.place, "low", shown(entry), limit, "swap them")
-        return False
-    return True
+        limit = f"is not below high ({show(rung.high, unit_of(rung.channel))})"
+        element.refuse(limit, "swap them", key="low")
+    return rung.low < rung.high

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rig.configuration.reading import Place, Sources, options_of, read_options
+from rig.configuration.reading import Located, Place, Sources, options_of, read_options
 from rig.io import BypassRegisters, RegisterMap
 
 if TYPE_CHECKING:
@@ -13,17 +13,14 @@ Map = RegisterMap | BypassRegisters
 MAPS: Final[tuple[type[Map], ...]] = (RegisterMap, BypassRegisters)
 
 
-def read_map(path: Path, sources: Sources) -> Map | None:
-    """Return the map in a YAML file; if it is unusable, record the problems and return None.
+def read_map(root: Located) -> Map | None:
+    """Return the map that a file describes; if it is unusable, record problems, return None.
 
     It is read as the type of map of which the file has the most keys.
     """
-    root = sources.read_yaml(path)
-    if root is None:
-        return None
     keys = {key for key, _ in root.items()}
     best = max(MAPS, key=lambda kind: len(keys & set(options_of(kind))))
-    return read_options(best, root, sources)
+    return read_options(best, root)
 
 
 def read_dbc(path: Path, sources: Sources) -> "Database | None":

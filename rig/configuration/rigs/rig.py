@@ -12,12 +12,12 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
-    Sources,
     load,
+    read_in,
     read_mapping,
     read_options,
     reference_in,
-    resolve_in,
+    resolve,
     show,
 )
 from rig.io import ChannelLimit, DriverSpec, HomingSettings, LoopSettings
@@ -117,27 +117,26 @@ class PlantFile(Schema):
     effects: Any = None
 
 
-def read_rig(path: Path, sources: Sources) -> Rig | None:
-    """Return the rig in a file, with its parents' keys; None if it cannot be made.
+def read_rig(own: Located) -> Rig | None:
+    """Return the rig that a file describes, with its parents' keys; None if it cannot be made.
 
-    Problems are added to those of `sources`. A rig may be returned in spite of problems, for
-    example without the valves or drivers that are wrong; it may only be used if there are none.
+    Problems are recorded. A rig may be returned in spite of problems, for example without the
+    valves or drivers that are wrong; it may only be used if there are none.
     """
-    root = _with_parents(path, sources, ())
+    root = _with_parents(own, ())
     if root is None:
         return None
-    problems = sources.problems
-    file = read_mapping(RigFile, root, problems)
-    plant = _read_plant(root, sources)
-    sensors = _read_sensors(root, sources)
-    bypass_valves = read_bypass_valves(root.get("bypass_valves"), sources)
-    return_valve = read_return_valve(root.get("return_valve"), problems)
-    limits = read_limits(root.get("limits"), plant, problems)
-    rungs = read_ladder(root.get("limits"), problems)
-    loop = read_options(LoopSettings, root.get("loop"), sources)
+    file = read_mapping(RigFile, root)
+    plant = _read_plant(root.get("plant"))
+    sensors = _read_sensors(root.get("sensors"))
+    bypass_valves = read_bypass_valves(root.get("bypass_valves"))
+    return_valve = read_return_valve(root.get("return_valve"))
+    limits = read_limits(root.get("limits"), plant)
+    rungs = read_ladder(root.get("limits"))
+    loop = read_options(LoopSettings, root.get("loop"))
     homing = root.get("homing")
-    settings = read_options(HomingSettings, homing, sources) if homing is not None else None
-    drivers = _read_drivers(root, file, loop, rungs, sources)
+    settings = read_options(HomingSettings, homing) if homing is not None else None
+    drivers = _read_drivers(root, file, loop, rungs)
     if file is None or plant is None or sensors is None or limits is None or loop is None:
         return None
     return Rig(
@@ -172,88 +171,67 @@ def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
     return load("rig", reference, base, read_rig)
 
 
-def _with_parents(
-    path: Path, sources: Sources, children: tuple[Path, ...], referrer: Located | None = None
-) -> Located | None:
+def _with_parents(root: Located, children: tuple[Path, ...]) -> Located | None:
     """Return the keys of a rig file, with its parents' values for keys that it does not give.
 
-    Name and description are not inherited. If a file is unusable, or a rig is its own ancestor, add
-    a problem and return None. `children` are the files that led here.
+    Name and description are not inherited. If a parent is unusable, or a rig is its own ancestor,
+    add a problem and return None. `children` are the files that led here.
     """
-    if path in children:
-        assert referrer is not None
-        remedy = "name another parent"
-        sources.problems.add(referrer.place, "parent", path.stem, "descends from this rig", remedy)
-        return None
-    root = sources.read_yaml(path, referrer)
-    entry = root.get("parent") if root is not None else None
-    if root is None or reference_in(entry) is None:
+    entry = root.get("parent")
+    if entry is None or reference_in(entry) is None:
         return root
-    found = resolve_in("rig", entry, sources.problems)
-    parent = _with_parents(found, sources, (*children, path), entry) if found else None
+    path, children = resolve("rig", entry), (*children, root.place.path)
+    if path is not None and path in children:
+        entry.refuse("descends from this rig", "name another parent", path.stem)
+        return None
+    given = entry.sources.read_yaml(path, entry)
+    parent = _with_parents(given, children) if given is not None else None
     if parent is None:
         return None
     inherited = {key: item for key, item in parent.items() if key not in ("name", "description")}
-    return Located({**inherited, **dict(root.items())}, root.place, root.name)
+    return root.completed_by(parent.with_value(inherited))
 
 
-def _read_plant(root: Located, sources: Sources) -> Model | None:
-    item = root.get("plant")
+def _read_plant(item: Located | None) -> Model | None:
     if item is None:
         return None
     if reference_in(item) is not None:
-        item = Located({"model": item}, item.place, item.name)
-    file = read_mapping(PlantFile, item, sources.problems)
-    base = None
-    if file is not None:
-        found = resolve_in("model", item.find(("model",)), sources.problems)
-        base = read_model(found, sources) if found else None
-    model = override(base or Model(), item, sources)
+        item = item.with_value({"model": item})
+    file = read_mapping(PlantFile, item)
+    base = read_in("model", item.find("model"), read_model) if file is not None else None
+    model = override(base or Model(), item)
     return model if base else None
 
 
 def _read_drivers(
-    root: Located,
-    file: RigFile | None,
-    loop: LoopSettings | None,
-    rungs: tuple[ChannelLimit, ...],
-    sources: Sources,
+    root: Located, file: RigFile | None, loop: LoopSettings | None, rungs: tuple[ChannelLimit, ...]
 ) -> tuple[DriverSpec, ...]:
     """Return the drivers of a hardware rig; () for a simulated rig, even if it inherits some.
 
     Problems are recorded, also where a simulated rig's own file has drivers.
     """
     item = root.get("drivers")
-    hardware = file is not None and file.backend == "hardware"
-    if not hardware and item is not None and item.place.path == root.place.path:
-        remedy = "add `backend: hardware`, or remove them"
-        sources.problems.add(item.place, "drivers", "", "drive a simulated rig", remedy)
-    if not hardware:
+    if file is None or file.backend != "hardware":
+        if item is not None and item.place.path == root.place.path:
+            item.refuse("drive a simulated rig", "add `backend: hardware`, or remove them", "")
         return ()
     if item is None:
-        remedy = "add `drivers: {...}`, one of them fast"
-        sources.problems.add(root.place, "drivers", "", "are missing", remedy)
+        root.refuse("are missing", "add `drivers: {...}`, one of them fast", "", "drivers")
         return ()
-    placed = read_drivers(item, sources)
-    if placed is None:
+    drivers = read_drivers(item)
+    if drivers is None:
         return ()
-    specs = tuple(driver.spec for driver in placed)
-    check_hardware(root, placed, sources.problems)
-    check_rungs(root.get("limits"), rungs, specs, sources.problems)
+    check_hardware(root, drivers)
+    check_rungs(root.get("limits"), rungs, drivers)
     if loop is not None:
-        check_rates(root, loop, specs, sources.problems)
-    return specs
+        check_rates(root, loop, drivers)
+    return tuple(driver.spec for driver in drivers)
 
 
-def _read_sensors(root: Located, sources: Sources) -> SensorParameters | None:
-    item = root.get("sensors")
-    sensors = read_options(SensorParameters, item, sources)
+def _read_sensors(item: Located | None) -> SensorParameters | None:
+    sensors = read_options(SensorParameters, item)
     if item is not None and sensors is not None and sensors.pressure_min >= sensors.pressure_max:
-        sources.problems.add(
-            item.find(("pressure_max",)).place,
-            "pressure_max",
-            show(sensors.pressure_max, "Pa"),
-            f"is not above pressure_min ({show(sensors.pressure_min, 'Pa')})",
-            "correct the transducer's range",
-        )
+        limit = f"is not above pressure_min ({show(sensors.pressure_min, 'Pa')})"
+        remedy = "correct the transducer's range"
+        item.refuse(limit, remedy, show(sensors.pressure_max, "Pa"), "pressure_max")
     return sensors

@@ -6,18 +6,8 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field
 
-from rig.configuration.reading import (
-    Located,
-    Physical,
-    Schema,
-    Sources,
-    elements_of,
-    load,
-    read_mapping,
-    shown,
-)
+from rig.configuration.reading import Located, Physical, Schema, elements_of, load, read_mapping
 from rig.stream import (
-    COMMANDS,
     LONGEST_NAME,
     Access,
     CommandName,
@@ -95,19 +85,16 @@ def load_stream(reference: str | Path, base: Path | None = None) -> StreamSettin
     return load("stream", reference, base, read_stream)
 
 
-def read_stream(path: Path, sources: Sources) -> StreamSettings | None:
+def read_stream(root: Located) -> StreamSettings | None:
     """Return the stream's settings in a file; record problems and return None if it has any."""
-    root = sources.read_yaml(path)
-    if root is None:
-        return None
-    before = sources.problems.reported
-    file = read_mapping(StreamFile, root, sources.problems)
-    listen = _endpoints(root.get("listen"), sources)
-    connect = _endpoints(root.get("connect"), sources)
-    tls, login = _tls(root.get("tls"), sources), _login(root.get("login"), sources)
-    access = _access(root.get("access"), sources)
-    operators = _operators(root.get("commands"), sources)
-    if file is None or sources.problems.reported > before:
+    problems = root.sources.problems
+    before = problems.reported
+    file = read_mapping(StreamFile, root)
+    listen, connect = _endpoints(root.get("listen")), _endpoints(root.get("connect"))
+    tls, login = _tls(root), _login(root)
+    access = read_mapping(AccessFile, root.get("access"))
+    operators = _operators(root.get("commands"))
+    if file is None or problems.reported > before:
         return None
     settings = StreamSettings(
         mode=file.mode,
@@ -115,109 +102,93 @@ def read_stream(path: Path, sources: Sources) -> StreamSettings | None:
         connect=connect,
         tls=tls,
         login=login,
-        access=access,
+        access=None if access is None else _access(access),
         operators=operators,
         batch=file.batch,
         history_s=file.history,
         heartbeat_s=file.heartbeat,
         channels=tuple(file.channels),
     )
-    _check_open(root, settings, sources)
-    return settings if sources.problems.reported == before else None
+    _check_open(root, settings)
+    return settings if problems.reported == before else None
 
 
-def _endpoints(item: Located | None, sources: Sources) -> tuple[Endpoint, ...]:
+def _endpoints(item: Located | None) -> tuple[Endpoint, ...]:
     found = []
     for element in item.elements() if item is not None else ():
         try:
             found.append(Endpoint.parse(str(element.value)))
         except ValueError as error:
-            remedy = "write like tcp/127.0.0.1:7447 or tls/rig.example:7447"
-            sources.problems.add(element.place, element.name, shown(element), str(error), remedy)
+            element.refuse(str(error), "write like tcp/127.0.0.1:7447 or tls/rig.example:7447")
     return tuple(found)
 
 
-def _tls(item: Located | None, sources: Sources) -> Tls | None:
-    file = read_mapping(TlsFile, item, sources.problems) if item is not None else None
-    if file is None or item is None:
+def _tls(root: Located) -> Tls | None:
+    file, folder = read_mapping(TlsFile, root.get("tls")), root.place.path.parent
+    if file is None:
         return None
-    folder = item.place.path.parent
     return Tls(folder / file.authority, folder / file.certificate, folder / file.private_key)
 
 
-def _login(item: Located | None, sources: Sources) -> Login | None:
-    file = read_mapping(LoginFile, item, sources.problems) if item is not None else None
-    if file is None or item is None:
+def _login(root: Located) -> Login | None:
+    file, folder = read_mapping(LoginFile, root.get("login")), root.place.path.parent
+    if file is None:
         return None
-    folder = item.place.path.parent
     users = None if file.users is None else folder / file.users
     return Login(file.user, folder / file.password_file, users)
 
 
-def _access(item: Located | None, sources: Sources) -> Access | None:
-    file = read_mapping(AccessFile, item, sources.problems) if item is not None else None
-    if file is None:
-        return None
+def _access(file: AccessFile) -> Access:
     return Access(tuple(file.readers), tuple(file.commanders), tuple(file.rigs))
 
 
-def _operators(item: Located | None, sources: Sources) -> tuple[Operator, ...]:
+def _operators(item: Located | None) -> tuple[Operator, ...]:
     found: dict[str, Operator] = {}
-    remedy = "write a list: - {operator: NAME, allow: [abort]}"
-    for element in elements_of(item, sources.problems, remedy):
-        file = read_mapping(OperatorFile, element, sources.problems)
+    for element in elements_of(item, "write a list: - {operator: NAME, allow: [abort]}"):
+        file = read_mapping(OperatorFile, element)
         if file is None:
             continue
-        place = element.find(("operator",)).place
-        if not 0 < len(file.operator.strip()) <= LONGEST_NAME:
-            limit, remedy = f"must have 1 to {LONGEST_NAME} characters", "name the operator"
-            sources.problems.add(place, "operator", file.operator, limit, remedy)
-        if file.operator in found:
-            sources.problems.add(place, "operator", file.operator, "is there twice", "keep one")
-        folder = element.place.path.parent
-        key = None if file.key is None else folder / Path(file.key).expanduser()
-        found[file.operator] = Operator(file.operator, tuple(file.allow), key)
+        name = file.operator
+        if not 0 < len(name.strip()) <= LONGEST_NAME:
+            limit = f"must have 1 to {LONGEST_NAME} characters"
+            element.refuse(limit, "name the operator", name, "operator")
+        if name in found:
+            element.refuse("is there twice", "keep one", name, "operator")
+        key = None if file.key is None else element.path_to(file.key)
+        found[name] = Operator(name, tuple(file.allow), key)
     return tuple(found.values())
 
 
-def _check_open(root: Located, settings: StreamSettings, sources: Sources) -> None:
+def _check_open(root: Located, settings: StreamSettings) -> None:
     """Record a problem where more people could read or command the stream than the profile says.
 
     This is so, for example, if it is served beyond this machine without TLS and without a login.
     """
-
-    def refuse(name: str, value: object, limit: str, remedy: str) -> None:
-        entry = root.get(name)
-        place = entry.place if entry is not None else root.place
-        sources.problems.add(place, name, value, limit, remedy)
-
+    # A problem with an empty key is placed as if the key were missing.
+    root = root.with_value({key: item for key, item in root.items() if item.value is not None})
     encrypted = [end for end in (*settings.listen, *settings.connect) if end.protocol == "tls"]
     if encrypted and settings.tls is None:
-        refuse("tls", encrypted[0], "has no certificates", "add `tls: {authority: ..., ...}`")
+        remedy = "add `tls: {authority: ..., ...}`"
+        root.refuse("has no certificates", remedy, encrypted[0], "tls")
     if settings.tls is not None and not encrypted:
-        refuse("tls", "", "is used by no endpoint", "write tls/HOST:PORT, or remove `tls`")
+        root.refuse("is used by no endpoint", "write tls/HOST:PORT, or remove `tls`", "", "tls")
     if settings.access is not None and settings.tls is None and settings.login is None:
-        refuse("access", "", "cannot tell who anybody is", "add `tls` or `login`")
+        root.refuse("cannot tell who anybody is", "add `tls` or `login`", "", "access")
     if settings.login is not None and settings.login.users is None and settings.listen:
-        refuse(
-            "login", "", "knows nobody that connects", "add `users: FILE` of user:password lines"
-        )
-    for end in (*_reachable(settings.listen), *_reachable(settings.connect)):
+        remedy = "add `users: FILE` of user:password lines"
+        root.refuse("knows nobody that connects", remedy, "", "login")
+    for end in (*settings.listen, *settings.connect):
         name = "listen" if end in settings.listen else "connect"
+        if end.is_loopback:
+            continue
         if end.protocol != "tls" and settings.login is None:
-            refuse(
-                name, end, "is open to whoever reaches it, as it is not on loopback",
-                "use tls/ with `tls`, or add `login`; or listen on 127.0.0.1",
-            )  # fmt: skip
+            limit = "is open to whoever reaches it, as it is not on loopback"
+            remedy = "use tls/ with `tls`, or add `login`; or listen on 127.0.0.1"
+            root.refuse(limit, remedy, end, name)
         elif name == "listen" and settings.access is None:
-            refuse(
-                name, end, "lets whoever has a certificate or password do everything",
-                "add `access: {readers: [...], commanders: [...]}`",
-            )  # fmt: skip
-
-
-def _reachable(endpoints: Iterable[Endpoint]) -> list[Endpoint]:
-    return [endpoint for endpoint in endpoints if not endpoint.is_loopback]
+            limit = "lets whoever has a certificate or password do everything"
+            remedy = "add `access: {readers: [...], commanders: [...]}`"
+            root.refuse(limit, remedy, end, name)
 
 
 def stream_lines(settings: StreamSettings) -> tuple[str, ...]:
@@ -235,6 +206,3 @@ def stream_lines(settings: StreamSettings) -> tuple[str, ...]:
 
 def _joined(endpoints: Iterable[Endpoint]) -> str:
     return ", ".join(map(str, endpoints)) or "nothing"
-
-
-__all__ = ["COMMANDS", "DEFAULT", "OFF", "load_stream", "read_stream", "stream_lines"]

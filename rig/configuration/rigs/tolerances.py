@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field as SchemaField
 
-from rig.configuration.reading import Schema, Sources, read_mapping, shown, suggestion
+from rig.configuration.reading import Schema, Sources, read_mapping, suggestion
 
 KNOWN = (
     "status", "verdict", "onset", "latency", "leak", "residual", "friction", "bulk_modulus", "loop",
@@ -35,16 +35,12 @@ def load_tolerances(path: Path) -> dict[str, ToleranceFile | None]:
     root = sources.read_yaml(path)
     for name, item in root.items() if root is not None else ():
         if not any(name == known or name.startswith(f"{known}_") for known in KNOWN):
-            remedy = suggestion(name, KNOWN, "figures begin with")
-            sources.problems.add(item.place, name, "", "is not a figure", remedy)
+            item.refuse("is not a figure", suggestion(name, KNOWN, "figures begin with"), "")
         elif item.value == "ignore":
             found[name] = None
         elif not isinstance(item.value, dict):
             remedy = "write `ignore`, or `{absolute: ..., relative: ..., sigmas: ...}`"
-            sources.problems.add(item.place, name, shown(item), "is no tolerance", remedy)
+            item.refuse("is no tolerance", remedy)
         else:
-            file = read_mapping(ToleranceFile, item, sources.problems)
-            if file is not None:
-                found[name] = file
-    sources.problems.raise_if_any()
-    return found
+            found[name] = read_mapping(ToleranceFile, item)
+    return sources.finished(found)

@@ -1,7 +1,6 @@
 """The valves that make a rig's faults: bypasses for leaks, and one valve in the return line."""
 
 import datetime
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
@@ -11,10 +10,8 @@ from rig.configuration.reading import (
     Field,
     Located,
     Physical,
-    Problems,
     QuantityError,
     Schema,
-    Sources,
     read_mapping,
     suggestion,
 )
@@ -67,11 +64,8 @@ class _Points(Field):
         if not isinstance(raw, list) or not all(isinstance(p, list) and len(p) == 2 for p in raw):
             example = "[[0, 0 m^3/(s Pa^0.5)], [1, 2e-8 m^3/(s Pa^0.5)]]"
             raise QuantityError("is not a list of [opening, coefficient]", f"write {example}")
-        return list(self._pairs(raw))
-
-    def _pairs(self, raw: list[list[object]]) -> Iterator[tuple[float, float]]:
-        for opening, coefficient in raw:
-            yield Physical("", 0.0, 1.0, 0.5).parse(opening), LEAKAGE.parse(coefficient)
+        share = Physical("", 0.0, 1.0, 0.5)
+        return [(share.parse(opening), LEAKAGE.parse(coefficient)) for opening, coefficient in raw]
 
 
 class CalibratedNeedleFile(Schema):
@@ -90,66 +84,56 @@ class ReturnValveFile(Schema):
     maximum: Annotated[float, RESISTANCE]
 
 
-def read_bypass_valves(item: Located | None, sources: Sources) -> dict[str, BypassValve]:
+def read_bypass_valves(item: Located | None) -> dict[str, BypassValve]:
     """Return fault -> bypass valve for the usable valves of a rig file; record all problems."""
     if item is None:
         return {}
-    problems = sources.problems
     if not isinstance(item.value, dict):
-        keys = ", ".join(BYPASS_KINDS)
-        problems.add(item.place, item.name, "", "is not a mapping", f"keys: {keys}")
-        return {}
+        item.refuse("is not a mapping", f"keys: {', '.join(BYPASS_KINDS)}", "")
     valves = {}
     for kind, entry in item.items():
         if kind not in BYPASS_KINDS:
             remedy = suggestion(kind, BYPASS_KINDS, "bypasses")
             if kind == Verdict.RETURN_BLOCKAGE:
                 remedy = "describe the valve of the return line as `return_valve: ...`"
-            problems.add(entry.place, kind, "", "has no bypass", remedy)
+            entry.refuse("has no bypass", remedy, "")
             continue
-        valve = _read_bypass(kind, entry, sources)
+        valve = _read_bypass(kind, entry)
         if valve is not None:
             valves[kind] = valve
     return valves
 
 
-def read_return_valve(item: Located | None, problems: Problems) -> ReturnValve | None:
+def read_return_valve(item: Located | None) -> ReturnValve | None:
     """Return the valve of the return line; None if the file describes none, or an unusable one.
 
     Problems are recorded.
     """
-    if item is None:
-        return None
-    file = read_mapping(ReturnValveFile, item, problems)
+    file = read_mapping(ReturnValveFile, item)
     return ReturnValve(file.name, file.travel, file.maximum) if file else None
 
 
-def _read_bypass(kind: str, item: Located, sources: Sources) -> BypassValve | None:
-    file = read_mapping(BypassFile, item, sources.problems)
+def _read_bypass(kind: str, item: Located) -> BypassValve | None:
+    file = read_mapping(BypassFile, item)
     entry = item.get("needle")
+    if entry is not None and file is not None and entry.get("calibration") is not None:
+        entry = find_needle(kind, entry)
     if file is None or entry is None:
         return None
-    if entry.get("calibration") is not None:
-        entry = find_needle(kind, entry, sources)
-        if entry is None:
-            return None
     try:
-        needle = _read_needle(entry, sources.problems)
+        needle = _read_needle(entry)
         name = file.name or f"bypass {kind}"
         return BypassValve(name, file.travel, needle, file.bore) if needle else None
     except RequestError as error:
         for each in error.problems:
-            sources.problems.add(entry.place, each.field, each.value, each.limit, each.remedy)
+            entry.refuse(each.limit, each.remedy, each.value, name=each.field)
         return None
 
 
-def _read_needle(item: Located, problems: Problems) -> NeedleCharacteristic | None:
+def _read_needle(item: Located) -> NeedleCharacteristic | None:
     if item.get("points") is not None:
-        table = read_mapping(CalibratedNeedleFile, item, problems)
-        return (
-            NeedleCharacteristic.from_table(table.points, table.date, table.id) if table else None
-        )
-    law = read_mapping(NeedleFile, item, problems)
-    if law is None:
-        return None
-    return NeedleCharacteristic.equal_percentage(law.maximum, law.rangeability)
+        table = read_mapping(CalibratedNeedleFile, item)
+        from_table = NeedleCharacteristic.from_table
+        return from_table(table.points, table.date, table.id) if table else None
+    law = read_mapping(NeedleFile, item)
+    return NeedleCharacteristic.equal_percentage(law.maximum, law.rangeability) if law else None

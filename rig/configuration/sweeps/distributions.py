@@ -1,7 +1,6 @@
 """Quantities may be drawn anew for each case of a sweep, such as `{uniform: [-15 %, +15 %]}`."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any, Final, Literal, NamedTuple
@@ -94,13 +93,11 @@ class Random(Field):
     """The annotation of a quantity that a file may give as a distribution.
 
     Attributes:
-        inner: the field that reads each value.
-        unit: SI unit of a standard deviation; None for that of `inner` (metres or volts for a
-            level).
+        inner: the field that reads each value; its unit is that of a standard deviation too (metres
+            or volts for a level).
     """
 
     inner: Field
-    unit: str | None = None
 
     def parse(self, raw: object) -> Drawn:
         """Return the distribution that a value gives; a plain quantity is a `fixed` one.
@@ -138,32 +135,19 @@ class Random(Field):
         return Drawn("normal", (mean, deviation))
 
     def _deviation(self, raw: object) -> Any:
-        relative = isinstance(raw, str) and raw.strip().endswith("%")
-        if relative and isinstance(self.inner, Adjustable):
-            value: Any = Relative(read(raw, "").value)
-            size = value.fraction
-        else:
-            value = size = _first(lambda unit: read(raw, unit).value, self._units)
+        inner, relative = self.inner, False
+        if isinstance(inner, Adjustable):
+            relative = isinstance(raw, str) and raw.strip().endswith("%")
+            inner = Physical("") if relative else inner.physical
+        try:
+            size = read(raw, inner.unit if isinstance(inner, Physical) else "m").value
+        except WrongDimensionError:
+            if isinstance(inner, Physical):
+                raise
+            size = read(raw, "V").value
         if not 0.0 < size < math.inf:
             raise QuantityError("deviates by no amount above 0", "write {normal: [mean, 3 %]}")
-        return value
-
-    @property
-    def _units(self) -> tuple[str, ...]:
-        if self.unit is not None:
-            return (self.unit,)
-        if isinstance(self.inner, Adjustable):
-            return (self.inner.physical.unit,)
-        return (self.inner.unit,) if isinstance(self.inner, Physical) else ("m", "V")
-
-
-def _first(reading: Callable[[str], float], units: tuple[str, ...]) -> float:
-    for unit in units[:-1]:
-        try:
-            return reading(unit)
-        except WrongDimensionError:
-            continue
-    return reading(units[-1])
+        return Relative(size) if relative else size
 
 
 def _number(value: Any) -> float:
@@ -178,49 +162,47 @@ def _check_ends(kind: str, values: tuple[Any, ...]) -> None:
     low, high = (_number(value) for value in values)
     if isinstance(values[0], Relative) is not isinstance(values[1], Relative):
         raise QuantityError("mixes a share and a quantity", "give both ends in %, or neither")
+    _check_order("uniform" if isinstance(values[0], Relative) else kind, low, high)
+
+
+def _check_order(kind: str, low: float, high: float) -> None:
     if low > high:
         raise QuantityError("ends before it begins", "write the lower value first")
-    if kind == "log_uniform" and not isinstance(values[0], Relative) and low <= 0.0:
+    if kind == "log_uniform" and low <= 0.0:
         raise QuantityError("starts at zero or below", "a log-uniform quantity is above 0")
 
 
-def resolved(drawn: Drawn, base: float = 0.0, limits: Physical | None = None) -> Distribution:
+def resolved(drawn: Drawn, limits: Physical, base: float = 0.0) -> Distribution:
     """Return a distribution with absolute values in SI.
 
     Args:
         drawn: the distribution as the file gives it.
-        base: the value from which `Relative` values deviate.
         limits: range that the values must lie in. Of a normal distribution the mean must, and the
-            distribution is cut off at the ends; None for no limits.
+            distribution is cut off at the ends.
+        base: the value from which `Relative` values deviate.
 
     Raises:
         QuantityError: a value is beyond the limits, a deviation is from zero, the ends are in the
             wrong order, or a log-uniform distribution begins at 0 or below.
     """
-    relative = [isinstance(value, Relative) for value in drawn.values]
-    if any(relative) and base == 0.0:
+    if base == 0.0 and any(isinstance(value, Relative) for value in drawn.values):
         raise QuantityError("is a share of zero", "give the values themselves")
-    at = drawn.kind == "normal"
+    is_normal = drawn.kind == "normal"
     values = []
     for index, value in enumerate(drawn.values):
         number = _number(value)
-        if relative[index]:
-            deviates = at and index == 1
-            number = abs(base) * number if deviates else base * (1.0 + number)
+        if isinstance(value, Relative):
+            number = abs(base) * number if is_normal and index == 1 else base * (1.0 + number)
         values.append(number)
-    low, high = (-math.inf, math.inf) if limits is None else (limits.lower, limits.upper)
-    bounded = values[:1] if at else values
-    if any(not low <= value <= high for value in bounded):
-        beyond = next(value for value in bounded if not low <= value <= high)
-        unit = limits.unit if limits else ""
-        raise QuantityError(
-            f"gives {beyond:.6g} {unit}, outside {low:.6g} to {high:.6g} {unit}",
-            f"deviate less from {base:.6g} {unit}",
-        )
-    if drawn.kind in ("uniform", "log_uniform") and values[0] > values[1]:
-        raise QuantityError("ends before it begins", "write the lower value first")
-    if drawn.kind == "log_uniform" and values[0] <= 0.0:
-        raise QuantityError("starts at zero or below", "a log-uniform quantity is above 0")
-    if not at:
-        return Distribution(drawn.kind, tuple(values))
-    return Distribution("normal", tuple(values), low, high)
+    low, high, unit = limits.lower, limits.upper, limits.unit
+    for value in values[:1] if is_normal else values:
+        if not low <= value <= high:
+            raise QuantityError(
+                f"gives {value:.6g} {unit}, outside {low:.6g} to {high:.6g} {unit}",
+                f"deviate less from {base:.6g} {unit}",
+            )
+    if drawn.kind in ("uniform", "log_uniform"):
+        _check_order(drawn.kind, *values)
+    if is_normal:
+        return Distribution("normal", tuple(values), low, high)
+    return Distribution(drawn.kind, tuple(values))

@@ -1,29 +1,20 @@
 """The `motions` of a sweep are setpoints like a campaign's, with quantities that may be drawn."""
 
 from math import pi
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, cast
 
 from control import Quantity
-from rig.configuration.campaigns import Level, LevelField, check_unmixed
-from rig.configuration.reading import (
-    Located,
-    Physical,
-    Problems,
-    Schema,
-    quantity_in,
-    read_mapping,
-    show,
-    shown,
-    suggestion,
-)
+from rig.configuration.campaigns import Level, LevelField, check_unmixed, schema_of
+from rig.configuration.reading import Located, Physical, Schema, quantity_in, read_mapping, show
 from rig.configuration.rigs import Limits
-from rig.plant import Parameters
 
 from .distributions import Distribution, Drawn, Random, resolved
 from .sweep_plan import MotionType, SweptMotion
 
-_AnyLevel = Annotated[Any, Random(LevelField())]
-_AnyFrequency = Annotated[Any, Random(Physical("Hz", 1e-3, 100.0, 0.5))]
+_LEVEL: Final = Random(LevelField())
+_FREQUENCY: Final = Random(Physical("Hz", 1e-3, 100.0, 0.5))
+_AnyLevel = Annotated[Any, _LEVEL]
+_AnyFrequency = Annotated[Any, _FREQUENCY]
 _AnySweepEnd = Annotated[Any, Random(Physical("Hz", 0.0, 100.0, 1.0))]
 _AnyPhase = Annotated[Any, Random(Physical("rad", -1e3, 1e3))]
 _AnyHold = Annotated[Any, Random(Physical("s", 1e-3, 3600.0, 2.0))]
@@ -89,7 +80,7 @@ class SweptPseudorandomFile(MotionFile):
     hold_max: _AnyHold
 
 
-SCHEMAS: Final[dict[MotionType, type[MotionFile]]] = {
+SCHEMAS: Final[dict[str, type[MotionFile]]] = {
     "constant": SweptConstantFile,
     "sine": SweptSineFile,
     "chirp": SweptChirpFile,
@@ -97,39 +88,33 @@ SCHEMAS: Final[dict[MotionType, type[MotionFile]]] = {
     "steps": SweptStepsFile,
     "pseudorandom": SweptPseudorandomFile,
 }
-_LISTS: Final = {
-    "frequencies": (Random(Physical("Hz", 1e-3, 100.0, 0.5)), _MOST_SINES),
-    "levels": (Random(LevelField()), _MOST_LEVELS),
-}
+_LISTS: Final = {"frequencies": (_FREQUENCY, _MOST_SINES), "levels": (_LEVEL, _MOST_LEVELS)}
 _ANY_PHASE: Final = Distribution("uniform", (0.0, 2.0 * pi))
 _NOTHING: Final = Distribution("fixed", (0.0,))
 
 
-def read_motions(
-    item: Located, limits: Limits | None, plant: Parameters | None, problems: Problems
-) -> tuple[SweptMotion, ...]:
+def read_motions(item: Located | None, limits: Limits | None) -> tuple[SweptMotion, ...]:
     """Return the motions of a sweep that can be made; record all problems.
 
     A motion that may go beyond the limits is returned, with a problem. Of motions with the same
     name the last is returned.
 
     Args:
-        item: the list under the key `motions`.
+        item: the list under the key `motions`; None if it is missing.
         limits: limits of the rig, within which motions must stay; None if they are not known.
-        plant: parameters of the rig's plant.
-        problems: takes the mistakes.
     """
+    if item is None:
+        return ()
     if not item.elements():
-        remedy = "write at least one: `- {type: sine, ...}`"
-        problems.add(item.place, "motions", shown(item), "is not a list of motions", remedy)
+        item.refuse("is not a list of motions", "write at least one: `- {type: sine, ...}`")
     found: dict[str, SweptMotion] = {}
     for element in item.elements():
-        motion = _Reader(element, limits, plant, problems).read()
+        motion = _Reader(element, limits).read()
         if motion is None:
             continue
         if motion.name in found:
             remedy = "give one of them another `name`"
-            problems.add(element.place, "name", motion.name, "is given twice", remedy)
+            element.refuse("is given twice", remedy, motion.name, name="name")
         found[motion.name] = motion
     return tuple(found.values())
 
@@ -137,94 +122,74 @@ def read_motions(
 class _Reader:
     """A reader of one motion."""
 
-    def __init__(
-        self, item: Located, limits: Limits | None, plant: Parameters | None, problems: Problems
-    ) -> None:
-        self._item, self._limits, self._plant, self._problems = item, limits, plant, problems
+    def __init__(self, item: Located, limits: Limits | None) -> None:
+        self._item, self._limits = item, limits
         self._quantities: dict[Quantity, str] = {}
 
     def read(self) -> SweptMotion | None:
-        item, problems = self._item, self._problems
-        kind = item.get("type")
-        if not isinstance(item.value, dict) or kind is None:
-            remedy = f"give its type: {', '.join(SCHEMAS)}"
-            problems.add(item.place, item.name, shown(item), "is not a motion", remedy)
-            return None
-        known = next((name for name in SCHEMAS if name == kind.value), None)
-        if known is None:
-            remedy = suggestion(str(kind.value), list(SCHEMAS), "types")
-            problems.add(kind.place, "type", shown(kind), "is not a known motion", remedy)
-            return None
+        problems = self._item.sources.problems
         before = problems.reported
-        file = read_mapping(SCHEMAS[known], item, problems)
+        schema = schema_of(self._item, SCHEMAS, "motion")
+        file = read_mapping(schema, self._item) if schema is not None else None
         if file is None:
             return None
         values = {
             key: drawn
-            for key in type(file).model_fields
+            for key, field in type(file).model_fields.items()
             if key not in MotionFile.model_fields and key != "count"
-            if (drawn := self._values(key, file)) is not None
+            if (drawn := self._values(key, field.metadata, file)) is not None
         }
-        quantity = self._quantity()
+        check_unmixed(self._quantities, self._item)
+        quantity: Quantity = next(iter(self._quantities), "position")
         if problems.reported > before:
             return None
-        if known in ("sine", "chirp", "multisine"):
+        kind = cast(MotionType, file.type)
+        if kind in ("sine", "chirp", "multisine"):
             values.setdefault("mean", (_NOTHING,))
-        if known in ("sine", "chirp"):
+        if kind in ("sine", "chirp"):
             values.setdefault("phase", (_ANY_PHASE,))
-        motion = SweptMotion(file.name or known, known, file.share, quantity, values)
+        motion = SweptMotion(file.name or kind, kind, file.share, quantity, values)
         self._check_order(motion)
-        self._check_reach(motion)
+        if self._limits is not None:
+            self._check_reach(motion, self._limits.of(quantity))
         return motion
 
-    def _values(self, key: str, file: MotionFile) -> tuple[Distribution, ...] | None:
+    def _values(
+        self, key: str, readers: list[Any], file: MotionFile
+    ) -> tuple[Distribution, ...] | None:
+        """Return a distribution for each element of a list, or `count` copies of a single one.
+
+        Any other key has one. If any is wrong, or there are too many, problems are recorded and
+        None is returned, as it is where the file has no value.
+        """
         given = getattr(file, key)
         if given is None:
             return None
         if isinstance(given, Drawn):
-            return (self._one(key, given),)
-        return self._list(key, getattr(file, "count", None))
-
-    def _list(self, key: str, count: int | None) -> tuple[Distribution, ...] | None:
-        """Return a distribution for each element of a list, or `count` copies of a single one.
-
-        If any is wrong, or there are too many, problems are recorded and None is returned.
-        """
+            return (self._one(key, given, readers[0]),)
         reader, most = _LISTS[key]
-        entry = self._item.find((key,))
-        elements = entry.elements() or [entry] * (count or 1)
+        entry = self._item.find(key)
+        elements = entry.elements() or [entry] * (getattr(file, "count", None) or 1)
         if not 1 <= len(elements) <= most:
-            limit = f"has {len(elements)} elements"
-            self._problems.add(entry.place, key, "", limit, f"give 1 to {most}")
+            entry.refuse(f"has {len(elements)} elements", f"give 1 to {most}", "")
             return None
         read = [self._element(key, reader, element) for element in elements]
         found = tuple(each for each in read if each is not None)
         return found if len(found) == len(elements) else None
 
     def _element(self, key: str, reader: Random, element: Located) -> Distribution | None:
-        read = reader.parse
-        return quantity_in(element, lambda: self._one(key, read(element.plain())), self._problems)
+        parse = reader.parse
+        return quantity_in(element, lambda: self._one(key, parse(element.plain()), reader))
 
-    def _one(self, key: str, drawn: Drawn) -> Distribution:
+    def _one(self, key: str, drawn: Drawn, reader: Random) -> Distribution:
         for value in drawn.values:
             if isinstance(value, Level):
                 self._quantities.setdefault(value.quantity, key)
-        if not isinstance(drawn.values[0], Level):
-            return resolved(drawn, limits=_physical(key))
-        limits = self._level_limits(drawn.values[0].quantity)
-        return resolved(drawn, limits=limits)
-
-    def _level_limits(self, quantity: Quantity) -> Physical | None:
-        """Return the rig's limits for levels of a quantity; None if they are not known."""
-        if self._limits is None:
-            return None
-        if quantity == "position":
-            return Physical("m", self._limits.position_min_m, self._limits.position_max_m)
-        return Physical("V", -self._limits.command_V, self._limits.command_V)
-
-    def _quantity(self) -> Quantity:
-        check_unmixed(self._quantities, self._item, self._problems)
-        return next(iter(self._quantities), "position")
+        limits = reader.inner if isinstance(reader.inner, Physical) else Physical("")
+        first = drawn.values[0]
+        if isinstance(first, Level) and self._limits is not None:
+            limits = self._limits.of(first.quantity)
+        return resolved(drawn, limits)
 
     def _check_order(self, motion: SweptMotion) -> None:
         for smaller, larger in (("lower", "upper"), ("hold_min", "hold_max")):
@@ -233,37 +198,18 @@ class _Reader:
             most = motion.values[smaller][0].support[1]
             least = motion.values[larger][0].support[0]
             if most > least:
-                entry = self._item.find((larger,))
-                remedy = "keep their ranges apart"
-                self._problems.add(
-                    entry.place, larger, shown(entry), f"may be below {smaller}", remedy
-                )
+                self._item.refuse(f"may be below {smaller}", "keep their ranges apart", key=larger)
 
-    def _check_reach(self, motion: SweptMotion) -> None:
+    def _check_reach(self, motion: SweptMotion, limits: Physical) -> None:
         """Record a problem if a motion may go beyond the rig's limits."""
-        if self._limits is None:
-            return
         low, high = reach(motion)
-        unit, lower, upper = "m", self._limits.position_min_m, self._limits.position_max_m
-        if motion.quantity == "command":
-            unit, lower, upper = "V", -self._limits.command_V, self._limits.command_V
-        if low >= lower and high <= upper:
+        if low >= limits.lower and high <= limits.upper:
             return
-        above = high > upper
-        value = f"may come to {show(high if above else low, unit)}"
-        limit = f"{'above' if above else 'below'} the rig's {show(upper if above else lower, unit)}"
-        self._problems.add(
-            self._item.place, motion.name, value, limit, "reduce or shift the motion"
-        )
-
-
-def _physical(key: str) -> Physical | None:
-    readers = {"hold": _AnyHold, "hold_min": _AnyHold, "hold_max": _AnyHold,
-               "frequency": _AnyFrequency, "frequencies": _AnyFrequency, "phase": _AnyPhase,
-               "start_frequency": _AnySweepEnd, "end_frequency": _AnySweepEnd}  # fmt: skip
-    reader = readers.get(key)
-    inner = reader.__metadata__[0].inner if reader is not None else None
-    return inner if isinstance(inner, Physical) else None
+        above = high > limits.upper
+        end = show(limits.upper if above else limits.lower, limits.unit)
+        limit = f"{'above' if above else 'below'} the rig's {end}"
+        value = f"may come to {show(high if above else low, limits.unit)}"
+        self._item.refuse(limit, "reduce or shift the motion", value, name=motion.name)
 
 
 def reach(motion: SweptMotion) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from control import Quantity
+from rig.configuration.campaigns import plain
 from rig.configuration.rigs import Rig
 from rig.plant import Model
 
@@ -78,8 +79,6 @@ class Sweep:
         leaks: the leaks of the cases; None if all cases are healthy.
         motions: the motions of the cases.
         source_files: path -> SHA-256 of every file that was read.
-        meaning: everything that the results depend on, as plain values in SI; a sweep can be
-            resumed only if this has not changed.
     """
 
     name: str
@@ -99,7 +98,36 @@ class Sweep:
     leaks: SweptLeaks | None
     motions: tuple[SweptMotion, ...]
     source_files: Mapping[str, str]
-    meaning: Mapping[str, Any]
+
+    @property
+    def meaning(self) -> Any:
+        """Everything that the results depend on, as a mapping of plain values in SI.
+
+        A sweep can be resumed only if this has not changed.
+        """
+        rig = self.rig
+        return plain(
+            {
+                "name": self.name,
+                "plant": rig.plant.parameters,
+                "sensors": rig.sensors,
+                "measured": [rig.has_spool_sensor, rig.has_supply_pressure_sensor],
+                "position_gain": rig.gain_V_per_m,
+                "command_limit": rig.limits.command_V,
+                "model": self.model.parameters,
+                "filter": self.filter_name,
+                "false_alarms_per_day": self.false_alarms_per_day,
+                "duration_s": self.duration_s,
+                "longest_step_s": self.longest_step_s,
+                "cases": self.cases,
+                "seed": self.seed,
+                "parameters": self.parameters,
+                "followers": self.followers,
+                "noise": self.noise,
+                "leaks": self.leaks,
+                "motions": self.motions,
+            }
+        )
 
     @property
     def ticks(self) -> int:

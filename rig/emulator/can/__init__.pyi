@@ -1,1 +1,1 @@
-from .devices import CanDevices as CanDevices, ValvePath as ValvePath
+from .devices import CanDevices as CanDevices

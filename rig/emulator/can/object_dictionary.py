@@ -4,17 +4,7 @@ import struct
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from rig.io import (
-    NO_OBJECT,
-    READ_ONLY,
-    WRONG_LENGTH,
-    Entry,
-    SdoError,
-    abort_reply,
-    parse_request,
-    read_reply,
-    write_reply,
-)
+from rig.io import canopen
 
 _WHOLE_REQUEST: Final = 8
 
@@ -30,9 +20,9 @@ class ObjectDictionary:
 
     def __init__(
         self,
-        values: Iterable[tuple[Entry, int]],
-        live: Iterable[tuple[Entry, Callable[[], int]]],
-        changed: Callable[[Entry, int], None],
+        values: Iterable[tuple[canopen.Entry, int]],
+        live: Iterable[tuple[canopen.Entry, Callable[[], int]]],
+        changed: Callable[[canopen.Entry, int], None],
     ) -> None:
         self._values = dict(values)
         self._live = dict(live)
@@ -41,10 +31,10 @@ class ObjectDictionary:
         }
         self._changed = changed
 
-    def __getitem__(self, entry: Entry) -> int:
+    def __getitem__(self, entry: canopen.Entry) -> int:
         return self._live[entry]() if entry in self._live else self._values[entry]
 
-    def __setitem__(self, entry: Entry, value: int) -> None:
+    def __setitem__(self, entry: canopen.Entry, value: int) -> None:
         self._values[entry] = value
 
     def answer(self, data: bytes) -> bytes | None:
@@ -56,21 +46,21 @@ class ObjectDictionary:
             return None
         index, subindex = struct.unpack_from("<HB", data, 1)
         try:
-            request = parse_request(data)
+            written = canopen.value_to_write(data)
             entry = self._entries.get((index, subindex))
             if entry is None:
-                raise SdoError(NO_OBJECT)
-            if request.value is None:
-                return read_reply(entry, self[entry])
-            self._write(entry, request.value)
-            return write_reply(entry)
-        except SdoError as refusal:
-            return abort_reply(index, subindex, refusal.code)
+                raise canopen.SdoError(canopen.NO_OBJECT)
+            if written is None:
+                return canopen.read_reply(entry, self[entry])
+            self._write(entry, written)
+            return canopen.write_reply(entry)
+        except canopen.SdoError as refusal:
+            return canopen.abort_reply(index, subindex, refusal.code)
 
-    def _write(self, entry: Entry, data: bytes) -> None:
+    def _write(self, entry: canopen.Entry, data: bytes) -> None:
         if entry in self._live:
-            raise SdoError(READ_ONLY)
+            raise canopen.SdoError(canopen.READ_ONLY)
         if len(data) != struct.calcsize(entry.layout):
-            raise SdoError(WRONG_LENGTH)
+            raise canopen.SdoError(canopen.WRONG_LENGTH)
         self._values[entry] = int(struct.unpack(entry.layout, data)[0])
         self._changed(entry, self._values[entry])

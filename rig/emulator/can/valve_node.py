@@ -9,48 +9,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from rig.io import (
-    ACTUAL,
-    COMMAND_LAYOUT,
-    CONSUMER_HEARTBEAT,
-    CONTROL_MODE,
-    CONTROL_WORD,
-    DEVICE_MODE,
-    DEVICE_PROFILE,
-    DEVICE_TYPE,
-    EMERGENCY,
-    FULL_SCALE,
-    HEARTBEAT,
-    HOLD_SETPOINT,
-    MODE_ANALOG,
-    MODE_BUS,
-    NMT,
-    PRODUCER_HEARTBEAT,
-    RPDO1,
-    SDO_REPLY,
-    SDO_REQUEST,
-    SETPOINT,
-    SPOOL_CLOSED_LOOP,
-    STATUS_LAYOUT,
-    STATUS_WORD,
-    TPDO1,
-    TPDO1_PERIOD,
-    DriveState,
-    Entry,
-    NmtCommand,
-    NmtState,
-    after_fault,
-    after_word,
-    python_can as can,
-    set_up,
-    to_share,
-)
+from rig.io import DriveState, canopen, ds408, python_can as can
 
 from .nodes import Note, Send
 from .object_dictionary import ObjectDictionary
 
 HOST_HEARTBEAT_LOST: Final = 0x8130
 """Emergency code of a node whose host's heartbeat stays away (CiA 301, section 7.2.7)."""
+
+_OBEYING: Final[dict[int, canopen.NmtState]] = {
+    canopen.NmtCommand.START: canopen.NmtState.OPERATIONAL,
+    canopen.NmtCommand.STOP: canopen.NmtState.STOPPED,
+    canopen.NmtCommand.PRE_OPERATIONAL: canopen.NmtState.PRE_OPERATIONAL,
+}
+"""State of communication to which a master's command brings the node."""
 
 _GARBAGE: Final = (b"", b"\xff\xff", b"\x05\x00\x00\x00", bytes(range(8)))
 """Data that no TPDO1 has: some have a wrong length, one has a state that does not exist."""
@@ -105,21 +77,21 @@ class ValveNode:
         self._switch_on()
 
     def _switch_on(self) -> None:
-        self._nmt = NmtState.BOOT_UP
+        self._nmt = canopen.NmtState.BOOT_UP
         self._objects = ObjectDictionary(
             (
-                (CONTROL_WORD, 0),
-                (DEVICE_MODE, MODE_BUS),
-                (CONTROL_MODE, SPOOL_CLOSED_LOOP),
-                (SETPOINT, 0),
-                (HOLD_SETPOINT, 0),
-                (CONSUMER_HEARTBEAT, 0),
-                *set_up(self._node, rate_hz=20.0, silence=0.4),
+                (ds408.CONTROL_WORD, 0),
+                (ds408.DEVICE_MODE, ds408.MODE_BUS),
+                (ds408.CONTROL_MODE, ds408.SPOOL_CLOSED_LOOP),
+                (ds408.SETPOINT, 0),
+                (ds408.HOLD_SETPOINT, 0),
+                (canopen.CONSUMER_HEARTBEAT, 0),
+                *ds408.set_up(self._node, rate_hz=20.0, silence=0.4),
             ),
             (
-                (DEVICE_TYPE, lambda: DEVICE_PROFILE),
-                (STATUS_WORD, lambda: int(self.state)),
-                (ACTUAL, self._actual),
+                (canopen.DEVICE_TYPE, lambda: ds408.DEVICE_PROFILE),
+                (ds408.STATUS_WORD, lambda: int(self.state)),
+                (ds408.ACTUAL, self._actual),
             ),
             self._object_set,
         )
@@ -138,71 +110,68 @@ class ValveNode:
         if self.state.disabled:
             return 0.0
         if self.state is not DriveState.ACTIVE:
-            return to_share(self._objects[HOLD_SETPOINT])
-        if self._objects[DEVICE_MODE] == MODE_ANALOG:
+            return ds408.to_share(self._objects[ds408.HOLD_SETPOINT])
+        if self._objects[ds408.DEVICE_MODE] == ds408.MODE_ANALOG:
             return analog
-        return to_share(self._objects[SETPOINT])
+        return ds408.to_share(self._objects[ds408.SETPOINT])
 
     def fail(self, code: int) -> None:
         """Meet a fault: send an emergency with its code, and go to a fault state unless in one."""
         self._note("drive_fault", code=f"0x{code:04X}")
-        self._send(EMERGENCY, struct.pack("<HB5x", code, 1))
-        self._become(after_fault(self.state))
+        self._send(canopen.EMERGENCY, struct.pack("<HB5x", code, 1))
+        self._become(ds408.after_fault(self.state))
 
     def receive(self, frame: can.Message) -> None:
         """Handle a frame from the bus; one that is not for this node does nothing."""
         data = bytes(frame.data)
         if frame.is_extended_id:
             return
-        if frame.arbitration_id == NMT and len(data) == 2 and data[1] in (0, self._node):
+        identifier = frame.arbitration_id
+        operational = self._nmt is canopen.NmtState.OPERATIONAL
+        if identifier == canopen.NMT and len(data) == 2 and data[1] in (0, self._node):
             self._obey(data[0])
-        elif frame.arbitration_id == SDO_REQUEST + self._node:
+        elif identifier == canopen.SDO_REQUEST + self._node:
             reply = self._objects.answer(data)
             if reply is not None:
-                self._send(SDO_REPLY, reply)
-        elif frame.arbitration_id == RPDO1 + self._node and self._nmt is NmtState.OPERATIONAL:
+                self._send(canopen.SDO_REPLY, reply)
+        elif identifier == canopen.RPDO1 + self._node and operational:
             self._take_command(data)
-        elif frame.arbitration_id == HEARTBEAT + (self._objects[CONSUMER_HEARTBEAT] >> 16):
+        elif identifier - canopen.HEARTBEAT == self._objects[canopen.CONSUMER_HEARTBEAT] >> 16:
             self._host_at = self._now
 
     def _obey(self, command: int) -> None:
         self._note("drive_nmt", command=command)
-        match command:
-            case NmtCommand.START:
-                self._nmt = NmtState.OPERATIONAL
-            case NmtCommand.STOP:
-                self._nmt = NmtState.STOPPED
-            case NmtCommand.PRE_OPERATIONAL:
-                self._nmt = NmtState.PRE_OPERATIONAL
-            case NmtCommand.RESET_NODE | NmtCommand.RESET_COMMUNICATION:
-                self._switch_on()
+        if command in (canopen.NmtCommand.RESET_NODE, canopen.NmtCommand.RESET_COMMUNICATION):
+            self._switch_on()
+        else:
+            self._nmt = _OBEYING.get(command, self._nmt)
 
     def _take_command(self, data: bytes) -> None:
-        if len(data) != struct.calcsize(COMMAND_LAYOUT):
+        if len(data) != struct.calcsize(ds408.COMMAND_LAYOUT):
             return
-        word, setpoint = struct.unpack(COMMAND_LAYOUT, data)
-        if (word, setpoint) != (self._word, self._objects[SETPOINT]):
-            self._note("drive_command", word=word, setpoint=to_share(setpoint))
-        self._objects[SETPOINT] = setpoint
+        word, setpoint = struct.unpack(ds408.COMMAND_LAYOUT, data)
+        if (word, setpoint) != (self._word, self._objects[ds408.SETPOINT]):
+            self._note("drive_command", word=word, setpoint=ds408.to_share(setpoint))
+        self._objects[ds408.SETPOINT] = setpoint
         self._take_word(word)
 
-    def _object_set(self, entry: Entry, value: int) -> None:
+    def _object_set(self, entry: canopen.Entry, value: int) -> None:
         self._note("drive_object_set", object=str(entry), value=value)
-        if entry == CONTROL_WORD:
+        if entry == ds408.CONTROL_WORD:
             self._take_word(value)
-        elif entry == CONSUMER_HEARTBEAT:
+        elif entry == canopen.CONSUMER_HEARTBEAT:
             # The heartbeat is watched from the first one that comes (CiA 301, section 7.2.8).
             self._host_at = None
 
     def _take_word(self, word: int) -> None:
         previous, self._word = self._word, word
-        self._objects[CONTROL_WORD] = word
+        self._objects[ds408.CONTROL_WORD] = word
         self._follow(previous)
 
     def _follow(self, previous_word: int) -> None:
         """Make at most one transition by the control word; the next follows in the next cycle."""
         if not self.faults.stuck:
-            self._become(after_word(self.state, self._word, previous_word))
+            self._become(ds408.after_word(self.state, self._word, previous_word))
 
     def _become(self, state: DriveState) -> None:
         if state is self.state:
@@ -211,7 +180,7 @@ class ValveNode:
         self.state = state
         self._note("drive_state", state=state.name)
         if reset:
-            self._send(EMERGENCY, bytes(8))
+            self._send(canopen.EMERGENCY, bytes(8))
 
     def cycle(self, now: float) -> None:
         """Make a transition if asked, watch the host, and send what is due at `now` in s."""
@@ -219,19 +188,19 @@ class ValveNode:
         self._follow(self._word)
         self._watch_host()
         if now >= self._beat_at:
-            self._beat_at = now + 1e-3 * self._objects[PRODUCER_HEARTBEAT]
+            self._beat_at = now + 1e-3 * self._objects[canopen.PRODUCER_HEARTBEAT]
             if not self.faults.heartbeat_lost:
-                self._send(HEARTBEAT, bytes((self._nmt,)))
-            if self._nmt is NmtState.BOOT_UP:
-                self._nmt = NmtState.PRE_OPERATIONAL
-        if self._nmt is NmtState.OPERATIONAL and now >= self._status_at:
-            self._status_at = now + 1e-3 * self._objects[TPDO1_PERIOD]
+                self._send(canopen.HEARTBEAT, bytes((self._nmt,)))
+            if self._nmt is canopen.NmtState.BOOT_UP:
+                self._nmt = canopen.NmtState.PRE_OPERATIONAL
+        if self._nmt is canopen.NmtState.OPERATIONAL and now >= self._status_at:
+            self._status_at = now + 1e-3 * self._objects[ds408.TPDO1_PERIOD]
             for data in _GARBAGE if self.faults.garbage else ():
-                self._send(TPDO1, data)
-            self._send(TPDO1, struct.pack(STATUS_LAYOUT, self.state, self._actual()))
+                self._send(canopen.TPDO1, data)
+            self._send(canopen.TPDO1, struct.pack(ds408.STATUS_LAYOUT, self.state, self._actual()))
 
     def _watch_host(self) -> None:
-        allowed = 1e-3 * (self._objects[CONSUMER_HEARTBEAT] & 0xFFFF)
+        allowed = 1e-3 * (self._objects[canopen.CONSUMER_HEARTBEAT] & 0xFFFF)
         if self._host_at is not None and allowed and self._now - self._host_at > allowed:
             self._host_at = None
             self.fail(HOST_HEARTBEAT_LOST)
@@ -239,7 +208,7 @@ class ValveNode:
     def _actual(self) -> int:
         if not self.faults.frozen_actual:
             share = self._spool() / self._full_stroke
-            self._frozen_at = round(FULL_SCALE * min(max(share, -2.0), 1.999))
+            self._frozen_at = round(ds408.FULL_SCALE * min(max(share, -2.0), 1.999))
         return self._frozen_at
 
     def _send(self, base: int, data: bytes) -> None:

@@ -6,12 +6,14 @@ Its registers are those of `rig.io.bypass_valves.registers`; any unit number rea
 import asyncio
 import random
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from rig.channels import BYPASSES
@@ -20,7 +22,6 @@ from rig.emulator.pseudo_terminal import PseudoTerminal
 from rig.emulator.record import Record
 from rig.io import IDENTITY, NEEDLE_FULL_SCALE, STANDARD_REGISTERS, THROTTLE
 
-from .rtu_line import RtuLine
 from .server import Wire
 from .valve_bank import SWITCHES, ValveBank
 
@@ -38,7 +39,6 @@ class BypassIo:
         record: takes note of what happens.
         clock: returns the time in ns.
         ball_travel_s: time that a ball takes from shut to open, s.
-        needle_travel_s: time that a needle takes over its whole range, s.
 
     Attributes:
         valves: the valves; its method `stick` jams one.
@@ -56,9 +56,8 @@ class BypassIo:
         record: Record,
         clock: Callable[[], int] = time.monotonic_ns,
         ball_travel_s: float = 0.5,
-        needle_travel_s: float = 2.0,
     ) -> None:
-        self.valves = ValveBank(record, clock, ball_travel_s, needle_travel_s)
+        self.valves = ValveBank(record, clock, ball_travel_s)
         self.wire = Wire()
         self.shorted: set[str] = set()
         self.identity = IDENTITY
@@ -66,7 +65,7 @@ class BypassIo:
         self._record = record
         self._noise = random.Random(0)
         self._servers: list[ModbusTcpServer] = []
-        self._lines: list[RtuLine] = []
+        self._lines: list[_RtuLine] = []
 
     async def open(self, host: str, port: int) -> int:
         """Begin to serve over TCP; return the port, which the system chooses if 0 is asked for.
@@ -99,7 +98,7 @@ class BypassIo:
         line = PseudoTerminal(path)
         line.plug_in()
         server = ModbusSerialServer(self._device(), port=str(path), trace_packet=self._through_wire)
-        self._lines.append(RtuLine(line, server.callback_new_connection()))
+        self._lines.append(_RtuLine(line, server.callback_new_connection()))
 
     def close(self) -> None:
         """Close ports, lines and connections; repeated calls do no harm."""
@@ -115,10 +114,6 @@ class BypassIo:
             for connection in tuple(server.active_connections.values()):
                 connection.close()
 
-    def positions(self) -> dict[str, tuple[float, float]]:
-        """Return the positions (ball, needle) of each bypass now, from 0 (shut) to 1 (open)."""
-        return self.valves.positions()
-
     def state(self) -> dict[str, object]:
         """Return the state of the device for the control port and the record."""
         return {
@@ -129,21 +124,19 @@ class BypassIo:
 
     def _device(self) -> SimDevice:
         at = STANDARD_REGISTERS
+        bits = partial(SimData, values=False, datatype=DataType.BITS)
+        words = partial(SimData, datatype=DataType.REGISTERS)
         return SimDevice(
             id=0,  # whichever is asked for
             simdata=(
-                [SimData(at.coils, count=len(BYPASSES), values=False, datatype=DataType.BITS)],
+                [bits(at.coils, count=len(BYPASSES))],
+                [bits(at.switches, count=2 * len(BYPASSES))],
                 [
-                    SimData(
-                        at.switches, count=2 * len(BYPASSES), values=False, datatype=DataType.BITS
-                    )
+                    words(at.setpoints, count=len(BYPASSES)),
+                    words(at.identity, readonly=True),
+                    words(at.watchdog),
                 ],
-                [
-                    SimData(at.setpoints, count=len(BYPASSES), datatype=DataType.REGISTERS),
-                    SimData(at.identity, datatype=DataType.REGISTERS, readonly=True),
-                    SimData(at.watchdog, datatype=DataType.REGISTERS),
-                ],
-                [SimData(at.positions, count=len(BYPASSES), datatype=DataType.REGISTERS)],
+                [words(at.positions, count=len(BYPASSES))],
             ),
             action=self._serve,
         )
@@ -178,25 +171,19 @@ class BypassIo:
     def _take(self, function: int, address: int, values: list[int] | list[bool]) -> ExcCodes | None:
         at = STANDARD_REGISTERS
         if function in _COILS:
-            return self._take_coils(address - at.coils, values)
-        if address == at.watchdog:
+            first = address - at.coils
+            if first + len(values) > len(BYPASSES):
+                return ExcCodes.ILLEGAL_ADDRESS
+            for bypass, opened in zip(BYPASSES[first:], values, strict=False):
+                if bypass != THROTTLE:
+                    self.valves.order_ball(bypass, bool(opened))
+        elif address == at.watchdog:
             self.valves.watch(values[0])
-            return None
-        return self._take_setpoints(address - at.setpoints, values)
-
-    def _take_coils(self, first: int, values: Sequence[int]) -> ExcCodes | None:
-        if first + len(values) > len(BYPASSES):
-            return ExcCodes.ILLEGAL_ADDRESS
-        for bypass, opened in zip(BYPASSES[first:], values, strict=False):
-            if bypass != THROTTLE:
-                self.valves.order_ball(bypass, bool(opened))
-        return None
-
-    def _take_setpoints(self, first: int, values: Sequence[int]) -> ExcCodes | None:
-        if max(values) > NEEDLE_FULL_SCALE:
+        elif max(values) > NEEDLE_FULL_SCALE:
             return ExcCodes.ILLEGAL_VALUE
-        for bypass, setpoint in zip(BYPASSES[first:], values, strict=False):
-            self.valves.order_needle(bypass, setpoint / NEEDLE_FULL_SCALE)
+        else:
+            for bypass, setpoint in zip(BYPASSES[address - at.setpoints :], values, strict=False):
+                self.valves.order_needle(bypass, setpoint / NEEDLE_FULL_SCALE)
         return None
 
     def _current(self, function: int) -> Mapping[int, int]:
@@ -217,13 +204,7 @@ class BypassIo:
 
     def _through_wire(self, sending: bool, data: bytes) -> bytes:
         """Return the bytes that remain of a frame after the wire's present faults."""
-        if not sending:
-            return data
-        if self.wire.requests_lost or self.wire.replies_lost:
-            return b""
-        if self.wire.wrong_transaction:
-            data = (int.from_bytes(data[:2], "big") ^ 0x5555).to_bytes(2, "big") + data[2:]
-        return self._noise.randbytes(len(data)) if self.wire.garbage else data
+        return self.wire.passed(data, self._noise) if sending else data
 
     def _note_connection(self, connected: bool) -> None:
         self._record.note("connected" if connected else "disconnected", device=self.name)
@@ -237,3 +218,30 @@ def _packed(bits: Iterable[bool]) -> int:
 
 def _registers(first: int, shares: Iterable[float]) -> dict[int, int]:
     return {first + i: round(share * NEEDLE_FULL_SCALE) for i, share in enumerate(shares)}
+
+
+class _RtuLine(asyncio.Transport):
+    """The far end of a pseudo-terminal, which pymodbus uses as a serial port.
+
+    Pymodbus itself opens serial ports only by name.
+
+    Args:
+        line: the pseudo-terminal, which must be plugged in.
+        handler: answers the requests that come over it.
+    """
+
+    def __init__(self, line: PseudoTerminal, handler: ServerRequestHandler) -> None:
+        super().__init__()
+        self._line = line
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(line.fileno(), lambda: handler.data_received(line.read()))
+        handler.connection_made(self)
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Send a reply."""
+        self._line.write(bytes(data))
+
+    def close(self) -> None:
+        """Unplug the line."""
+        self._loop.remove_reader(self._line.fileno())
+        self._line.unplug()

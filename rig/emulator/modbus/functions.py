@@ -6,7 +6,9 @@ Functions 3, 4, 6, 16 and 23 follow the Modbus Application Protocol V1.1b3; func
 
 from collections.abc import Callable
 from struct import Struct
-from typing import Final, Protocol
+from typing import Final
+
+from .io_device import IoDevice
 
 ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_ADDRESS: Final = 2
@@ -34,51 +36,18 @@ class ModbusException(Exception):  # noqa: N818 (the protocol's word)
         self.code = code
 
 
-class Device(Protocol):
-    """Registers behind a Modbus address, two bytes each, high byte first.
-
-    Attributes:
-        functions: function codes that the device serves.
-        connections: number of the device's clients, which the server sets.
-    """
-
-    @property
-    def functions(self) -> frozenset[int]:
-        """Function codes that the device serves."""
-
-    connections: int
-
-    def has(self, address: int, count: int) -> bool:
-        """Return whether `count` registers from `address` on can be read."""
-
-    def read(self, address: int, count: int) -> bytes:
-        """Return `count` registers from `address` on, as 2 * count bytes.
-
-        Raises:
-            ModbusException: there are no such registers.
-        """
-
-    def write(self, address: int, data: bytes) -> None:
-        """Write len(data) / 2 registers from `address` on, all of them or none.
-
-        Raises:
-            ModbusException: there are no such registers, or the device refuses a value.
-        """
-
-
-def serve(device: Device, request: bytes) -> bytes:
+def serve(device: IoDevice, request: bytes) -> bytes:
     """Return a device's reply PDU to a request PDU of at least a byte.
 
     It is an exception reply if the device does not serve the function or refuses the request. The
     parts of a feedback request (function 76) that come before the refused one have been done.
     """
-    function = request[0]
     try:
-        if function not in device.functions:
+        if request[0] not in device.functions:
             raise ModbusException(ILLEGAL_FUNCTION)
-        return request[:1] + _FUNCTIONS[function](device, request[1:])
+        return request[:1] + _FUNCTIONS[request[0]](device, request[1:])
     except ModbusException as refused:
-        return bytes((function | 0x80, refused.code))
+        return exception_reply(request, refused.code)
 
 
 def exception_reply(request: bytes, code: int) -> bytes:
@@ -91,20 +60,20 @@ def _require(granted: bool) -> None:
         raise ModbusException(ILLEGAL_VALUE)
 
 
-def _read(device: Device, body: bytes) -> bytes:
+def _read(device: IoDevice, body: bytes) -> bytes:
     _require(len(body) == _TWO.size)
     address, count = _TWO.unpack(body)
     _require(1 <= count <= _READ_LIMIT)
     return bytes((2 * count,)) + device.read(address, count)
 
 
-def _write_one(device: Device, body: bytes) -> bytes:
+def _write_one(device: IoDevice, body: bytes) -> bytes:
     _require(len(body) == _TWO.size)
     device.write(_TWO.unpack(body)[0], body[2:])
     return body
 
 
-def _write_many(device: Device, body: bytes) -> bytes:
+def _write_many(device: IoDevice, body: bytes) -> bytes:
     _require(len(body) > _TWO.size)
     address, count = _TWO.unpack_from(body)
     _require(1 <= count <= _WRITE_LIMIT and body[4] == 2 * count == len(body) - 5)
@@ -112,7 +81,7 @@ def _write_many(device: Device, body: bytes) -> bytes:
     return body[:4]
 
 
-def _read_write(device: Device, body: bytes) -> bytes:
+def _read_write(device: IoDevice, body: bytes) -> bytes:
     """Write first and then read, as in the standard; write nothing if the read is refused."""
     _require(len(body) > _FOUR.size)
     read_at, read_count, write_at, write_count = _FOUR.unpack_from(body)
@@ -124,7 +93,7 @@ def _read_write(device: Device, body: bytes) -> bytes:
     return bytes((2 * read_count,)) + device.read(read_at, read_count)
 
 
-def _feedback(device: Device, body: bytes) -> bytes:
+def _feedback(device: IoDevice, body: bytes) -> bytes:
     """Serve the frames of a request in order, and return what its reads yield.
 
     A frame is a read `00 address16 count8` or a write `01 address16 count8 data`.
@@ -149,7 +118,7 @@ def _feedback(device: Device, body: bytes) -> bytes:
     return reply
 
 
-_FUNCTIONS: Final[dict[int, Callable[[Device, bytes], bytes]]] = {
+_FUNCTIONS: Final[dict[int, Callable[[IoDevice, bytes], bytes]]] = {
     3: _read,
     4: _read,
     6: _write_one,

@@ -17,9 +17,11 @@ class IoDevice(ABC):
 
     Attributes:
         functions: codes of the Modbus functions that the device serves.
-        connections: number of its clients.
+        enabled: whether the valve's relay is closed.
+        connections: number of its clients, which the server sets.
         frozen: whether its converters hang, so that it returns its last sample again and again.
         exchanges: number of times that its host has written outputs.
+        estop_closed: whether the emergency stop's chain is closed.
     """
 
     functions: frozenset[int]
@@ -35,8 +37,10 @@ class IoDevice(ABC):
         self._record = record
         self._zero = instruments.plant.encoder_counts()
         self._encoder_fault = self._button = self._tripped = False
-        self._estop_closed = True
+        self.estop_closed = True
+        self.enabled = False
         self._samples = 0
+        self._output = 0.0
 
     @abstractmethod
     def has(self, address: int, count: int) -> bool:
@@ -61,37 +65,51 @@ class IoDevice(ABC):
         """
 
     @abstractmethod
-    def tend(self) -> None:
-        """Make the watchdog trip if its time is over."""
-
-    @abstractmethod
-    def press_estop(self, pressed: bool) -> None:
-        """Open the emergency stop's chain if `pressed`, else close it."""
-
-    @abstractmethod
-    def press_reset(self, pressed: bool) -> None:
-        """Press the reset button, or release it."""
-
-    def lose_counts(self, counts: int, flagged: bool) -> None:
-        """Make the encoder lose counts for good; with `flagged` its interface reports a fault."""
-        self._zero += counts
-        self._encoder_fault = self._encoder_fault or flagged
-        self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)
+    def tend(self) -> int:
+        """Make the watchdog trip if its time is over, and return the present in ns."""
 
     @property
     @abstractmethod
     def lamp(self) -> bool:
         """Whether the reset lamp is lit."""
 
-    @property
-    def estop_closed(self) -> bool:
-        """Whether the emergency stop's chain is closed."""
-        return self._estop_closed
-
-    @property
     @abstractmethod
-    def enabled(self) -> bool:
-        """Whether the valve's relay is closed."""
+    def press_reset(self, pressed: bool) -> None:
+        """Press the reset button, or release it."""
+
+    @abstractmethod
+    def _asked(self) -> tuple[bool, float, float]:
+        """Return whether the relay may close, but for the emergency stop, and what follows.
+
+        That is the command of the host, and the output that it makes if the relay is closed, in V.
+        """
+
+    def press_estop(self, pressed: bool) -> None:
+        """Open the emergency stop's chain if `pressed`, else close it."""
+        now = self.tend()
+        self.estop_closed = not pressed
+        self._record.note("estop_opened" if pressed else "estop_closed", now)
+        self._settle("estop", now)
+
+    def _settle(self, cause: str, at_ns: int) -> None:
+        """Set relay and output as host, emergency stop and device allow, at `at_ns`."""
+        allowed, command, output = self._asked()
+        enabled = allowed and self.estop_closed
+        if enabled and not self.enabled:
+            self._record.note("valve_enabled", at_ns, command_V=command)
+        elif self.enabled and not enabled:
+            self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
+        self.enabled = enabled
+        output = output if enabled else 0.0
+        if output != self._output:
+            self._output = output
+            self._valve(output, at_ns)
+
+    def lose_counts(self, counts: int, flagged: bool) -> None:
+        """Make the encoder lose counts for good; with `flagged` its interface reports a fault."""
+        self._zero += counts
+        self._encoder_fault = self._encoder_fault or flagged
+        self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)
 
     @abstractmethod
     def state(self) -> dict[str, object]:

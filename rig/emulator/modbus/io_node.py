@@ -98,10 +98,8 @@ class IoNode(IoDevice):
         self._counted_ns = self._fed_ns = self._power_up_ns
         self._control = Control(0)
         self._command = 0.0
-        self._output = 0.0
         self._latched = True
         self._null_requested = False
-        self._enabled = False
 
     def has(self, address: int, count: int) -> bool:
         """Return whether `count` registers from `address` on can be read, all of one block."""
@@ -159,8 +157,7 @@ class IoNode(IoDevice):
         counter, bits, command = _WRITTEN.unpack(image)
         if not isfinite(command):
             raise ModbusException(ILLEGAL_VALUE)
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         control = Control(bits & 7)
         risen = control & ~self._control
         if counter != self._host_counter:
@@ -174,36 +171,27 @@ class IoNode(IoDevice):
             self._record.note("watchdog_rearmed", now)
         self.exchanges += 1
         self._settle("host", now)
-        self._record.command(now, command, self._output, self._enabled)
+        self._record.command(now, command, self._output, self.enabled)
 
     @property
     def _watchdog_ns(self) -> int:
         return self._watchdog_ms * 1_000_000
 
-    def tend(self, now: int | None = None) -> None:
-        """Make the watchdog trip if its time is over at `now` in ns, by default the present."""
-        now = self._clock() if now is None else now
+    def tend(self) -> int:
+        """Make the watchdog trip if its time is over, and return the present in ns."""
+        now = self._clock()
         armed = Control.VALVE_ENABLE in self._control and not self._tripped
         deadline = self._fed_ns + self._watchdog_ns
         if armed and now >= deadline:
             self._tripped = self._latched = True
             self._record.note("watchdog_trip", deadline, host_counter=self._host_counter)
             self._settle("watchdog", deadline)
+        return now
 
-    def _settle(self, cause: str, at_ns: int) -> None:
-        """Set relay and output as host, emergency stop, latch and watchdog allow, at `at_ns`."""
+    def _asked(self) -> tuple[bool, float, float]:
         asked = Control.VALVE_ENABLE in self._control
-        enabled = asked and self._estop_closed and not self._latched and not self._tripped
-        if enabled != self._enabled:
-            self._enabled = enabled
-            if enabled:
-                self._record.note("valve_enabled", at_ns, command_V=self._command)
-            else:
-                self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
-        output = min(max(self._command, -COMMAND_RANGE), COMMAND_RANGE) if enabled else 0.0
-        if output != self._output:
-            self._output = output
-            self._valve(output, at_ns)
+        allowed = asked and not self._latched and not self._tripped
+        return allowed, self._command, min(max(self._command, -COMMAND_RANGE), COMMAND_RANGE)
 
     def _set_watchdog(self, watchdog_ms: int) -> None:
         if not 0 < watchdog_ms <= WATCHDOG_LIMIT_MS:
@@ -215,31 +203,25 @@ class IoNode(IoDevice):
     def _request_null(self, value: int) -> None:
         if value != 1:
             raise ModbusException(ILLEGAL_VALUE)
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         self._null_requested = self._latched = True
         self._record.note("null_request", now)
         self._settle("null_request", now)
 
     def press_estop(self, pressed: bool) -> None:
         """Open the emergency stop's chain, which latches the node, or close the chain again."""
-        now = self._clock()
-        self.tend(now)
-        self._estop_closed = not pressed
         self._latched = self._latched or pressed
-        self._record.note("estop_opened" if pressed else "estop_closed", now)
-        self._settle("estop", now)
+        super().press_estop(pressed)
 
     def press_reset(self, pressed: bool) -> None:
         """Press the reset button, or release it.
 
         A press resets the latch if the lamp is lit and the emergency stop's chain is closed.
         """
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         rising = pressed and not self._button
         self._button = pressed
-        if rising and self.lamp and self._estop_closed and self._latched:
+        if rising and self.lamp and self.estop_closed and self._latched:
             self._latched = self._null_requested = False
             self._record.note("reset", now)
             self._settle("reset", now)
@@ -249,11 +231,6 @@ class IoNode(IoDevice):
         """Whether the reset lamp is lit."""
         return Control.RESET_LAMP in self._control
 
-    @property
-    def enabled(self) -> bool:
-        """Whether the valve's relay is closed."""
-        return self._enabled
-
     def state(self) -> dict[str, object]:
         """Return the state of the device for the control port and the record."""
         return {
@@ -261,8 +238,8 @@ class IoNode(IoDevice):
             "host_counter": self._host_counter,
             "command_V": self._command,
             "output_V": self._output,
-            "valve_enabled": self._enabled,
-            "estop_closed": self._estop_closed,
+            "valve_enabled": self.enabled,
+            "estop_closed": self.estop_closed,
             "watchdog_tripped": self._tripped,
             "watchdog_ms": self._watchdog_ms,
             "null_requested": self._null_requested,
@@ -274,9 +251,9 @@ class IoNode(IoDevice):
 
     def _status(self, encoder_lost: bool) -> int:
         return (
-            Status.ESTOP_CLOSED * self._estop_closed
+            Status.ESTOP_CLOSED * self.estop_closed
             | Status.RESET_BUTTON * self._button
-            | Status.VALVE_ENABLED * self._enabled
+            | Status.VALVE_ENABLED * self.enabled
             | Status.WATCHDOG_TRIPPED * self._tripped
             | Status.ENCODER_FAULT * (self._encoder_fault or encoder_lost)
         )
@@ -285,8 +262,7 @@ class IoNode(IoDevice):
         """Return the read block with a new sample, or with the last one while frozen."""
         if self.frozen:
             return self._sample
-        now = self._clock()
-        self.tend(now)
+        now = self.tend()
         reading = self._instruments.read()
         self._samples = (self._samples + 1) & 0xFFFF
         lost = isnan(reading.position)

@@ -5,20 +5,65 @@ set and the emergency stop's chain is closed. If no request at all comes for the
 the watchdog opens the relay until the next command.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from math import isnan
-from typing import Final
+from struct import pack, unpack
+from typing import Final, Literal
 
 from rig.channels import READINGS
 from rig.emulator.instruments import Instruments
 from rig.emulator.record import Record
-from rig.io import Register, RegisterMap, RegisterValue
+from rig.io import WORDS, Fact, Register, RegisterMap, RegisterValue, Watchdog
 
 from .functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
 from .io_device import IoDevice
-from .register_code import RegisterCode, addresses
 
 _FUNCTIONS: Final = {"fc23": 23, "fc76": 76}
+_FORMATS: Final = {"U16": ">H", "I16": ">h", "U32": ">I", "I32": ">i", "F32": ">f"}
+_RANGES: Final = {
+    "U16": (0, 0xFFFF),
+    "I16": (-0x8000, 0x7FFF),
+    "U32": (0, 0xFFFF_FFFF),
+    "I32": (-0x8000_0000, 0x7FFF_FFFF),
+}
+
+
+Place = Register | RegisterValue | Fact | Watchdog
+"""What stands in one or two registers, by its address and type."""
+
+
+@dataclass(frozen=True)
+class RegisterCode:
+    """Converts numbers to the contents of registers, and back.
+
+    Attributes:
+        word_order: order of the two words of a number of 32 bits.
+    """
+
+    word_order: Literal["high_first", "low_first"]
+
+    def number(self, place: Place, words: Mapping[int, int]) -> float:
+        """Return the number that stands in a place, given the registers' words by address."""
+        halves = [words[at].to_bytes(2, "big") for at in addresses(place)]
+        return float(unpack(_FORMATS[place.type], b"".join(self._ordered(halves)))[0])
+
+    def words(self, place: Place, number: float) -> dict[int, int]:
+        """Return the words of a number by address; unless F32, it is rounded and kept in range."""
+        if place.type != "F32":
+            low, high = _RANGES[place.type]
+            number = min(max(round(number), low), high)
+        data = pack(_FORMATS[place.type], number)
+        halves = self._ordered([data[i : i + 2] for i in range(0, len(data), 2)])
+        return {place.address + i: int.from_bytes(half, "big") for i, half in enumerate(halves)}
+
+    def _ordered(self, halves: list[bytes]) -> Iterable[bytes]:
+        return halves if self.word_order == "high_first" else halves[::-1]
+
+
+def addresses(place: Place) -> range:
+    """Return the addresses of the one or two registers that a number takes."""
+    return range(place.address, place.address + WORDS[place.type])
 
 
 class MappedDevice(IoDevice):
@@ -47,23 +92,19 @@ class MappedDevice(IoDevice):
         self._outputs = {a for r in register_map.written for a in addresses(r)}
         self._words = self._initial()
         self._given = {register.signal: 0.0 for register in register_map.written}
-        self._acting = 0.0
+        self.enabled = "valve_enable" not in self._given
         self._heard_ns = self._clock()
 
     def _initial(self) -> dict[int, int]:
         """Return the contents of all registers at power-up, by address."""
         known = self._map
-        words = dict.fromkeys(self._inputs | self._outputs, 0)
-        places: list[RegisterValue] = [*known.setup]
-        if known.watchdog is not None:
-            watchdog = known.watchdog
-            places += [RegisterValue(watchdog.address, watchdog.type, 0.0), *watchdog.arm]
-        places += [RegisterValue(fact.address, fact.type, 0.0) for fact in known.facts]
-        for place in places:
-            words |= dict.fromkeys(addresses(place), 0)
+        watchdog = known.watchdog
+        armed: tuple[Place, ...] = () if watchdog is None else (watchdog, *watchdog.arm)
+        places: tuple[Place, ...] = (*known.registers, *known.setup, *armed, *known.facts)
+        words = {at: 0 for place in places for at in addresses(place)}
         for value in (known.identity, known.version):
             if value is not None:
-                words |= self._code.words(value.address, value.type, value.value)
+                words |= self._code.words(value, value.value)
         return words
 
     def has(self, address: int, count: int) -> bool:
@@ -106,41 +147,31 @@ class MappedDevice(IoDevice):
 
     def _take(self, given: dict[str, float], now: int) -> None:
         """Act on outputs in SI by signal, which the host has set at `now` in ns."""
-        enabled = self.enabled
         self._given = given
         self._tripped = False
         self.exchanges += 1
-        self._settle("host", now, enabled)
-        self._record.command(now, given["command_V"], self._acting, self.enabled)
+        self._settle("host", now)
+        self._record.command(now, given["command_V"], self._output, self.enabled)
 
-    def _settle(self, cause: str, at_ns: int, was_enabled: bool) -> None:
-        """Set relay and valve as host, emergency stop and watchdog allow, at `at_ns`."""
-        enabled = self.enabled
-        acting = self._given["command_V"] if enabled else 0.0
-        if enabled and not was_enabled:
-            self._record.note("valve_enabled", at_ns, command_V=acting)
-        elif was_enabled and not enabled:
-            self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
-        if acting != self._acting:
-            self._acting = acting
-            self._valve(acting, at_ns)
+    def _asked(self) -> tuple[bool, float, float]:
+        asked = bool(self._given.get("valve_enable", 1.0))
+        command = self._given["command_V"]
+        return asked and not self._tripped, command, command
 
     def _hear(self) -> int:
         """Restart the watchdog's time, since the host sent a request; return the present in ns."""
-        self.tend()
-        self._heard_ns = self._clock()
+        self._heard_ns = self.tend()
         return self._heard_ns
 
-    def tend(self) -> None:
-        """Make the watchdog trip if its time is over."""
-        timeout_ns = self._watchdog_ns()
-        if not timeout_ns or self._tripped or self._clock() - self._heard_ns < timeout_ns:
-            return
-        was_enabled = self.enabled
-        self._tripped = True
+    def tend(self) -> int:
+        """Make the watchdog trip if its time is over, and return the present in ns."""
+        now, timeout_ns = self._clock(), self._watchdog_ns()
         deadline = self._heard_ns + timeout_ns
-        self._record.note("watchdog_trip", deadline)
-        self._settle("watchdog", deadline, was_enabled)
+        if timeout_ns and not self._tripped and now >= deadline:
+            self._tripped = True
+            self._record.note("watchdog_trip", deadline)
+            self._settle("watchdog", deadline)
+        return now
 
     def _watchdog_ns(self) -> int:
         """Return the silence in ns after which the watchdog trips; 0 if it is not armed."""
@@ -148,19 +179,11 @@ class MappedDevice(IoDevice):
         if watchdog is None:
             return 0
         for value in watchdog.arm:
-            coded = self._code.words(value.address, value.type, value.value)
+            coded = self._code.words(value, value.value)
             if any(self._words[at] != word for at, word in coded.items()):
                 return 0
-        counts = self._code.number(watchdog.address, watchdog.type, self._words)
+        counts = self._code.number(watchdog, self._words)
         return round(1e9 * counts / watchdog.counts_per_s)
-
-    def press_estop(self, pressed: bool) -> None:
-        """Open the emergency stop's chain if `pressed`, else close it."""
-        self.tend()
-        was_enabled, now = self.enabled, self._clock()
-        self._estop_closed = not pressed
-        self._record.note("estop_opened" if pressed else "estop_closed", now)
-        self._settle("estop", now, was_enabled)
 
     def press_reset(self, pressed: bool) -> None:
         """Press the reset button, or release it; the device only reports it."""
@@ -173,20 +196,14 @@ class MappedDevice(IoDevice):
         """Whether the reset lamp is lit."""
         return bool(self._given.get("reset_lamp", 0.0))
 
-    @property
-    def enabled(self) -> bool:
-        """Whether the valve's relay is closed."""
-        asked = bool(self._given.get("valve_enable", 1.0))
-        return asked and self._estop_closed and not self._tripped
-
     def state(self) -> dict[str, object]:
         """Return the state of the device for the control port and the record."""
         return {
             "exchanges": self.exchanges,
             "command_V": self._given["command_V"],
-            "output_V": self._acting,
+            "output_V": self._output,
             "valve_enabled": self.enabled,
-            "estop_closed": self._estop_closed,
+            "estop_closed": self.estop_closed,
             "watchdog_tripped": self._tripped,
             "watchdog_ms": self._watchdog_ns() // 1_000_000,
             "reset_lamp": self.lamp,
@@ -203,7 +220,7 @@ class MappedDevice(IoDevice):
             if register.bit is not None:
                 words[register.address] |= (number >= 0.5) << register.bit
             else:
-                words |= self._code.words(register.address, register.type, number)
+                words |= self._code.words(register, number)
         self._words |= words
 
     def _found(self) -> dict[str, float]:
@@ -215,18 +232,18 @@ class MappedDevice(IoDevice):
             **found,
             **self._instruments.read_carried(),
             "position_m": found["position_m"] - resolution * self._zero,
-            "estop_closed": float(self._estop_closed),
+            "estop_closed": float(self.estop_closed),
             "reset_button": float(self._button),
             "valve_enabled": float(self.enabled),
             "watchdog_tripped": float(self._tripped),
             "encoder_fault": float(self._encoder_fault),
             "device_counter": float(self._samples),
             "device_echo": self._given.get("host_counter", 0.0),
-            "device_command_V": self._acting,
+            "device_command_V": self._output,
         }
 
     def _decoded(self, register: Register, words: Mapping[int, int]) -> float:
-        number = self._code.number(register.address, register.type, words)
+        number = self._code.number(register, words)
         if register.bit is not None:
             number = float(int(number) >> register.bit & 1)
         return register.gain * number + register.bias

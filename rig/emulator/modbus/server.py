@@ -13,7 +13,8 @@ from typing import Final
 from rig.emulator.addresses import listen
 from rig.emulator.record import Record
 
-from .functions import FEEDBACK_LIMIT, Device, exception_reply, serve
+from .functions import FEEDBACK_LIMIT, exception_reply, serve
+from .io_device import IoDevice
 
 # MBAP header: transaction, protocol (0), bytes that follow, unit (Modbus/TCP guide V1.0b).
 _MBAP: Final = Struct(">HHHB")
@@ -42,6 +43,14 @@ class Wire:
     exception: int = 0
     refuses: bool = False
 
+    def passed(self, reply: bytes, noise: random.Random) -> bytes:
+        """Return what arrives of a reply's frame; it is empty if request or reply is lost."""
+        if self.requests_lost or self.replies_lost:
+            return b""
+        if self.wrong_transaction:
+            reply = (int.from_bytes(reply[:2], "big") ^ 0x5555).to_bytes(2, "big") + reply[2:]
+        return noise.randbytes(len(reply)) if self.garbage else reply
+
 
 class ModbusServer:
     """A Modbus/TCP server for one device.
@@ -54,15 +63,15 @@ class ModbusServer:
     Attributes:
         wire: faults of the line to the device; other code may change them at any time.
         requests: number of requests that came in, with those that the wire lost.
+        connections: the clients' connections.
     """
 
-    def __init__(self, name: str, device: Device, record: Record) -> None:
+    def __init__(self, name: str, device: IoDevice, record: Record) -> None:
         self.name, self.device, self.record = name, device, record
         self.wire = Wire()
         self.requests = 0
         self.noise = random.Random(0)
-        self._sound = Wire()
-        self._connections: set[_Connection] = set()
+        self.connections: set[asyncio.Transport] = set()
         self._server: asyncio.Server | None = None
 
     async def open(self, host: str, port: int) -> int:
@@ -82,25 +91,13 @@ class ModbusServer:
 
     def disconnect(self) -> None:
         """Close all connections at once, as a pulled cable or a restart does in the end."""
-        for connection in tuple(self._connections):
+        for connection in tuple(self.connections):
             connection.abort()
 
-    @property
-    def sound(self) -> bool:
-        """Whether the wire has no fault."""
-        return self.wire == self._sound
-
-    def joined(self, connection: "_Connection", peer: str) -> None:
-        """Add a client's connection, and record it."""
-        self._connections.add(connection)
-        self.device.connections = len(self._connections)
-        self.record.note("connected", device=self.name, peer=peer)
-
-    def left(self, connection: "_Connection", peer: str) -> None:
-        """Remove a client's connection, and record that."""
-        self._connections.discard(connection)
-        self.device.connections = len(self._connections)
-        self.record.note("disconnected", device=self.name, peer=peer)
+    def note(self, event: str, peer: str) -> None:
+        """Record that a client's connection has been made or lost, and tell the device."""
+        self.device.connections = len(self.connections)
+        self.record.note(event, device=self.name, peer=peer)
 
 
 class _Connection(asyncio.Protocol):
@@ -108,27 +105,22 @@ class _Connection(asyncio.Protocol):
 
     def __init__(self, server: ModbusServer) -> None:
         self._server = server
-        self._transport: asyncio.Transport | None = None
         self._received = bytearray()
-        self._peer = ""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
         if self._server.wire.refuses:
             transport.abort()
             return
-        self._transport = transport
         self._peer = "{}:{}".format(*transport.get_extra_info("peername")[:2])
-        self._server.joined(self, self._peer)
+        self._server.connections.add(transport)
+        self._server.note("connected", self._peer)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if self._transport is not None:
-            self._server.left(self, self._peer)
-            self._transport = None
-
-    def abort(self) -> None:
-        if self._transport is not None:
-            self._transport.abort()
+        if self._transport in self._server.connections:
+            self._server.connections.remove(self._transport)
+            self._server.note("disconnected", self._peer)
 
     def data_received(self, data: bytes) -> None:
         self._received += data
@@ -137,7 +129,7 @@ class _Connection(asyncio.Protocol):
             if protocol != 0 or not 2 <= length <= FEEDBACK_LIMIT - _HEADER_BYTES:
                 # This is not Modbus/TCP: nobody knows where the next request would begin.
                 self._server.record.note("not_modbus", device=self._server.name, peer=self._peer)
-                self.abort()
+                self._transport.abort()
                 return
             end = _HEADER_BYTES + length
             if len(self._received) < end:
@@ -148,34 +140,20 @@ class _Connection(asyncio.Protocol):
             self._answer(request)
 
     def _answer(self, request: bytes) -> None:
-        if self._transport is None:
-            return
-        if self._server.sound:
-            reply = serve(self._server.device, request[_MBAP.size :])
-            self._transport.write(_framed(request, reply))
-        else:
-            self._answer_badly(request, self._transport)
-
-    def _answer_badly(self, request: bytes, transport: asyncio.Transport) -> None:
-        """Answer a request through a wire with faults, of which several may act at once."""
+        """Answer a request through the wire, of whose faults several may act at once."""
         wire, pdu = self._server.wire, request[_MBAP.size :]
         if wire.requests_lost:
             return
         if wire.exception:
-            reply = _framed(request, exception_reply(pdu, wire.exception))
+            reply = exception_reply(pdu, wire.exception)
         else:
-            reply = _framed(request, serve(self._server.device, pdu))
-        if wire.replies_lost:
-            return
-        if wire.wrong_transaction:
-            transaction = int.from_bytes(reply[:2], "big") ^ 0x5555
-            reply = transaction.to_bytes(2, "big") + reply[2:]
-        if wire.garbage:
-            reply = self._server.noise.randbytes(len(reply))
+            reply = serve(self._server.device, pdu)
+        reply = wire.passed(_framed(request, reply), self._server.noise)
         if wire.delay_s > 0.0:
-            asyncio.get_running_loop().call_later(wire.delay_s, transport.write, reply)
+            loop = asyncio.get_running_loop()
+            loop.call_later(wire.delay_s, self._transport.write, reply)
         else:
-            transport.write(reply)
+            self._transport.write(reply)
 
 
 def _framed(request: bytes, reply: bytes) -> bytes:

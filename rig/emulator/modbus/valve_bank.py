@@ -9,6 +9,8 @@ from rig.emulator.record import Record
 from rig.io import THROTTLE
 
 _SHUT, _OPEN = 0.0, 1.0
+_NEEDLE_TRAVEL_S: Final = 2.0
+"""Time in s that a needle takes over its whole range."""
 
 
 @dataclass
@@ -41,7 +43,6 @@ class ValveBank:
         record: takes note of orders, arrivals and the watchdog.
         clock: returns the time in ns.
         ball_travel_s: time that a ball takes from shut to open, s.
-        needle_travel_s: time that a needle takes over its whole range, s.
 
     Attributes:
         watchdog_ms: time in ms without a request after which the balls are shut and the throttle
@@ -49,17 +50,18 @@ class ValveBank:
     """
 
     def __init__(
-        self,
-        record: Record,
-        clock: Callable[[], int],
-        ball_travel_s: float = 0.5,
-        needle_travel_s: float = 2.0,
+        self, record: Record, clock: Callable[[], int], ball_travel_s: float = 0.5
     ) -> None:
         self.watchdog_ms = 0
         self._record = record
         self._clock = clock
-        self._balls = {b: _Drive(ball_travel_s) for b in BYPASSES if b != THROTTLE}
-        self._needles = {b: _Drive(needle_travel_s) for b in BYPASSES}
+        self._valves = {
+            bypass: (
+                None if bypass == THROTTLE else _Drive(ball_travel_s),
+                _Drive(_NEEDLE_TRAVEL_S),
+            )
+            for bypass in BYPASSES
+        }
         self._time_ns = self._heard_ns = clock()
         self._barked = False
 
@@ -88,30 +90,28 @@ class ValveBank:
         """Start to open or shut the ball of a bypass; the return throttle has none."""
         self.tend()
         self._record.note("ball_ordered", self._time_ns, bypass=bypass, opened=opened)
-        self._balls[bypass].target = _OPEN if opened else _SHUT
+        ball, _ = self._valves[bypass]
+        assert ball is not None
+        ball.target = _OPEN if opened else _SHUT
 
     def order_needle(self, bypass: str, opening: float) -> None:
         """Start to move a needle to an opening, 0 to 1."""
         self.tend()
         self._record.note("needle_ordered", self._time_ns, bypass=bypass, opening=opening)
-        self._needles[bypass].target = opening
+        self._valves[bypass][1].target = opening
 
     def stick(self, bypass: str, stuck: bool = True) -> None:
         """Jam both valves of a bypass where they are, or free them to go on to their targets."""
         self.tend()
-        for drives in (self._balls, self._needles):
-            if bypass in drives:
-                drives[bypass].stuck = stuck
+        for drive in filter(None, self._valves[bypass]):
+            drive.stuck = stuck
 
     def positions(self) -> dict[str, tuple[float, float]]:
         """Return the positions (ball, needle) of each bypass now, from 0 (shut) to 1 (open)."""
         self.tend()
         return {
-            bypass: (
-                self._balls[bypass].position if bypass in self._balls else _OPEN,
-                needle.position,
-            )
-            for bypass, needle in self._needles.items()
+            bypass: (ball.position if ball else _OPEN, needle.position)
+            for bypass, (ball, needle) in self._valves.items()
         }
 
     def orders(self) -> dict[str, tuple[bool, float]]:
@@ -121,21 +121,17 @@ class ValveBank:
         """
         self.tend()
         return {
-            bypass: (
-                bypass in self._balls and self._balls[bypass].target == _OPEN,
-                needle.target,
-            )
-            for bypass, needle in self._needles.items()
+            bypass: (ball is not None and ball.target == _OPEN, needle.target)
+            for bypass, (ball, needle) in self._valves.items()
         }
 
     def _advance(self, until_ns: int) -> None:
         elapsed_s = 1e-9 * (until_ns - self._time_ns)
         self._time_ns = until_ns
-        for needle in self._needles.values():
+        for bypass, (ball, needle) in self._valves.items():
             needle.advance(elapsed_s)
-        for bypass, ball in self._balls.items():
-            left_s = ball.advance(elapsed_s)
-            if left_s is not None:
+            left_s = ball.advance(elapsed_s) if ball else None
+            if ball and left_s is not None:
                 at_ns = until_ns - round(1e9 * left_s)
                 opened = ball.position == _OPEN
                 self._record.note("ball_arrived", at_ns, bypass=bypass, opened=opened)
@@ -143,9 +139,10 @@ class ValveBank:
     def _bark(self, at_ns: int) -> None:
         self._barked = True
         self._record.note("bypass_watchdog_trip", at_ns, watchdog_ms=self.watchdog_ms)
-        for ball in self._balls.values():
-            ball.target = _SHUT
-        self._needles[THROTTLE].target = _SHUT
+        for ball, _ in self._valves.values():
+            if ball:
+                ball.target = _SHUT
+        self._valves[THROTTLE][1].target = _SHUT
 
 
 SWITCHES: Final = {_OPEN: (True, False), _SHUT: (False, True)}

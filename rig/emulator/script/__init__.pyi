@@ -1,5 +1,4 @@
 from .control_port import ControlPort as ControlPort
-from .effects import FaultEffects as FaultEffects
 from .fault_script import (
     ATTENTIVE as ATTENTIVE,
     NOTHING as NOTHING,

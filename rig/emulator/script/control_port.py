@@ -14,22 +14,23 @@ A request is an object whose key `do` names an action. The reply is an object wi
 
 import asyncio
 import json
-from collections.abc import Callable, Mapping
-from typing import Any, Final, Protocol
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
 
 from rig.configuration import ConfigError, suggestion
 from rig.emulator.addresses import listen
-from rig.emulator.operator_panel import EmulatedOperator
-from rig.emulator.record import Record
 from rig.surviving import failure
 
-from .effects import NotServedError
 from .fault_script import fault_from
-from .injection import Injection
+from .injection import NotServedError
+
+if TYPE_CHECKING:
+    from rig.emulator.application import Emulator
 
 _LINE_LIMIT: Final = 65536
 
 _KEYS: Final[Mapping[str, Mapping[str, type]]] = {
+    "inject": {},
     "clear": {"number": int},
     "status": {},
     "record": {"since_ns": int},
@@ -37,21 +38,8 @@ _KEYS: Final[Mapping[str, Mapping[str, type]]] = {
     "press_reset": {},
     "stop": {},
 }
-"""Keys of a request besides `do`, with their types; those of `inject` are the keys of a fault."""
-
-
-class Steered(Protocol):
-    """The part of an emulator that the control port uses: faults, operator, record, status."""
-
-    injection: Injection
-    operator: EmulatedOperator
-    record: Record
-
-    def status(self) -> dict[str, Any]:
-        """Return the state of every device and of the plant."""
-
-    def stop(self) -> None:
-        """Stop the emulator."""
+"""Keys of a request besides `do`, with their types; those of `inject` are those of a fault, which
+are checked with it."""
 
 
 class ControlPort:
@@ -64,19 +52,10 @@ class ControlPort:
         clients: the connections that are open now.
     """
 
-    def __init__(self, emulator: Steered) -> None:
+    def __init__(self, emulator: "Emulator") -> None:
         self._emulator = emulator
         self._server: asyncio.Server | None = None
         self.clients: set[asyncio.Transport] = set()
-        self._actions: dict[str, Callable[..., dict[str, Any]]] = {
-            "inject": self._inject,
-            "clear": self._clear,
-            "status": emulator.status,
-            "record": self._events,
-            "operator": self._operator,
-            "press_reset": self._press_reset,
-            "stop": self._stop,
-        }
 
     async def open(self, host: str, port: int) -> int:
         """Begin to serve; return the port, which the system chooses if 0 is asked for.
@@ -109,43 +88,43 @@ class ControlPort:
             request = json.loads(line)
         except (ValueError, RecursionError) as error:
             return _refusal(f"request: is not JSON: {error}; write one object a line")
-        asked = str(request.get("do", "")) if isinstance(request, dict) else ""
-        if not isinstance(request, dict) or asked not in self._actions:
-            remedy = suggestion(asked, tuple(self._actions), "actions")
-            return _refusal(f"do: {asked} is not a known action; {remedy}")
-        do = str(request.pop("do"))
+        keys = request if isinstance(request, dict) else {}
+        do = str(keys.pop("do", ""))
+        if do not in _KEYS:
+            remedy = suggestion(do, tuple(_KEYS), "actions")
+            return _refusal(f"do: {do} is not a known action; {remedy}")
         problems = [
             f"{key}: {value} is not a key of {do}, or of another type; {_keys(do)}"
-            for key, value in request.items()
-            if do in _KEYS and type(value) is not _KEYS[do].get(key)
+            for key, value in keys.items()
+            if do != "inject" and type(value) is not _KEYS[do].get(key)
         ]
         if problems:
             return _refusal(*problems)
         try:
-            return {"ok": True, **self._actions[do](**request)}
+            return {"ok": True, **self._done(do, keys)}
         except (ConfigError, NotServedError) as error:
             return _refusal(*map(str, error.problems))
 
-    def _inject(self, **fault: Any) -> dict[str, Any]:
-        return {"number": self._emulator.injection.inject(fault_from(fault))}
-
-    def _clear(self, number: int | None = None) -> dict[str, Any]:
-        return {"cleared": self._emulator.injection.clear(number)}
-
-    def _events(self, since_ns: int = 0) -> dict[str, Any]:
-        events = self._emulator.record.events
-        return {"events": [event for event in events if event["at_ns"] >= since_ns]}
-
-    def _operator(self, attentive: bool = True) -> dict[str, Any]:
-        self._emulator.operator.attentive = attentive
-        return {"attentive": attentive}
-
-    def _press_reset(self) -> dict[str, Any]:
-        self._emulator.operator.press()
-        return {}
-
-    def _stop(self) -> dict[str, Any]:
-        self._emulator.stop()
+    def _done(self, do: str, keys: Mapping[str, Any]) -> dict[str, Any]:
+        """Carry out an action with the keys of its request, and return what the reply tells."""
+        emulator = self._emulator
+        match do:
+            case "inject":
+                return {"number": emulator.injection.inject(fault_from(keys))}
+            case "clear":
+                return {"cleared": emulator.injection.clear(keys.get("number"))}
+            case "status":
+                return emulator.status()
+            case "record":
+                since = keys.get("since_ns", 0)
+                return {"events": [e for e in emulator.record.events if e["at_ns"] >= since]}
+            case "operator":
+                emulator.operator.attentive = keys.get("attentive", True)
+                return {"attentive": emulator.operator.attentive}
+            case "press_reset":
+                emulator.operator.press()
+            case _:
+                emulator.stop()
         return {}
 
 

@@ -22,9 +22,9 @@ from rig.configuration import (
     Place,
     Schema,
     Sources,
+    elements_of,
     read_mapping,
     read_options,
-    shown,
     suggestion,
 )
 
@@ -78,18 +78,13 @@ def read_script(path: Path) -> Script:
     """
     sources = Sources()
     root = sources.read_yaml(path)
-    file = read_mapping(ScriptFile, root, sources.problems) if root is not None else None
-    entries = root.get("faults") if root is not None else None
-    faults: list[WireFault] = []
-    if entries is not None and isinstance(entries.value, list):
-        found = (read_fault(item, sources) for item in entries.elements())
-        faults = [fault for fault in found if fault is not None]
-    elif entries is not None:
-        remedy = "write `faults:` and a list: - {fault: ..., at: ...}"
-        sources.problems.add(entries.place, "faults", shown(entries), "is not a list", remedy)
-    sources.problems.raise_if_any()
-    assert file is not None
-    return Script(tuple(faults), file.operator == "attentive")
+    file = read_mapping(ScriptFile, root)
+    remedy = "write `faults:` and a list: - {fault: ..., at: ...}"
+    entries = elements_of(root.get("faults") if root is not None else None, remedy)
+    found = [read_fault(item) for item in entries]
+    file = sources.finished(file)
+    faults = tuple(fault for fault in found if fault is not None)
+    return Script(faults, file.operator == "attentive")
 
 
 def fault_from(request: Mapping[str, Any]) -> WireFault:
@@ -99,34 +94,30 @@ def fault_from(request: Mapping[str, Any]) -> WireFault:
         ConfigError: the fault is not valid; the error names every problem.
     """
     sources = Sources()
-    fault = read_fault(_located(request, "request"), sources)
-    sources.problems.raise_if_any()
-    assert fault is not None
-    return fault
+    return sources.finished(read_fault(_located(request, "request", sources)))
 
 
-def _located(value: Any, name: str) -> Located:
+def _located(value: Any, name: str, sources: Sources) -> Located:
     """Return plain values as if they had been read from a file named `request`."""
-    place = Place(Path("request"), 0, 0)
     if isinstance(value, Mapping):
-        return Located({str(k): _located(v, str(k)) for k, v in value.items()}, place, name)
-    if isinstance(value, list):
-        return Located([_located(v, f"{name}[{i}]") for i, v in enumerate(value)], place, name)
-    return Located(value, place, name)
+        value = {str(k): _located(v, str(k), sources) for k, v in value.items()}
+    elif isinstance(value, list):
+        value = [_located(v, f"{name}[{i}]", sources) for i, v in enumerate(value)]
+    return Located(value, Place(Path("request"), 0, 0), name, sources)
 
 
-def read_fault(item: Located, sources: Sources) -> WireFault | None:
-    """Return one fault; if it is not valid, return None and add its problems to `sources`."""
+def read_fault(item: Located) -> WireFault | None:
+    """Return one fault; if it is not valid, return None and record its problems."""
     entry = item.get("fault")
     if entry is None or str(entry.value) not in KINDS:
-        place, value = (entry.place, shown(entry)) if entry else (item.place, "")
+        value = entry.shown if entry else ""
         remedy = suggestion(value, tuple(KINDS), "faults")
-        sources.problems.add(place, "fault", value, "is not a known fault", remedy)
+        (entry or item).refuse("is not a known fault", remedy, value, name="fault")
         return None
     keys = dict(item.items())
     own = {key: keys.pop(key) for key in ("fault", *_TIMES) if key in keys}
-    times = read_mapping(_TIMES_SCHEMA, Located(own, item.place, item.name), sources.problems)
-    options = read_options(KINDS[str(entry.value)], Located(keys, item.place, item.name), sources)
+    times = read_mapping(_TIMES_SCHEMA, item.with_value(own))
+    options = read_options(KINDS[str(entry.value)], item.with_value(keys))
     if times is None or options is None:
         return None
     given = times.model_dump()

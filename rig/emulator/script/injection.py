@@ -2,59 +2,46 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import inf
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rig.emulator.plant import Clock
 from rig.emulator.record import Record
 
 from .wire_faults import WireFault
 
+if TYPE_CHECKING:
+    from rig.emulator.application import Emulator
 
-class Effects(Protocol):
-    """What makes faults act on an emulated rig: `rig.emulator.script.effects.FaultEffects`."""
 
-    def require(self, *faults: Any) -> None:
-        """Check that the rig has the parts that the faults concern.
+class NotServedError(ValueError):
+    """Raised for faults of parts that the emulated rig lacks; `problems` names them."""
 
-        Raises:
-            ValueError: the rig lacks one.
-        """
-
-    def apply(self, fault: Any, begins: bool) -> None:
-        """Make a fault begin or, if not `begins`, end."""
+    def __init__(self, problems: Iterable[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(self.problems))
 
 
 @dataclass
 class _Injected:
-    """One fault that waits for its time or acts."""
+    """One fault that waits for its time or acts; without origin it waits for the enabling."""
 
     number: int
     fault: WireFault
     origin_ns: int | None
     acting: bool = False
 
-    @property
-    def begin_ns(self) -> float:
-        """Time in ns at which the fault begins; inf while it waits for the valve's enabling."""
-        return inf if self.origin_ns is None else self.origin_ns + 1e9 * self.fault.at_s
-
-    @property
-    def end_ns(self) -> float:
-        return self.begin_ns + 1e9 * self.fault.for_s
-
 
 class Injection:
     """The faults of a run of the emulator.
 
     Args:
-        effects: makes faults begin and end.
+        emulator: the emulated rig, on whose parts the faults act.
         record: takes note when a fault begins and ends.
         clock: returns the time in ns.
     """
 
-    def __init__(self, effects: Effects, record: Record, clock: Clock) -> None:
-        self._effects = effects
+    def __init__(self, emulator: "Emulator", record: Record, clock: Clock) -> None:
+        self._emulator = emulator
         self._record = record
         self._clock = clock
         self._enabled = False
@@ -67,28 +54,25 @@ class Injection:
         None is added if an error is raised.
 
         Raises:
-            ValueError: some faults concern parts that the rig lacks.
+            NotServedError: some faults concern parts that the rig lacks.
         """
         faults = tuple(faults)
-        self._effects.require(*(fault.options for fault in faults))
+        problems = [fault.options.lacking(self._emulator) for fault in faults]
+        if any(problems):
+            raise NotServedError(filter(None, problems))
         for fault in faults:
-            self._add(fault)
+            waits = fault.after == "enable" and not self._enabled
+            self._numbers += 1
+            self._faults.append(_Injected(self._numbers, fault, None if waits else self._clock()))
 
     def inject(self, fault: WireFault) -> int:
         """Add a fault, whose time counts as in a script; return the number by which to clear it.
 
         Raises:
-            ValueError: the fault concerns a part that the rig lacks.
+            NotServedError: the fault concerns a part that the rig lacks.
         """
-        self._effects.require(fault.options)
-        number = self._add(fault)
+        self.script([fault])
         self.tend()
-        return number
-
-    def _add(self, fault: WireFault) -> int:
-        waits = fault.after == "enable" and not self._enabled
-        self._numbers += 1
-        self._faults.append(_Injected(self._numbers, fault, None if waits else self._clock()))
         return self._numbers
 
     def clear(self, number: int | None = None) -> int:
@@ -109,17 +93,20 @@ class Injection:
         """Begin and end the faults that are due; one that has ended is forgotten."""
         now = self._clock()
         for injected in tuple(self._faults):
-            if not injected.acting and injected.begin_ns <= now:
+            if injected.origin_ns is None:
+                continue
+            begin_ns = injected.origin_ns + 1e9 * injected.fault.at_s
+            if not injected.acting and begin_ns <= now:
                 injected.acting = True
                 self._note("fault_begins", injected)
-                self._effects.apply(injected.fault.options, True)
-            if injected.acting and injected.end_ns <= now:
+                injected.fault.options.act(self._emulator, True)
+            if injected.acting and begin_ns + 1e9 * injected.fault.for_s <= now:
                 self._end(injected)
 
     def _end(self, injected: _Injected) -> None:
         self._faults.remove(injected)
         if injected.acting:
-            self._effects.apply(injected.fault.options, False)
+            injected.fault.options.act(self._emulator, False)
             self._note("fault_ends", injected)
 
     def _note(self, event: str, injected: _Injected) -> None:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from math import isnan
 from typing import ClassVar, Final, Literal
 
@@ -25,49 +26,41 @@ Clock = Callable[[], int]
 """Returns the present time in ns, as `time.monotonic_ns` does."""
 
 
+@dataclass
 class Travel:
-    """The last move of one valve, checked: it must arrive in time, and stay at its target.
+    """A move of one valve, checked: it must arrive in time, and stay at its target.
 
-    Args:
-        allowed_s: time in s within which the feedback must confirm a move.
+    Attributes:
+        target: position to which the valve was sent.
+        begun_ns: time in ns at which it was sent there.
+        allowed_s: time in s within which the feedback must confirm the move.
         tolerance: greatest distance from the target at which the valve counts as arrived.
-        clock: returns the time in ns.
+        arrived: whether the feedback has confirmed the move.
     """
 
-    def __init__(self, allowed_s: float, tolerance: float, clock: Clock) -> None:
-        self._allowed_ns = round(allowed_s * 1e9)
-        self._tolerance = tolerance
-        self._clock = clock
-        self._begun_ns = 0
-        self._arrived = False
-        self.target: float | None = None
-        """Position to which the valve was last sent; None before the first move."""
-
-    def begin(self, target: float) -> None:
-        """Note that the valve has just been sent to a position."""
-        self.target = target
-        self._arrived = False
-        self._begun_ns = self._clock()
+    target: float
+    begun_ns: int
+    allowed_s: float
+    tolerance: float
+    arrived: bool = False
 
     def reached(self, position: float) -> bool:
-        """Return whether `position` is the target, within the tolerance; False before a move."""
-        return self.target is not None and abs(position - self.target) <= self._tolerance
+        """Return whether `position` is the target, within the tolerance."""
+        return abs(position - self.target) <= self.tolerance
 
-    def fault(self, position: float) -> str:
+    def fault(self, position: float, now_ns: int) -> str:
         """Return what is wrong with the valve, which is now at `position`; empty if nothing is.
 
         Wrong is a valve that has not reached its target in the time allowed, or that has left it
-        after an earlier call found it there. Before the first move nothing is wrong.
+        after an earlier call found it there.
         """
-        if self.target is None:
-            return ""
         if self.reached(position):
-            self._arrived = True
+            self.arrived = True
             return ""
-        if self._arrived:
+        if self.arrived:
             return f"has left {self.target:g} and stands {shown(position)}"
-        elapsed_ns = self._clock() - self._begun_ns
-        if elapsed_ns < self._allowed_ns:
+        elapsed_ns = now_ns - self.begun_ns
+        if elapsed_ns < round(self.allowed_s * 1e9):
             return ""
         return f"stuck {shown(position)} after {elapsed_ns * 1e-9:.1f} s, sent to {self.target:g}"
 
@@ -106,11 +99,19 @@ class BypassValves:
         self._options = options
         self._clock = clock
         self._sleep = sleep
-        self._bypass_of = {
-            **{f"{bypass}_ball": bypass for bypass in options.bypasses if bypass != THROTTLE},
-            **{f"{bypass}_needle": bypass for bypass in options.bypasses},
+        balls = [f"{bypass}_ball" for bypass in options.bypasses if bypass != THROTTLE]
+        needles = [f"{bypass}_needle" for bypass in options.bypasses]
+        self.inputs = self.outputs = (*balls, *needles)
+        # A needle behind a shut ball does not matter in the safe state.
+        self._safe_outputs = [*balls, *(n for n in needles if n.startswith(THROTTLE))]
+        ball_s = options.ball_travel + options.margin
+        needle_s = options.needle_travel + options.margin
+        self._slowest_s = max(ball_s, needle_s)
+        self._limits = {
+            **dict.fromkeys(balls, (ball_s, _SWITCH_TOLERANCE)),
+            **dict.fromkeys(needles, (needle_s, options.needle_tolerance)),
         }
-        self.inputs = self.outputs = tuple(self._bypass_of)
+        # The last move of each valve that was sent anywhere over this connection.
         self._travels: dict[str, Travel] = {}
         self._link: BypassLink | None = None
 
@@ -135,10 +136,12 @@ class BypassValves:
                 arrive in time, or one left its target.
         """
         positions = self._connected().positions(self._options.bypasses)
+        now_ns = self._clock()
+        moves = {signal: self._travels.get(signal) for signal in self.outputs}
         faults = {
             signal: fault
-            for signal, travel in self._travels.items()
-            if (fault := travel.fault(positions[signal]))
+            for signal, travel in moves.items()
+            if travel and (fault := travel.fault(positions[signal], now_ns))
         }
         self._refuse(faults, _LOOK)
         return positions
@@ -154,7 +157,8 @@ class BypassValves:
             self._check(signal, target)
         link = self._connected()
         for signal, target in outputs.items():
-            if self._travels[signal].target != target:
+            last = self._travels.get(signal)
+            if last is None or last.target != target:
                 self._send(link, signal, target)
 
     def safe_state(self) -> None:
@@ -167,7 +171,7 @@ class BypassValves:
         Raises:
             DriverError: it was not confirmed within the time that the slowest move may take.
         """
-        deadline_ns = self._clock() + round(max(self._ball_time, self._needle_time) * 1e9)
+        deadline_ns = self._clock() + round(self._slowest_s * 1e9)
         if self._link is not None:
             with suppress(DriverError):
                 self._link.shut_balls(self._options.bypasses)
@@ -196,7 +200,7 @@ class BypassValves:
             self.close()
             raise
         # Targets from before this connection are not known; another program may have set them.
-        self._travels = {signal: self._travel(signal) for signal in self.outputs}
+        self._travels = {}
         return self._link
 
     def _client(self) -> Client:
@@ -218,19 +222,6 @@ class BypassValves:
             raise DriverError(self.name, "is not open", "open it first")
         return self._link
 
-    def _travel(self, signal: str) -> Travel:
-        if signal.endswith("_ball"):
-            return Travel(self._ball_time, _SWITCH_TOLERANCE, self._clock)
-        return Travel(self._needle_time, self._options.needle_tolerance, self._clock)
-
-    @property
-    def _ball_time(self) -> float:
-        return self._options.ball_travel + self._options.margin
-
-    @property
-    def _needle_time(self) -> float:
-        return self._options.needle_travel + self._options.margin
-
     def _check(self, signal: str, target: float) -> None:
         if signal not in self.outputs:
             action = f"its outputs are {', '.join(self.outputs)}"
@@ -241,12 +232,8 @@ class BypassValves:
             raise DriverError(self.name, f"{target:g} is not 0 to 1", "write 0 to 1", signal)
 
     def _send(self, link: BypassLink, signal: str, target: float) -> None:
-        bypass = self._bypass_of[signal]
-        if signal.endswith("_ball"):
-            link.set_ball(bypass, opened=target == 1.0)
-        else:
-            link.set_needle(bypass, target)
-        self._travels[signal].begin(target)
+        link.move(signal, target)
+        self._travels[signal] = Travel(target, self._clock(), *self._limits[signal])
 
     def _make_safe(self) -> None:
         """Command every valve of the safe state to 0; raise `DriverError` unless all are there."""
@@ -266,12 +253,6 @@ class BypassValves:
                 if not self._travels[signal].reached(positions[signal]):
                     failures[signal] = f"not shut, stands {shown(positions[signal])}"
         self._refuse(failures, "shut off the supply and " + _LOOK)
-
-    @property
-    def _safe_outputs(self) -> list[str]:
-        """Outputs that must be 0 in the safe state; a needle behind a shut ball does not matter."""
-        throttle = f"{THROTTLE}_needle"
-        return [signal for signal in self.outputs if signal.endswith("_ball") or signal == throttle]
 
     def _refuse(self, failures: Mapping[str, str], action: str) -> None:
         if failures:

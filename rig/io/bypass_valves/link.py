@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from math import nan
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
@@ -18,8 +18,6 @@ Client = ModbusTcpClient | ModbusSerialClient
 
 # Errors of pymodbus are raised as DriverError, so that they need not be printed as well.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
-
-_Value = TypeVar("_Value")
 
 _BY_SWITCHES: Final = {
     (True, False): 1.0,
@@ -48,11 +46,15 @@ class BypassLink:
         self._registers = registers
         self._unit = unit
         if not client.connect():
-            raise self._error(
-                "", f"cannot connect to {self._place}", "check power, cable, address, other users"
-            )
+            state = f"cannot connect to {self._place}"
+            raise self._error("", state, "check power, cable, address, other users")
         try:
-            self._verify_identity()
+            address = registers.identity
+            (identity,) = self._read("identity", client.read_holding_registers, address, 1)
+            if identity != IDENTITY:
+                state = f"{self._place} is 0x{identity:04x} and not 0x{IDENTITY:04x}"
+                action = "check the address: another device answers"
+                raise self._error("identity", state, action)
         except DriverError:
             self.close()
             raise
@@ -75,14 +77,23 @@ class BypassLink:
         milliseconds = round(time_s * 1e3)
         self._ask("watchdog", self._client.write_register, self._registers.watchdog, milliseconds)
 
-    def set_ball(self, bypass: str, opened: bool) -> None:
-        """Command a ball valve to open or to shut, without waiting for its move.
+    def move(self, signal: str, target: float) -> None:
+        """Command a valve to a position without waiting for its move.
+
+        Args:
+            signal: `<bypass>_ball` or `<bypass>_needle`.
+            target: 0 or 1 (open) for a ball, an opening from 0 to 1 for a needle.
 
         Raises:
             DriverError: the device does not reply, or refuses.
         """
-        address = self._registers.coils + BYPASSES.index(bypass)
-        self._ask(f"{bypass}_ball", self._client.write_coil, address, opened)
+        bypass, _, kind = signal.rpartition("_")
+        i = BYPASSES.index(bypass)
+        if kind == "ball":
+            self._ask(signal, self._client.write_coil, self._registers.coils + i, target == 1.0)
+        else:
+            register, number = self._registers.setpoints + i, round(target * NEEDLE_FULL_SCALE)
+            self._ask(signal, self._client.write_register, register, number)
 
     def shut_balls(self, bypasses: Sequence[str]) -> None:
         """Command the balls from the first of `BYPASSES` to the last given to shut, in one request.
@@ -92,16 +103,6 @@ class BypassLink:
         """
         shut = [False] * (1 + max(BYPASSES.index(bypass) for bypass in bypasses))
         self._ask("balls", self._client.write_coils, self._registers.coils, shut)
-
-    def set_needle(self, bypass: str, opening: float) -> None:
-        """Command a needle valve to an opening, 0 to 1, without waiting for its move.
-
-        Raises:
-            DriverError: the device does not reply, or refuses.
-        """
-        address = self._registers.setpoints + BYPASSES.index(bypass)
-        setpoint = round(opening * NEEDLE_FULL_SCALE)
-        self._ask(f"{bypass}_needle", self._client.write_register, address, setpoint)
 
     def positions(self, bypasses: Sequence[str]) -> Mapping[str, float]:
         """Return the positions of the bypasses' valves by signal.
@@ -113,8 +114,9 @@ class BypassLink:
             DriverError: the device does not reply, or not as expected.
         """
         count = 1 + max(BYPASSES.index(bypass) for bypass in bypasses)
-        switches = self._read_switches(2 * count)
-        needles = self._read_needles(count)
+        at, client = self._registers, self._client
+        switches = self._read("switches", client.read_discrete_inputs, at.switches, 2 * count)
+        needles = self._read("needles", client.read_input_registers, at.positions, count)
         found = {}
         for bypass in bypasses:
             i = BYPASSES.index(bypass)
@@ -123,26 +125,17 @@ class BypassLink:
             found[f"{bypass}_needle"] = needles[i] / NEEDLE_FULL_SCALE
         return found
 
-    def _read_switches(self, count: int) -> Sequence[bool]:
-        first = self._registers.switches
-        reply = self._ask("switches", self._client.read_discrete_inputs, first, count=count)
-        return self._complete("switches", reply.bits, count)
-
-    def _read_needles(self, count: int) -> Sequence[int]:
-        first = self._registers.positions
-        reply = self._ask("needles", self._client.read_input_registers, first, count=count)
-        return self._complete("needles", reply.registers, count)
-
-    def _verify_identity(self) -> None:
-        address = self._registers.identity
-        reply = self._ask("identity", self._client.read_holding_registers, address, count=1)
-        (identity,) = self._complete("identity", reply.registers, 1)
-        if identity != IDENTITY:
-            raise self._error(
-                "identity",
-                f"{self._place} is 0x{identity:04x} and not 0x{IDENTITY:04x}",
-                "check the address: another device answers",
-            )
+    def _read(
+        self, channel: str, request: Callable[..., ModbusPDU], first: int, count: int
+    ) -> Sequence[Any]:
+        """Return `count` values from an address on; those of switches are True or False."""
+        reply = self._ask(channel, request, first, count=count)
+        values = reply.bits or reply.registers
+        if len(values) < count:
+            state = f"{self._place} returns {len(values)} of {count} values"
+            raise self._error(channel, state, "check that it is the device expected")
+        # Bits come in whole bytes: there may be more than asked for.
+        return values[:count]
 
     def _ask(
         self, channel: str, request: Callable[..., ModbusPDU], *args: Any, **options: Any
@@ -162,13 +155,6 @@ class BypassLink:
             state = f"{self._place} refuses with Modbus exception {reply.exception_code}"
             raise self._error(channel, state, "check the addresses against the device's")
         return reply
-
-    def _complete(self, channel: str, values: Sequence[_Value], count: int) -> Sequence[_Value]:
-        if len(values) < count:
-            state = f"{self._place} returns {len(values)} of {count} values"
-            raise self._error(channel, state, "check that it is the device expected")
-        # Bits come in whole bytes: there may be more than asked for.
-        return values[:count]
 
     @property
     def _place(self) -> str:

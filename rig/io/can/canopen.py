@@ -66,16 +66,14 @@ class SdoError(Exception):
 NO_OBJECT: Final = 0x0602_0000
 READ_ONLY: Final = 0x0601_0002
 WRONG_LENGTH: Final = 0x0607_0010
-VALUE_RANGE: Final = 0x0609_0030
-WRONG_STATE: Final = 0x0800_0022
 UNKNOWN_COMMAND: Final = 0x0504_0001
 
 ABORTS: Final = {
     NO_OBJECT: "the object does not exist",
     READ_ONLY: "the object is read only",
     WRONG_LENGTH: "the length does not match",
-    VALUE_RANGE: "the value is out of range",
-    WRONG_STATE: "not in the present device state",
+    0x0609_0030: "the value is out of range",
+    0x0800_0022: "not in the present device state",
     UNKNOWN_COMMAND: "unknown command",
     0x0604_0041: "the object cannot be mapped to a PDO",
     0x0609_0011: "the sub-index does not exist",
@@ -152,30 +150,18 @@ def value_of(data: bytes, entry: Entry) -> int:
     return int(struct.unpack_from(entry.layout, data, 4)[0])
 
 
-@dataclass(frozen=True)
-class Request:
-    """An SDO request: address of an entry, and the bytes to write into it, or None to read it."""
-
-    index: int
-    subindex: int
-    value: bytes | None
-
-
-def parse_request(data: bytes) -> Request:
-    """Return the SDO request that 8 bytes contain.
+def value_to_write(request: bytes) -> bytes | None:
+    """Return the bytes that an SDO request of 8 bytes writes into its entry; None if it reads it.
 
     Raises:
         SdoError: the request is no expedited transfer.
-        ValueError: the data are not 8 bytes.
     """
-    if len(data) != 8:
-        raise ValueError(f"{len(data)} bytes are no SDO request, which has 8")
-    command, index, subindex, value = struct.unpack("<BHB4s", data)
+    command = request[0]
     if command == _READ:
-        return Request(index, subindex, None)
+        return None
     if command & 0xF3 != _WRITE:
         raise SdoError(UNKNOWN_COMMAND)
-    return Request(index, subindex, value[: 4 - (command >> _SIZE_SHIFT & 0b11)])
+    return request[4 : 8 - (command >> _SIZE_SHIFT & 0b11)]
 
 
 _EMERGENCIES: Final = {

@@ -1,4 +1,4 @@
-"""CiA 408, the CANopen profile of digital servovalves: state machine, words, objects, scaling.
+"""CiA 408, the CANopen profile of digital servovalves: states, words, objects, scaling, messages.
 
 The driver and the emulated valve share this module, which talks to no device. CiA sells the
 profile; this module was checked against the manual of a valve that follows it: Moog ACV with
@@ -6,9 +6,11 @@ CANopen interface, B99224-DV018-D-211, 2018. Its sections are cited, such as 5.2
 transitions.
 """
 
+from collections.abc import Iterator
 from enum import IntEnum
 from typing import Final, NamedTuple
 
+from . import canopen
 from .canopen import Entry
 
 DEVICE_PROFILE: Final = 408
@@ -152,18 +154,14 @@ def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
         word: the control word.
         previous_word: the control word before it, for the rising edge of a reset.
     """
-    for transition in TRANSITIONS:
-        if transition.source is state and transition.made_by(word, previous_word):
-            return transition.target
-    return state
+    leaving = [transition for transition in TRANSITIONS if transition.source is state]
+    return next((t.target for t in leaving if t.made_by(word, previous_word)), state)
 
 
 def after_fault(state: DriveState) -> DriveState:
     """Return the state to which a fault brings the valve; `state` if it is not ready already."""
-    for transition in TRANSITIONS:
-        if transition.source is state and transition.word == FAULT:
-            return transition.target
-    return state
+    fallen = (t.target for t in TRANSITIONS if t.source is state and t.word == FAULT)
+    return next(fallen, state)
 
 
 def keeping_word(state: DriveState) -> int:
@@ -209,3 +207,59 @@ def to_increments(share: float) -> int:
 def to_share(increments: int) -> float:
     """Return the share of full scale of an actual value in increments; it may exceed 1 a little."""
     return increments / FULL_SCALE
+
+
+# RPDO1 is control word and setpoint, TPDO1 is status word and actual spool position; the file
+# config/dbc/servovalve.dbc describes both to other programs.
+
+COMMAND_LAYOUT: Final = "<Hh"
+"""Format of RPDO1 for `struct`: control word, setpoint in increments."""
+
+STATUS_LAYOUT: Final = "<Hh"
+"""Format of TPDO1 for `struct`: status word, actual spool position in increments."""
+
+_RPDO1_OBJECT: Final = 0x1400
+_TPDO1_OBJECT: Final = 0x1800
+_MAPPING: Final = 0x200
+"""Distance in the dictionary from the communication object of a PDO to its mapping object."""
+
+TPDO1_PERIOD: Final = Entry(_TPDO1_OBJECT, 5, "<H")
+"""Entry of the event timer of TPDO1, the time in ms after which it is sent again."""
+
+_NOT_VALID: Final = 1 << 31
+_ON_CHANGE: Final = 255
+"""Transmission type: an RPDO acts when it is received, a TPDO is sent when its timer ends."""
+
+_BEATS_IN_SILENCE: Final = 4
+"""Number of heartbeats that a node sends in the silence after which it counts as lost."""
+
+
+def set_up(node: int, rate_hz: float, silence: float) -> Iterator[tuple[Entry, int]]:
+    """Yield the entries with the values to write into them, in order, in a pre-operational node.
+
+    The mapping of both messages is written at every start (CiA 301, sections 7.5.2.33 ff.), so that
+    earlier settings of a valve do not matter.
+
+    Args:
+        node: the node's id.
+        rate_hz: how often the host reads, Hz; TPDO1 is sent twice as often, so that every read
+            finds a new one.
+        silence: time in s without a heartbeat after which the host counts the node as lost.
+    """
+    period_ms = max(1, round(500.0 / rate_hz))
+    yield from _pdo(_RPDO1_OBJECT, canopen.RPDO1 + node, CONTROL_WORD, SETPOINT)
+    yield TPDO1_PERIOD, period_ms
+    yield from _pdo(_TPDO1_OBJECT, canopen.TPDO1 + node, STATUS_WORD, ACTUAL)
+    yield canopen.PRODUCER_HEARTBEAT, round(1e3 * silence / _BEATS_IN_SILENCE)
+
+
+def _pdo(communication: int, identifier: int, *mapped: Entry) -> Iterator[tuple[Entry, int]]:
+    """Yield the entries and values that map 16-bit entries to a PDO, which is invalid meanwhile."""
+    mapping = communication + _MAPPING
+    yield Entry(communication, 1, "<I"), _NOT_VALID | identifier
+    yield Entry(communication, 2, "<B"), _ON_CHANGE
+    yield Entry(mapping, 0, "<B"), 0
+    for number, entry in enumerate(mapped, 1):
+        yield Entry(mapping, number, "<I"), entry.index << 16 | entry.subindex << 8 | 16
+    yield Entry(mapping, 0, "<B"), len(mapped)
+    yield Entry(communication, 1, "<I"), identifier

@@ -54,6 +54,12 @@ class CanOptions:
     rate: Annotated[float, _Quantity("Hz", 1.0, 100.0, "", "")] = 20.0
     silence: Annotated[float, _Quantity("s", 0.05, 60.0, "", "")] = 0.5
 
+    @property
+    def bus(self) -> str:
+        """Name of the bus in messages."""
+        port = f":{self.port}" if self.interface == "udp_multicast" else ""
+        return f"{self.interface} {self.channel}{port}"
+
 
 class CanLink:
     """An open bus of which one driver receives the frames that it wants.
@@ -77,7 +83,7 @@ class CanLink:
         extended: bool = False,
     ) -> None:
         self._driver = driver
-        self.place = _place(options)
+        self._place = options.bus
         self._identifiers = frozenset(identifiers)
         self._extended = extended
         self._bus = open_bus(driver, options)
@@ -94,7 +100,7 @@ class CanLink:
         try:
             self._bus.send(frame)
         except (can.CanError, OSError) as error:
-            state = f"cannot send on {self.place}: {error}"
+            state = f"cannot send on {self._place}: {error}"
             raise DriverError(self._driver, state, "check cable and termination") from error
 
     def receive(self, wait: float = 0.0) -> list[can.Message]:
@@ -160,9 +166,4 @@ def open_bus(driver: str, options: CanOptions) -> can.BusABC:
     except (can.CanError, OSError, ValueError, ImportError) as error:
         remedy = _REMEDIES[options.interface]
         action = remedy.format(channel=options.channel, bitrate=options.bitrate)
-        raise DriverError(driver, f"cannot open {_place(options)}: {error}", action) from error
-
-
-def _place(options: CanOptions) -> str:
-    port = f":{options.port}" if options.interface == "udp_multicast" else ""
-    return f"{options.interface} {options.channel}{port}"
+        raise DriverError(driver, f"cannot open {options.bus}: {error}", action) from error

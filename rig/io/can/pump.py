@@ -34,6 +34,7 @@ UNITS: Final[Mapping[str, tuple[float, float]]] = {
 
 _IN_SI: Final = {"Pressure": "pump_pressure_Pa", "OilTemperature": "oil_temperature_K"}
 _FAULT: Final = "FAULT"
+_LOADED: Final = "pump_loaded"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,28 +97,28 @@ class CanPump:
             database = cantools.database.load_file(self._options.dbc)
         except (OSError, ValueError, cantools.Error) as error:
             state = f"{self._options.dbc} cannot be read: {error}"
-            raise DriverError(self.name, state, "give a DBC file", "dbc") from error
+            raise self._error(state, "give a DBC file", "dbc") from error
         assert isinstance(database, cantools.database.Database)
         return database
 
     def _message(
         self, database: cantools.database.Database, name: str, signals: tuple[str, ...]
     ) -> cantools.database.Message:
-        lacking: tuple[str, ...] = (name,)
-        for message in database.messages:
-            if message.name == name:
-                there = {signal.name for signal in message.signals}
-                lacking = tuple(f"{name}.{signal}" for signal in signals if signal not in there)
-                if not lacking:
-                    return message
-        state = f"{self._options.dbc} lacks {', '.join(lacking)}"
-        raise DriverError(self.name, state, "name its messages as docs/can.md says", "dbc")
+        found = {message.name: message for message in database.messages}
+        lacking = [name]
+        if name in found:
+            there = {signal.name for signal in found[name].signals}
+            lacking = [f"{name}.{signal}" for signal in signals if signal not in there]
+        if lacking:
+            state = f"{self._options.dbc} lacks {', '.join(lacking)}"
+            raise self._error(state, "name its messages as docs/can.md says", "dbc")
+        return found[name]
 
     def _unit(self, signal: str) -> tuple[float, float]:
         unit = self._status.get_signal_by_name(signal).unit or ""
         if unit not in UNITS:
             state = f"{self._options.dbc} gives {signal} in {unit or 'no unit'}"
-            raise DriverError(self.name, state, f"use one of {', '.join(UNITS)}", "dbc")
+            raise self._error(state, f"use one of {', '.join(UNITS)}", "dbc")
         return UNITS[unit]
 
     def _motor_fault_code(self) -> int:
@@ -125,14 +126,11 @@ class CanPump:
             return self._status.get_signal_by_name("MotorState").choice_to_number(_FAULT)
         except KeyError:
             state = f"{self._options.dbc} has no value {_FAULT} of MotorState"
-            raise DriverError(self.name, state, "add it with VAL_", "dbc") from None
+            raise self._error(state, "add it with VAL_", "dbc") from None
 
-    def _error(self, state: str, action: str) -> DriverError:
-        return DriverError(self.name, state, action)
-
-    def _fault(self, state: str, action: str) -> DriverError:
-        """Return the error of a unit that is connected, but does not do what it should."""
-        return DriverError(self.name, state, action, "pump_loaded")
+    def _error(self, state: str, action: str, channel: str = "") -> DriverError:
+        """Return an error; of a unit that is connected and disobeys, its channel is `_LOADED`."""
+        return DriverError(self.name, state, action, channel)
 
     def _connected(self) -> CanLink:
         if self._link is None:
@@ -155,7 +153,7 @@ class CanPump:
         while not self._fresh:
             if self._clock() >= until:
                 self.close()
-                state = f"no {self._status.name} on {link.place}"
+                state = f"no {self._status.name} on {self._options.bus}"
                 raise self._error(state, "check power, bitrate, termination and the DBC")
             self._listen(link, LOOK)
 
@@ -211,14 +209,15 @@ class CanPump:
             state = f"alive counter stands at {self._alive} for {silent:.2f} s: lost or frozen"
             raise self._error(state, "check the unit's power and cable")
         if self._motor == self._motor_fault:
-            raise self._fault("its motor reports a fault", "look at the unit's motor starter")
+            action = "look at the unit's motor starter"
+            raise self._error("its motor reports a fault", action, _LOADED)
 
     def _require_obeying(self) -> None:
         if self._load is None or self._loaded == self._load or self._clock() < self._load_until:
             return
         asked, stands = ("loaded" if load else "unloaded" for load in (self._load, self._loaded))
         state = f"is {stands}, {asked} wanted for {self._options.load_timeout:g} s"
-        raise self._fault(state, "look at the unit's unloading valve")
+        raise self._error(state, "look at the unit's unloading valve", _LOADED)
 
     def write(self, outputs: Mapping[str, float]) -> None:
         """Command the unit to load or unload the pump; later calls of `read` check that it does.
@@ -230,9 +229,9 @@ class CanPump:
         link = self._connected()
         for name, value in outputs.items():
             if name not in self.outputs:
-                raise DriverError(self.name, "is not an output", "write pump_load", name)
+                raise self._error("is not an output", "write pump_load", name)
             if value not in (0.0, 1.0):
-                raise DriverError(self.name, f"{value:g} is not 0 or 1", "give 0 or 1", name)
+                raise self._error(f"{value:g} is not 0 or 1", "give 0 or 1", name)
             self._ask(bool(value))
         self._send(link)
 
@@ -263,7 +262,7 @@ class CanPump:
             while self._loaded or not self._fresh:
                 if self._clock() >= self._load_until:
                     state = f"unloading not confirmed in {self._options.load_timeout:g} s"
-                    raise self._fault(state, "switch the unit's motor off")
+                    raise self._error(state, "switch the unit's motor off", _LOADED)
                 self._send(link)
                 self._listen(link, LOOK)
         finally:

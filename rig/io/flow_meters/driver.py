@@ -12,7 +12,7 @@ from rig.io.driver import DriverError
 from rig.io.signals import METERS
 from rig.plant import Quantity as _Quantity
 
-from .lines import LineCounts, MeterLineParser
+from .lines import MeterLineParser
 
 _FIRST_RETRY_S: Final = 0.1
 _LAST_RETRY_S: Final = 2.0
@@ -22,10 +22,6 @@ _READ_BYTES: Final = 4096
 """Bytes to read at once, more than come between two readings at any rate that is allowed."""
 
 _LOOK_S: Final = 0.02
-
-
-def _q(unit: str, lower: float, upper: float) -> _Quantity:
-    return _Quantity(unit, lower, upper, "", "")
 
 
 @dataclass(frozen=True)
@@ -40,24 +36,9 @@ class FlowMeterOptions:
     """
 
     port: str
-    baud: Annotated[int, _q("", 1200, 1_000_000)] = 9600
-    rate: Annotated[float, _q("Hz", 1.0, 100.0)] = 20.0
-    stale: Annotated[float, _q("s", 0.2, 10.0)] = 0.5
-
-
-@dataclass
-class MeterDiagnostics:
-    """Counts of what happened on the serial line so far.
-
-    Attributes:
-        lines: counts of the text lines that came.
-        unplugged: how often the serial line was lost.
-        reopened: how often it was opened again.
-    """
-
-    lines: LineCounts
-    unplugged: int = 0
-    reopened: int = 0
+    baud: Annotated[int, _Quantity("", 1200, 1_000_000, "", "")] = 9600
+    rate: Annotated[float, _Quantity("Hz", 1.0, 100.0, "", "")] = 20.0
+    stale: Annotated[float, _Quantity("s", 0.2, 10.0, "", "")] = 0.5
 
 
 class FlowMeters:
@@ -70,9 +51,6 @@ class FlowMeters:
         options: the driver's section there.
         clock: returns the time in ns.
         sleep: waits for a time in s; only `open` uses it.
-
-    Attributes:
-        diagnostics: counts of what happened on the line so far.
     """
 
     kind: ClassVar[Literal["fast", "slow"]] = "slow"
@@ -90,10 +68,10 @@ class FlowMeters:
         self.outputs: tuple[str, ...] = ()
         self.rate_hz = options.rate
         self._options = options
+        self._stale_ns = round(options.stale * 1e9)
         self._clock = clock
         self._sleep = sleep
         self._parser = MeterLineParser()
-        self.diagnostics = MeterDiagnostics(self._parser.counts)
         self._is_open = False
         self._port: serial.Serial | None = None
         self._heard_ns: dict[str, int] = {}
@@ -166,10 +144,6 @@ class FlowMeters:
         self._is_open = False
         self._let_go()
 
-    @property
-    def _stale_ns(self) -> int:
-        return round(self._options.stale * 1e9)
-
     def _plugged(self) -> serial.Serial:
         # Opening discards the bytes that were waiting in the line.
         return serial.Serial(self._options.port, self._options.baud, timeout=0, exclusive=True)
@@ -181,17 +155,17 @@ class FlowMeters:
         try:
             data = self._port.read(_READ_BYTES)
         except OSError:
-            self._unplugged()
+            self._let_go()
+            self._wait(_FIRST_RETRY_S)
             return {}
         flows = {METERS[line.meter - 1]: line.flow for line in self._parser.feed(data)}
         self._heard_ns.update(dict.fromkeys(flows, self._clock()))
         return flows
 
-    def _unplugged(self) -> None:
-        self.diagnostics.unplugged += 1
-        self._let_go()
-        self._retry_s = _FIRST_RETRY_S
-        self._retry_ns = self._clock() + round(self._retry_s * 1e9)
+    def _wait(self, wait_s: float) -> None:
+        """Let the next attempt to open the line wait for a time in s."""
+        self._retry_s = wait_s
+        self._retry_ns = self._clock() + round(wait_s * 1e9)
 
     def _replug(self) -> None:
         """Try to open a lost line again, if the wait since the last attempt is over."""
@@ -200,10 +174,7 @@ class FlowMeters:
         try:
             self._port = self._plugged()
         except OSError:
-            self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
-            self._retry_ns = self._clock() + round(self._retry_s * 1e9)
-        else:
-            self.diagnostics.reopened += 1
+            self._wait(min(2.0 * self._retry_s, _LAST_RETRY_S))
 
     def _let_go(self) -> None:
         if self._port is not None:

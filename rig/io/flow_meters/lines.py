@@ -64,8 +64,7 @@ class MeterLineParser:
         *ended, begun = (self._begun + data).split(b"\n")
         # No valid line is longer than this, so that earlier bytes can belong to none.
         self._begun = begun[-_LONGEST:]
-        found = (self._parse(line) for line in ended)
-        return [line for line in found if line is not None]
+        return [line for line in map(self._parse, ended) if line is not None]
 
     def _parse(self, line: bytes) -> MeterLine | None:
         # Noise, or a part of another line, may precede the valid line.

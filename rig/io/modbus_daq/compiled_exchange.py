@@ -43,15 +43,8 @@ _U16, _I16, _U32, _I32, _F32 = range(len(TYPES))
 _LOWEST: Final = (0.0, -32768.0, 0.0, -2147483648.0)
 _HIGHEST: Final = (65535.0, 32767.0, 4294967295.0, 2147483647.0)
 
-_OK: Final = int(ExchangeStatus.OK)
-_TIMEOUT: Final = int(ExchangeStatus.TIMEOUT)
-_EXCEPTION: Final = int(ExchangeStatus.EXCEPTION)
-_WRONG_REPLY: Final = int(ExchangeStatus.WRONG_REPLY)
-_DISCONNECTED: Final = int(ExchangeStatus.DISCONNECTED)
-_GARBAGE: Final = int(ExchangeStatus.GARBAGE)
-_RECEIVED: Final = int(Tally.RECEIVED)
-_LATE: Final = int(Tally.LATE)
-_CODE: Final = int(Tally.EXCEPTION)
+_OK, _TIMEOUT, _EXCEPTION, _WRONG_REPLY, _DISCONNECTED, _GARBAGE = map(int, ExchangeStatus)
+_RECEIVED, _LATE, _CODE = map(int, Tally)
 
 _HEADER: Final = LENGTH_AT + 2
 _SHORTEST_REPLY: Final = FUNCTION_AT + 2
@@ -278,11 +271,6 @@ class ExchangePlan(NamedTuple):
                 decode_inputs(self, inputs)
             _drop(self, self.transactions[transaction, 2])
         return _OK, sent_ns
-
-
-def exception_text(plan: ExchangePlan) -> str:
-    """Return the Modbus exception by which the device last refused a request, with its name."""
-    return exception_name(int(plan.tally[_CODE]))
 
 
 def exception_name(code: int) -> str:

@@ -7,22 +7,19 @@ over one more connection, by compiled code (`rig.io.modbus_daq.compiled_exchange
 import socket
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import closing
 from math import isfinite
-from typing import Annotated, ClassVar, Final, Literal
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 
 from rig.io.driver import DriverError, ExchangeStatus
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
-from rig.plant import Quantity
 
-from .compiled_exchange import ExchangePlan, Tally, exception_text
-from .link import DaqLink
-from .null import driven, null
-from .plan import exchange_plan, look_plan
-from .register_map import ExchangeMode, RegisterMap
-from .setup import set_up, verify
+from .compiled_exchange import ExchangePlan, Tally, exception_name
+from .link import DaqLink, ModbusDaqOptions
+from .plan import exchange_plans
+from .register_map import ExchangeMode
 
 _EXCHANGES_IN_WATCHDOG: Final = 3
 """Least number of exchanges in the watchdog's time; with fewer, one late reply would trip it."""
@@ -35,32 +32,6 @@ _STATES: Final = {
     ExchangeStatus.DISCONNECTED: "has closed the connection",
     ExchangeStatus.GARBAGE: "sends what is no Modbus/TCP",
 }
-
-
-@dataclass(frozen=True)
-class ModbusDaqOptions:
-    """Keys of the device in a rig file.
-
-    Attributes:
-        host: network name or address of the device.
-        map: registers of the device, a file of `config/maps`.
-        port: TCP port of the device.
-        unit: Modbus unit id of the device.
-        exchange: how samples are exchanged; if it is not given, the first way in the map.
-        watchdog: time of the device's own watchdog, at least that of three exchanges; required if
-            the map has a watchdog, and left out if it has none.
-        rate: exchanges in a second; at most the rate of the map, which holds if it is not given.
-        timeout: longest wait for a connection, or for a reply outside the loop.
-    """
-
-    host: str
-    map: RegisterMap
-    port: Annotated[int, Quantity("", 1, 65535, "", "")] = 502
-    unit: Annotated[int, Quantity("", 0, 255, "", "")] = 1
-    exchange: ExchangeMode | None = None
-    watchdog: Annotated[float | None, Quantity("s", 1e-3, 3600.0, "", "")] = None
-    rate: Annotated[float | None, Quantity("Hz", 0.1, 1e4, "", "")] = None
-    timeout: Annotated[float, Quantity("s", 0.01, 60.0, "", "")] = 1.0
 
 
 class ModbusDaq:
@@ -86,11 +57,7 @@ class ModbusDaq:
         self._mode: ExchangeMode = options.exchange or self._map.exchange[0]
         self._check()
         self._socket: socket.socket | None = None
-        self._plan = exchange_plan(self._map, self._mode, options.unit)
-        # Both plans use one connection: either may receive the rest of a reply to the other.
-        self._look = look_plan(self._map, self._mode, options.unit)._replace(
-            received=self._plan.received, tally=self._plan.tally
-        )
+        self._plan, self._look = exchange_plans(self._map, self._mode, options.unit)
         self._sequence = 0
         self._given = np.zeros(len(FAST_OUTPUTS))
         self._found = np.full(len(FAST_INPUTS), np.nan)
@@ -107,8 +74,8 @@ class ModbusDaq:
         if self._socket is not None:
             return
         with self._link() as link:
-            verify(link, self._map, self.rate_hz)
-            set_up(link, self._map, self._options.watchdog)
+            link.verify(self.rate_hz)
+            link.set_up()
         # Bytes that are left from an earlier connection do not belong to this one.
         self._plan.tally[Tally.RECEIVED] = 0
         # This call makes numba compile or load the exchange now, not within the first deadline.
@@ -121,7 +88,9 @@ class ModbusDaq:
         Raises:
             DriverError: the device is not open.
         """
-        return self._opened().fileno()
+        if self._socket is None:
+            raise DriverError(self.name, "is not open", "call open() first")
+        return self._socket.fileno()
 
     def plan(self) -> ExchangePlan:
         """Return the plan of the exchange over the socket of `fileno`, the same at every call."""
@@ -175,7 +144,7 @@ class ModbusDaq:
         """
         self._given[:] = 0.0
         with self._link() as link:
-            null(link, self._map, self._options.timeout)
+            link.null()
 
     def driven(self) -> str:
         """Return a text with the first quantity of the valve that is not 0; empty if all are 0.
@@ -186,7 +155,7 @@ class ModbusDaq:
             DriverError: the device does not answer, or refuses.
         """
         with self._link() as link:
-            return next(driven(link, self._map), "")
+            return next(link.driven(), "")
 
     def diagnostics(self) -> Mapping[str, float]:
         """Return the identity, map version and `facts` of the map by name, over a new connection.
@@ -197,7 +166,7 @@ class ModbusDaq:
             DriverError: no device answers, another one does, it is too slow, or it refuses.
         """
         with self._link() as link:
-            verify(link, self._map, self.rate_hz)
+            link.verify(self.rate_hz)
             found = {"identity": self._map.identity.value}
             if self._map.version is not None:
                 found["map_version"] = self._map.version.value
@@ -229,19 +198,12 @@ class ModbusDaq:
         if not shortest <= options.watchdog <= watchdog.longest:
             raise self._refused("watchdog", f"{options.watchdog:g} s", limits)
 
-    @property
-    def _place(self) -> str:
-        return f"{self._options.host}:{self._options.port}"
-
     def _refused(self, key: str, value: str, remedy: str) -> DriverError:
         state = f"{value} is not for {self._map.device}"
         return DriverError(self.name, state, remedy, key)
 
-    def _link(self) -> DaqLink:
-        options = self._options
-        return DaqLink(
-            self.name, options.host, options.port, options.unit, self._map, options.timeout
-        )
+    def _link(self) -> closing[DaqLink]:
+        return closing(DaqLink(self.name, self._options))
 
     def _connected(self) -> socket.socket:
         options = self._options
@@ -255,13 +217,8 @@ class ModbusDaq:
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return found
 
-    def _opened(self) -> socket.socket:
-        if self._socket is None:
-            raise DriverError(self.name, "is not open", "call open() first")
-        return self._socket
-
     def _exchange(self) -> None:
-        fd = self._opened().fileno()
+        fd = self.fileno()
         counter = FAST_OUTPUTS.index("host_counter")
         self._given[counter] = (self._given[counter] + 1) % 0x10000
         self._sequence += 1
@@ -270,9 +227,9 @@ class ModbusDaq:
         status = ExchangeStatus(ended)
         if status is ExchangeStatus.OK:
             return
-        place = f"{self._map.device} at {self._place}"
+        state, remedy = _STATES.get(status, ""), "check power and cable"
         if status is ExchangeStatus.EXCEPTION:
-            state, remedy = f"refuses with {exception_text(self._plan)}", "check the map"
-        else:
-            state, remedy = _STATES[status], "check power and cable"
-        raise DriverError(self.name, f"{place} {state}", remedy)
+            refusal = exception_name(int(self._plan.tally[Tally.EXCEPTION]))
+            state, remedy = f"refuses with {refusal}", "check the map"
+        place = f"{self._options.host}:{self._options.port}"
+        raise DriverError(self.name, f"{self._map.device} at {place} {state}", remedy)

@@ -44,30 +44,26 @@ class Request(NamedTuple):
 
 def exchange_requests(
     register_map: RegisterMap, mode: ExchangeMode, unit: int
-) -> tuple[Request, ...]:
-    """Return the transactions that exchange all outputs and inputs, in the order of sending.
+) -> tuple[tuple[Request, ...], Request]:
+    """Return the transactions that exchange all outputs and inputs, and one that only reads.
 
     Args:
         register_map: the device's registers.
         mode: one of the modes in the map's `exchange`.
         unit: unit id, 0 to 255.
+
+    Returns:
+        The transactions of an exchange in the order of sending, and the transaction that reads all
+        inputs and writes no output.
     """
     read, written = register_map.read, register_map.written
+    if mode == "fc76":
+        look = feedback(unit, spans(read), ())
+        return (feedback(unit, spans(read), spans(written)),), look
+    look = read_registers(unit, block(read))
     if mode == "fc23":
-        return (read_write(unit, block(read), block(written)),)
-    if mode == "fc76":
-        return (feedback(unit, spans(read), spans(written)),)
-    return write_registers(unit, block(written)), read_registers(unit, block(read))
-
-
-def look_request(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> Request:
-    """Return the transaction that reads all inputs and writes no output.
-
-    The arguments are those of `exchange_requests`.
-    """
-    if mode == "fc76":
-        return feedback(unit, spans(register_map.read), ())
-    return read_registers(unit, block(register_map.read))
+        return (read_write(unit, block(read), block(written)),), look
+    return (write_registers(unit, block(written)), look), look
 
 
 def read_registers(unit: int, read: Span) -> Request:

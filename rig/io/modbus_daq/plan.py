@@ -8,59 +8,48 @@ import numpy as np
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 
 from .compiled_exchange import TYPES, ExchangePlan, Floats, Integers, Tally
-from .frames import Request, exchange_requests, look_request
+from .frames import Request, exchange_requests
 from .register_map import FEEDBACK_BYTES, ExchangeMode, Register, RegisterMap
 
 _LONGEST_HEAD: Final = 5
 
 
-def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
-    """Return the plan of an exchange that writes all outputs and reads all inputs.
+def exchange_plans(
+    register_map: RegisterMap, mode: ExchangeMode, unit: int
+) -> tuple[ExchangePlan, ExchangePlan]:
+    """Return a plan that writes all outputs and reads all inputs, and one that only reads them.
+
+    Both are for one connection: either may receive the rest of a reply to the other.
 
     Args:
         register_map: the device's registers.
         mode: one of the modes in the map's `exchange`.
         unit: unit id of the device, 0 to 255.
     """
-    requests = exchange_requests(register_map, mode, unit)
-    return _plan(register_map, requests, len(requests))
-
-
-def look_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
-    """Return the plan of an exchange that reads all inputs and writes no output.
-
-    The arguments are those of `exchange_plan`.
-    """
+    requests, look_request = exchange_requests(register_map, mode, unit)
+    plan = _plan(register_map, requests, len(requests))
     # Looks and exchanges are counted together, so that no two have the same transaction id.
-    identifiers = len(exchange_requests(register_map, mode, unit))
-    return _plan(register_map, (look_request(register_map, mode, unit),), identifiers)
+    look = _plan(register_map, (look_request,), len(requests))
+    return plan, look._replace(received=plan.received, tally=plan.tally)
 
 
 def _plan(
     register_map: RegisterMap, requests: tuple[Request, ...], identifiers: int
 ) -> ExchangePlan:
-    sizes = [len(request.frame) for request in requests]
-    ends = np.cumsum(sizes)
-    starts = ends - sizes
-    written = {
-        address: int(start) + at
-        for start, request in zip(starts, requests, strict=True)
-        for address, at in request.written.items()
-    }
+    frames, transactions = b"", []
+    written: dict[int, int] = {}
+    heads = np.zeros((len(requests), _LONGEST_HEAD), np.uint8)
+    for request, head in zip(requests, heads, strict=True):
+        start, head_size = len(frames), len(request.reply_head)
+        written |= {address: start + at for address, at in request.written.items()}
+        frames += request.frame
+        head[:head_size] = tuple(request.reply_head)
+        transactions.append((start, len(frames), request.reply_size, head_size))
     outputs = register_map.written if written else ()
     word = np.zeros(1, np.uint32)
-    heads = np.zeros((len(requests), _LONGEST_HEAD), np.uint8)
-    for head, request in zip(heads, requests, strict=True):
-        head[: len(request.reply_head)] = tuple(request.reply_head)
     return ExchangePlan(
-        frames=np.frombuffer(b"".join(request.frame for request in requests), np.uint8).copy(),
-        transactions=np.array(
-            [
-                (start, end, request.reply_size, len(request.reply_head))
-                for start, end, request in zip(starts, ends, requests, strict=True)
-            ],
-            np.int64,
-        ),
+        frames=np.frombuffer(frames, np.uint8).copy(),
+        transactions=np.array(transactions, np.int64),
         identifiers=identifiers,
         heads=heads,
         encode=_table(outputs, FAST_OUTPUTS, written),

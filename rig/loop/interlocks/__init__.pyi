@@ -13,6 +13,7 @@ from .ladder import (
     Action as Action,
     Cause as Cause,
     LimitTable as LimitTable,
+    channel_name as channel_name,
     explain as explain,
     limit_table as limit_table,
 )

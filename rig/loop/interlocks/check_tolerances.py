@@ -27,15 +27,6 @@ _REPEAT_CHANCE: Final = 0.5
 _SPEED_MARGIN: Final = 2.0
 _NULL_TOLERANCE: Final = 1.3e-5
 """Tolerance of the spool's null in m: bias 10 um and overlap 3 um, as in docs/detection.md."""
-_FLOW_TOLERANCE: Final = 0.2
-"""Relative tolerance of the valve's flow: discharge coefficient 5 %, edges 2 %, supply 5 %, and
-what the nominal law leaves out."""
-_PRESSURE_BIAS: Final = 1e5
-"""Greatest bias in Pa of each pressure transducer, as in docs/detection.md."""
-_LEAK_COEFFICIENT: Final = 2.6e-8
-"""Greatest crossport leak that a shipped rig injects, m^3/(s Pa^0.5)."""
-_RETURN_RESTRICTION: Final = 4e13
-"""Greatest blockage that the return throttle of a shipped rig makes, Pa/(m^3/s)^2."""
 
 
 class Tolerances(NamedTuple):
@@ -57,30 +48,14 @@ class Tolerances(NamedTuple):
     """Resolution of the encoder, one count."""
     jump_speed_m_per_s: float
     """Speed beyond which the encoder has jumped, since the valve cannot move the ram so fast."""
-    null_m: float
-    """Error that the spool's opening may have."""
-    flow_fraction: float
-    """Error that the valve's flow may have, as a fraction of the flow."""
-    leak_coefficient: float
-    """Greatest crossport leak, m^3/(s Pa^0.5)."""
-    return_restriction: float
-    """Greatest blockage of the return line, Pa/(m^3/s)^2."""
-    flow_account_m: float
-    """Travel that the valve's flow, with its tolerances, may leave unexplained."""
     work_J: float  # noqa: N815
     """Energy that the ram may give back: four times its greatest kinetic energy."""
-    pressure_bias_Pa: float  # noqa: N815
-    """Bias that the pressure transducers may have."""
     above_supply_Pa: float  # noqa: N815
     """Excess over the supply pressure beyond which a chamber pressure counts as above it."""
     above_supply_ticks: int
     """Number of ticks above the supply pressure that are allowed without a break."""
     spool_m: float
     """Distance of the spool from the nominal valve's that is always allowed."""
-    spool_fraction: float
-    """Further distance allowed, as a fraction of the nominal spool's opening."""
-    spool_lag_s: float
-    """Further distance allowed, by the nominal spool's speed."""
     spool_ticks: int
     """Number of ticks beyond that distance that are allowed without a break."""
     command_V: float  # noqa: N815
@@ -95,6 +70,24 @@ class Tolerances(NamedTuple):
     """Conductance of the nominal valve, m^2/(s Pa^0.5) (eq. 2.1)."""
     par: Parameters
     """The nominal plant."""
+    null_m: float = _NULL_TOLERANCE
+    """Error that the spool's opening may have."""
+    flow_fraction: float = 0.2
+    """Error that the valve's flow may have, as a fraction of the flow: discharge coefficient 5 %,
+    edges 2 %, supply 5 %, and what the nominal law leaves out."""
+    leak_coefficient: float = 2.6e-8
+    """Greatest crossport leak that a shipped rig injects, m^3/(s Pa^0.5)."""
+    return_restriction: float = 4e13
+    """Greatest blockage that the return throttle of a shipped rig makes, Pa/(m^3/s)^2."""
+    flow_account_m: float = 5e-3
+    """Travel that the valve's flow, with its tolerances, may leave unexplained."""
+    pressure_bias_Pa: float = 1e5  # noqa: N815
+    """Bias that the pressure transducers may have, as in docs/detection.md."""
+    spool_fraction: float = 0.15
+    """Distance of the spool from the nominal valve's that is allowed beside `spool_m`, as a part of
+    the nominal spool's opening."""
+    spool_lag_s: float = 4e-3
+    """The same in the way that the nominal spool goes in this time at its present speed."""
 
 
 def false_alarm_chance(period_s: float) -> float:
@@ -142,23 +135,18 @@ def tolerances(
         command_limit_V: greatest command of either sign.
     """
     deviation = sigmas(period_s)
-    noise = {
-        "pressure_1_Pa": sensors.pressure_noise,
-        "pressure_2_Pa": sensors.pressure_noise,
-        "spool_m": sensors.spool_noise,
-        "supply_pressure_Pa": sensors.supply_pressure_noise,
-        "load_N": sensors.load_noise,
-    }
     # An empty chamber reads the low end of its range; only beyond it is a transducer broken.
     span = sensors.pressure_max - sensors.pressure_min
-    pressure_range = (sensors.pressure_min - 0.05 * span, sensors.pressure_max)
-    ranges = ENDS | {
-        "pressure_1_Pa": pressure_range,
-        "pressure_2_Pa": pressure_range,
-        "supply_pressure_Pa": pressure_range,
-        "spool_m": (-sensors.spool_range, sensors.spool_range),
-        "load_N": (-inf, sensors.load_max),
+    pressures = (sensors.pressure_min - 0.05 * span, sensors.pressure_max)
+    # Channel -> its noise and the ends of its range.
+    known = {name: (0.0, *ends) for name, ends in ENDS.items()} | {
+        "pressure_1_Pa": (sensors.pressure_noise, *pressures),
+        "pressure_2_Pa": (sensors.pressure_noise, *pressures),
+        "supply_pressure_Pa": (sensors.supply_pressure_noise, *pressures),
+        "spool_m": (sensors.spool_noise, -sensors.spool_range, sensors.spool_range),
+        "load_N": (sensors.load_noise, -inf, sensors.load_max),
     }
+    sheets = [known.get(name, (0.0, -inf, inf)) for name in FAST_INPUTS]
     repeats = frozen_samples(period_s)
     conductance = valve_conductance(par)
     drop = par.supply_pressure - par.return_pressure
@@ -172,26 +160,18 @@ def tolerances(
         period_s=period_s,
         stale_ticks=ticks(stale_s),
         required=np.array([int(name in fitted) for name in FAST_INPUTS], np.int64),
-        range_low=np.array([ranges.get(name, (-inf, inf))[0] for name in FAST_INPUTS]),
-        range_high=np.array([ranges.get(name, (-inf, inf))[1] for name in FAST_INPUTS]),
+        range_low=np.array([low for _, low, _ in sheets]),
+        range_high=np.array([high for _, _, high in sheets]),
         frozen_samples=np.array(
-            [repeats if noise.get(name, 0.0) > 0.0 else 0 for name in FAST_INPUTS], np.int64
+            [repeats if noise > 0.0 else 0 for noise, _, _ in sheets], np.int64
         ),
         count_m=sensors.position_resolution,
         jump_speed_m_per_s=_SPEED_MARGIN * speed,
-        null_m=_NULL_TOLERANCE,
-        flow_fraction=_FLOW_TOLERANCE,
-        leak_coefficient=_LEAK_COEFFICIENT,
-        return_restriction=_RETURN_RESTRICTION,
-        flow_account_m=5e-3,
         work_J=2.0 * total_mass(par) * speed**2,
-        pressure_bias_Pa=_PRESSURE_BIAS,
         above_supply_Pa=2e6
         + deviation * sqrt(sensors.pressure_noise**2 + sensors.supply_pressure_noise**2),
         above_supply_ticks=ticks(0.05),
         spool_m=_NULL_TOLERANCE + deviation * sensors.spool_noise,
-        spool_fraction=0.15,
-        spool_lag_s=4e-3,
         spool_ticks=ticks(0.025),
         command_V=0.01 * command_limit_V,
         confirm_ticks=ticks(0.02),

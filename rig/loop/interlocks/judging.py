@@ -17,11 +17,8 @@ from rig.plant import inlined
 
 from .check_tolerances import Tolerances
 from .ladder import NO_CHANNEL, Action, Cause, LimitTable
-from .plausibility import implausible, no_evidence
+from .plausibility import POSITION, PRESSURE_1, PRESSURE_2, implausible, no_evidence
 
-_POSITION: Final = FAST_INPUTS.index("position_m")
-_PRESSURE_1: Final = FAST_INPUTS.index("pressure_1_Pa")
-_PRESSURE_2: Final = FAST_INPUTS.index("pressure_2_Pa")
 _ESTOP: Final = FAST_INPUTS.index("estop_closed")
 _ENABLED: Final = FAST_INPUTS.index("valve_enabled")
 _WATCHDOG: Final = FAST_INPUTS.index("watchdog_tripped")
@@ -30,9 +27,7 @@ _COUNTER: Final = FAST_INPUTS.index("device_counter")
 _ECHO: Final = FAST_INPUTS.index("device_echo")
 _OUTPUT: Final = FAST_INPUTS.index("device_command_V")
 
-_NONE, _INDICATE, _TRIP = int(Action.NONE), int(Action.INDICATE), int(Action.TRIP)
-_HOLD: Final = int(Action.HOLD)
-_RAMP_DOWN: Final = int(Action.RAMP_DOWN)
+_NONE, _INDICATE, _HOLD, _RAMP_DOWN, _TRIP = (int(action) for action in Action)
 _BAD_SAMPLES: Final = 3
 """Number of samples in a row, without a value or at a rail, after which a channel has failed."""
 _COMMANDS: Final = 4
@@ -51,11 +46,8 @@ is off is smaller."""
 _COUNTERS: Final = 65536
 """Number of values of `host_counter`."""
 
-_NOT_SAMPLED: Final = 0
-_NOT_TAKEN: Final = 1
-_NOT_PUT_OUT: Final = 2
-_DISABLED: Final = 3
-_FORCED: Final = 4
+_NOT_SAMPLED, _NOT_TAKEN, _NOT_PUT_OUT, _DISABLED, _FORCED = range(5)
+"""Indices in `InterlockMemory.unconfirmed`."""
 
 
 class InterlockMemory(NamedTuple):
@@ -87,11 +79,12 @@ class InterlockMemory(NamedTuple):
 
     def clear(self) -> None:
         """Reset the memory in place, with a latched trip, before the valve is enabled anew."""
-        for array, start in zip(self, _start(self.outside.size), strict=True):
+        for array, start in zip(self, interlock_memory(self.outside.size), strict=True):
             array[:] = start
 
 
-def _start(limits: int) -> InterlockMemory:
+def interlock_memory(limits: int) -> InterlockMemory:
+    """Return the memory of an interlock with so many limits before its first tick."""
     channels = len(FAST_INPUTS)
     return InterlockMemory(
         np.zeros(3, np.int64),
@@ -108,11 +101,6 @@ def _start(limits: int) -> InterlockMemory:
     )
 
 
-def interlock_memory(limits: LimitTable) -> InterlockMemory:
-    """Return the memory of an interlock before its first tick."""
-    return _start(limits.channel.size)
-
-
 class Interlock(NamedTuple):
     """The limits, tolerances and memory with which `judged_sample` judges."""
 
@@ -123,7 +111,7 @@ class Interlock(NamedTuple):
 
 def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
     """Return an interlock before its first tick."""
-    return Interlock(limits, tolerances, interlock_memory(limits))
+    return Interlock(limits, tolerances, interlock_memory(limits.channel.size))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -138,7 +126,7 @@ def allowed_command(command, homed, tol, memory):
     if homed:
         return command
     command = min(max(command, -tol.unhomed_command_V), tol.unhomed_command_V)
-    load_pressure = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
+    load_pressure = memory.values[PRESSURE_1] - memory.values[PRESSURE_2]
     if not load_pressure * command > 0.0:
         return command
     pushed = abs(load_pressure) / tol.unhomed_load_pressure_Pa
@@ -157,7 +145,7 @@ def held_position(position, homed, limits):
     if not homed:
         return position
     for i in range(limits.channel.size):
-        if limits.channel[i] == _POSITION and limits.action[i] >= _HOLD:
+        if limits.channel[i] == POSITION and limits.action[i] >= _HOLD:
             back = limits.hysteresis[i] + _INWARD_M
             if position < limits.low[i]:
                 position = limits.low[i] + back
@@ -206,24 +194,17 @@ def judged_sample(tick, interlock):
     inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks, command, counter, driving, homed = tick
     limits, tol, memory = interlock
     sampled = fresh and _take(inputs, tol, memory)
-    action, cause, channel = _chain(driving, tol, memory)
-    if action < _TRIP:
-        action, cause, channel = _device(fresh, sampled, age_ticks, command, counter, tol, memory)
-    worse, why, where = _transducers(tol, memory)
-    if worse > action:
-        action, cause, channel = worse, why, where
+    worst = _chain(driving, tol, memory)
+    if worst[0] < _TRIP:
+        worst = _device(fresh, sampled, age_ticks, command, counter, tol, memory)
+    worst = _worse(worst, _transducers(tol, memory))
     held = command if memory.values[_ENABLED] != 0.0 else 0.0
     why, where = implausible(
         memory.trusted, sampled, elapsed_ticks, exchange_ticks, held, homed, tol, memory.evidence
     )
-    if action < _TRIP and why != _NONE:
-        action, cause, channel = _TRIP, why, where
-    worse, why, where = _unhomed(command, homed, tol, memory)
-    if worse > action:
-        action, cause, channel = worse, why, where
-    worse, why, where = _limits(homed, limits, memory)
-    if worse > action:
-        action, cause, channel = worse, why, where
+    worst = _worse(worst, (_TRIP if why != _NONE else _NONE, why, where))
+    worst = _worse(worst, _unhomed(command, homed, tol, memory))
+    action, cause, channel = _worse(worst, _limits(homed, limits, memory))
     if memory.latched[0] == _TRIP:
         return memory.latched[0], memory.latched[1], memory.latched[2]
     if not driving:
@@ -237,6 +218,12 @@ def judged_sample(tick, interlock):
 def check_sample(tick, interlock):
     """Return the result of `judged_sample`; this function is compiled once for all callers."""
     return judged_sample(tick, interlock)
+
+
+@inlined
+def _worse(found, other):
+    """Return the worse of two (action, cause, channel), the first one if they are equally bad."""
+    return other if other[0] > found[0] else found
 
 
 @inlined
@@ -306,7 +293,7 @@ def _transducers(tol, memory):
     """Judge each channel by itself: it must have a value, be within its range, and not freeze."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     if memory.values[_ENCODER_FAULT] == 1.0:
-        worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, _POSITION
+        worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, POSITION
     for i in range(memory.values.size):
         memory.trusted[i] = memory.values[i]
         found = _NONE
@@ -319,7 +306,7 @@ def _transducers(tol, memory):
         if found != _NONE:
             memory.trusted[i] = np.nan
             # Without these three the ram cannot be held, or its chambers cannot be protected.
-            needed = i in (_POSITION, _PRESSURE_1, _PRESSURE_2)
+            needed = i in (POSITION, PRESSURE_1, PRESSURE_2)
             action = _TRIP if needed else _RAMP_DOWN
             if action > worst:
                 worst, cause, channel = action, found, i
@@ -331,14 +318,14 @@ def _unhomed(command, homed, tol, memory):
     """Judge command and load pressure of a ram that is not homed, which may meet its stroke end."""
     if homed:
         return _NONE, _NONE, NO_CHANNEL
-    force = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
+    force = memory.values[PRESSURE_1] - memory.values[PRESSURE_2]
     # Only a command that raises the load pressure counts: the opposite one relieves trapped oil.
     pushes = abs(force) > tol.unhomed_load_pressure_Pa and force * command > 0.0
     memory.unconfirmed[_FORCED] = memory.unconfirmed[_FORCED] + 1 if pushes else 0
     if abs(command) > tol.unhomed_command_V + tol.command_V:
         return _TRIP, Cause.NOT_HOMED.value, NO_CHANNEL
     if memory.unconfirmed[_FORCED] > tol.confirm_ticks:
-        return _TRIP, Cause.HOMING_FORCE.value, _PRESSURE_1 if force > 0.0 else _PRESSURE_2
+        return _TRIP, Cause.HOMING_FORCE.value, PRESSURE_1 if force > 0.0 else PRESSURE_2
     return _NONE, _NONE, NO_CHANNEL
 
 
@@ -352,7 +339,7 @@ def _limits(homed, limits, memory):
         back = limits.hysteresis[i] if memory.active[i] else 0.0
         below = value < limits.low[i] + back
         above = value > limits.high[i] - back
-        if (where == _POSITION and not homed) or not (below or above):
+        if (where == POSITION and not homed) or not (below or above):
             memory.outside[i] = memory.active[i] = 0
             continue
         memory.outside[i] += 1

@@ -88,6 +88,11 @@ class Explanation(NamedTuple):
     """What the operator is to do, written likewise."""
 
 
+def channel_name(index: int) -> str:
+    """Return the name of the channel with an index in `FAST_INPUTS`; empty for `NO_CHANNEL`."""
+    return "" if index == NO_CHANNEL else FAST_INPUTS[index]
+
+
 _E = Explanation
 EXPLANATIONS: Final = {
     Cause.NONE: _E("nothing is wrong", "none needed"),
@@ -230,10 +235,8 @@ EXPLANATIONS: Final = {
 
 def explain(cause: Cause, channel: str = "") -> Explanation:
     """Return the explanation of a cause, with the name of its channel, or "a channel" if empty."""
-    explanation = EXPLANATIONS[cause]
-    return explanation._replace(
-        sentence=explanation.sentence.format(channel=channel or "a channel")
-    )
+    sentence, remedy = EXPLANATIONS[cause]
+    return Explanation(sentence.format(channel=channel or "a channel"), remedy)
 
 
 class LimitTable(NamedTuple):

@@ -15,19 +15,13 @@ from rig.plant import chamber_volumes, inlined, valve_flows
 
 from .ladder import NO_CHANNEL, Cause
 
-_POSITION: Final = FAST_INPUTS.index("position_m")
-_PRESSURE_1: Final = FAST_INPUTS.index("pressure_1_Pa")
-_PRESSURE_2: Final = FAST_INPUTS.index("pressure_2_Pa")
+POSITION: Final = FAST_INPUTS.index("position_m")
+PRESSURE_1: Final = FAST_INPUTS.index("pressure_1_Pa")
+PRESSURE_2: Final = FAST_INPUTS.index("pressure_2_Pa")
 _SPOOL: Final = FAST_INPUTS.index("spool_m")
 _SUPPLY: Final = FAST_INPUTS.index("supply_pressure_Pa")
 _LOAD: Final = FAST_INPUTS.index("load_N")
 _NONE: Final = int(Cause.NONE)
-_JUMP: Final = int(Cause.ENCODER_JUMP)
-_FROZEN: Final = int(Cause.ENCODER_FROZEN)
-_AGAINST_FLOW: Final = int(Cause.POSITION_AGAINST_FLOW)
-_ABOVE_SUPPLY: Final = int(Cause.PRESSURE_ABOVE_SUPPLY)
-_CROSSED: Final = int(Cause.PRESSURES_CROSSED)
-_NOT_FOLLOWING: Final = int(Cause.SPOOL_NOT_FOLLOWING)
 
 _RELATIVE: Final = 1.0
 _HOMED: Final = 2.0
@@ -124,7 +118,7 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
         evidence: `Evidence`, updated.
     """
     cause, channel = _NONE, NO_CHANNEL
-    position, p1, p2 = values[_POSITION], values[_PRESSURE_1], values[_PRESSURE_2]
+    position, p1, p2 = values[POSITION], values[PRESSURE_1], values[PRESSURE_2]
     evidence[_GAP] += elapsed_ticks
     _advance_valve(elapsed_ticks, tol, evidence)
     evidence[_COMMAND] = command
@@ -137,20 +131,21 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
         unsure_ticks = exchange_ticks + evidence[_EXCHANGE]
         timed = unsure_ticks <= min(evidence[_GAP], _UNTIMED_TICKS)
         if _jumped(step, unsure_ticks, tol, evidence):
-            cause, channel = _JUMP, _POSITION
+            cause, channel = Cause.ENCODER_JUMP.value, POSITION
         elif timed and _against_flow(values, step, homed, tol, evidence):
             frozen = evidence[_STILL] >= evidence[_ACCOUNT]
-            cause, channel = (_FROZEN if frozen else _AGAINST_FLOW), _POSITION
+            cause = Cause.ENCODER_FROZEN.value if frozen else Cause.POSITION_AGAINST_FLOW.value
+            channel = POSITION
         elif _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
-            cause, channel = _CROSSED, _PRESSURE_1
+            cause, channel = Cause.PRESSURES_CROSSED.value, PRESSURE_1
         else:
             channel = _above_supply(p1, p2, values[_SUPPLY], tol, evidence)
-            cause = _NONE if channel == NO_CHANNEL else _ABOVE_SUPPLY
+            cause = _NONE if channel == NO_CHANNEL else Cause.PRESSURE_ABOVE_SUPPLY.value
         evidence[_X] = position
         if not timed:
             evidence[_P1], evidence[_P2] = p1, p2
     if cause == _NONE and fresh and _not_following(values[_SPOOL], tol, evidence):
-        cause, channel = _NOT_FOLLOWING, _SPOOL
+        cause, channel = Cause.SPOOL_NOT_FOLLOWING.value, _SPOOL
     if fresh:
         evidence[_GAP] = 0.0
         evidence[_EXCHANGE] = exchange_ticks
@@ -180,8 +175,8 @@ def _against_flow(values, step, homed, tol, evidence):
     if isnan(opening):
         opening = evidence[_MODEL]
     kept = elapsed_s / (_SMOOTHING + elapsed_s)
-    change_1 = kept * (values[_PRESSURE_1] - p1)
-    change_2 = kept * (values[_PRESSURE_2] - p2)
+    change_1 = kept * (values[PRESSURE_1] - p1)
+    change_2 = kept * (values[PRESSURE_2] - p2)
     evidence[_P1] += change_1
     evidence[_P2] += change_2
     evidence[_STILL] = 0.0 if step != 0.0 else evidence[_STILL] + elapsed_ticks
@@ -190,7 +185,7 @@ def _against_flow(values, step, homed, tol, evidence):
     least = 1.0 / sqrt(1.0 + tol.return_restriction * (tol.conductance * opening) ** 2)
     unknown = tol.conductance * tol.null_m
     middle = 0.5 * (par.stroke_min + par.stroke_max)
-    v1, v2 = chamber_volumes(values[_POSITION] if homed else middle, par)
+    v1, v2 = chamber_volumes(values[POSITION] if homed else middle, par)
     compressed_1 = v1 * change_1 / par.bulk_modulus
     compressed_2 = v2 * change_2 / par.bulk_modulus
     part = _HOMED_COMPRESSION if homed else _UNHOMED_COMPRESSION
@@ -239,9 +234,9 @@ def _above_supply(p1, p2, supply, tol, evidence):
     evidence[_ABOVE_1] = evidence[_ABOVE_1] + evidence[_GAP] if p1 > limit else 0.0
     evidence[_ABOVE_2] = evidence[_ABOVE_2] + evidence[_GAP] if p2 > limit else 0.0
     if evidence[_ABOVE_1] > tol.above_supply_ticks:
-        return _PRESSURE_1
+        return PRESSURE_1
     if evidence[_ABOVE_2] > tol.above_supply_ticks:
-        return _PRESSURE_2
+        return PRESSURE_2
     return NO_CHANNEL
 
 

@@ -9,17 +9,16 @@ from .layout import (
     Integers as Integers,
     Left as Left,
     Pace as Pace,
-    course as course,
     pace as pace,
-    shared_memory as shared_memory,
     wire_channels as wire_channels,
     wire_memory as wire_memory,
 )
-from .loop import WireLoop as WireLoop
+from .loop import WireLoop as WireLoop, post_decision as post_decision
 from .orders import (
     Close as Close,
     Closed as Closed,
     Open as Open,
     Opened as Opened,
     Segment as Segment,
+    course as course,
 )

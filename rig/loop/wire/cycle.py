@@ -28,7 +28,7 @@ from rig.loop.reaction import Reaction, forget, react, tolerating
 from rig.plant import READING_COUNT, inner
 
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
-from .null_check import is_null, look_at_null
+from .null_check import VALVE_ENABLED, is_null, look_at_null
 
 _COMMAND: Final = FAST_OUTPUTS.index("command_V")
 _VALVE_ENABLE: Final = FAST_OUTPUTS.index("valve_enable")
@@ -36,7 +36,6 @@ _HOST_COUNTER: Final = FAST_OUTPUTS.index("host_counter")
 _RESET_LAMP: Final = FAST_OUTPUTS.index("reset_lamp")
 _REARM: Final = FAST_OUTPUTS.index("rearm")
 _POSITION: Final = FAST_INPUTS.index("position_m")
-_VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
 _ENCODER_FAULT: Final = FAST_INPUTS.index("encoder_fault")
 _DEVICE_COUNTER: Final = FAST_INPUTS.index("device_counter")
 _METERS: Final = len(METERS)
@@ -71,7 +70,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         plan: plan of the driver, whose class has the exchange; see `rig.io.driver.Plan`.
         look: plan that reads the device and writes no output.
         memory: `WireMemory`, the same for all segments of a session; updated.
-        shared: arrays of the board, `SharedMemory`; updated.
+        shared: the board, `Board`; updated.
     """
     words, counts, outputs = shared.words, memory.counts, memory.outputs
     memory.handling[:] = nan
@@ -132,7 +131,9 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         fresh = status == ExchangeStatus.OK.value
         if fresh:
             _take_sample(course.offset, ended, memory, words)
-        starts = not started and _is_whole(memory.reading)
+        # A filter can start from position and both pressures.
+        whole = not isnan(memory.reading[0] + memory.reading[1] + memory.reading[2])
+        starts = not started and whole
         started = started or starts
         setpoint = _setpoint(drive, course, tick, memory)
         command = outputs[_COMMAND]
@@ -355,7 +356,7 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     outputs[_REARM] = course.rearm
     deadline = monotonic_ns() + pace.timeout_ns
     status, sent = exchange(fd, plan, counts[Count.SEQUENCE], outputs, memory.inputs, deadline)
-    enabled = memory.inputs[_VALVE_ENABLED]
+    enabled = memory.inputs[VALVE_ENABLED]
     if enable == 0.0:
         counts[Count.DRIVEN] = 0
     else:
@@ -406,12 +407,6 @@ def _take_sample(offset, now, memory, words):
 
 
 @inner
-def _is_whole(reading):
-    """Return whether a reading has position and both pressures, from which a filter can start."""
-    return not isnan(reading[0] + reading[1] + reading[2])
-
-
-@inner
 def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared):
     """Update the filter with `memory.reading`, and return the ring's next row, begun with it."""
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
@@ -447,7 +442,7 @@ def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
         tick: number of the tick in the segment, -1 before its start.
         action: `Action` of the segment.
         memory: `WireMemory`, for the status inputs, which are NaN without an exchange.
-        shared: arrays of the board.
+        shared: the board.
         now: time on CLOCK_MONOTONIC in ns, by which slow values that are too old become NaN.
         pace: `Pace`, for the greatest age of slow values.
     """

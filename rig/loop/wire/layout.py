@@ -7,13 +7,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, POSITION_GAIN
 from rig.channels import READINGS, Kind, names_of
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, LoopSettings
-from rig.loop.board import Board
 from rig.loop.cycle import sample_channels
 from rig.loop.decided import no_decision
-from rig.loop.reaction import Reaction, ReactionMemory, reaction_memory
+from rig.loop.reaction import ReactionMemory, reaction_memory
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -174,28 +172,6 @@ class Course(NamedTuple):
     """1 if a watchdog that tripped is acknowledged, else 0."""
 
 
-def course(
-    number: int,
-    setpoint: Array,
-    drive: Drive,
-    *,
-    open_loop: bool = False,
-    gain: float = POSITION_GAIN,
-    limit: float = COMMAND_LIMIT,
-    on_fault: Reaction = Reaction.IGNORE,
-    offset: float = 0.0,
-    valve_enable: bool = False,
-    reset_lamp: bool = False,
-    rearm: bool = False,
-) -> Course:
-    """Return a segment's course, whose fields have the types for which the loop is compiled."""
-    return Course(
-        int(number), np.ascontiguousarray(setpoint, np.float64), int(drive), bool(open_loop),
-        float(gain), float(limit), int(on_fault), float(offset),
-        float(valve_enable), float(reset_lamp), float(rearm),
-    )  # fmt: skip
-
-
 class Count(IntEnum):
     """Index of each number in `WireMemory.counts`."""
 
@@ -294,18 +270,3 @@ def wire_memory() -> WireMemory:
         no_decision(),
         reaction_memory(),
     )
-
-
-class SharedMemory(NamedTuple):
-    """The board's arrays that the loop reads and writes; see `Board`."""
-
-    words: Integers
-    slow: Array
-    slow_at: Integers
-    decisions: Array
-    ring: Array
-
-
-def shared_memory(board: Board) -> SharedMemory:
-    """Return a board's arrays for the compiled loop."""
-    return SharedMemory(board.words, board.slow, board.slow_at, board.decisions, board.ring)

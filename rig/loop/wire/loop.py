@@ -1,18 +1,16 @@
 """The supervisor's side of a test on the wire: it orders segments, and takes rows as they come."""
 
 import time
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from control import raised_cosine
-from rig.io import FAST_INPUTS
-from rig.loop.board import Board, Word
-from rig.loop.decision_post import DecisionPost
-from rig.loop.interlocks import NO_CHANNEL, Action, Cause, LoopStoppedError, TripError
-from rig.loop.ring import RingReader
+from rig.loop.atomic import store_release
+from rig.loop.board import DECISIONS_KEPT, Board, RingReader, Word
+from rig.loop.interlocks import Action, Cause, LoopStoppedError, TripError, channel_name
 
 from .layout import Drive, wire_channels
 from .orders import Segment
@@ -45,6 +43,21 @@ ANSWER_S: Final = 5.0
 """Longest time in s to get ready for a segment, and again to switch to it, for the loop process."""
 
 
+def post_decision(board: Board, segment: int, row: Array) -> None:
+    """Post a decision on a segment, a row of `DECIDED`; other segments ignore it.
+
+    Decisions have a ring of their own on the board. A decision is written before the word that
+    counts it (`store_release`). The loop never waits: it copies the newest decision, and then
+    checks by the count whether its place can have been written again meanwhile, which takes
+    seconds. If so, the loop ignores the copy and tries again at the next tick.
+    """
+    number = int(board.words[Word.DECISIONS]) + 1
+    place = board.decisions[number % DECISIONS_KEPT]
+    place[0], place[1:] = segment, row
+    store_release(board.words, Word.DECISIONS.value, number)
+
+
+@dataclass(eq=False, repr=False)
 class WireLoop:
     """One test on a real rig, with the same methods as `SimulatedLoop`.
 
@@ -54,48 +67,37 @@ class WireLoop:
         test: the test's segment, without its number, which this class chooses.
         start_position: position to which the ram is brought before, m; None leaves it where it is.
         settle_ticks: number of ticks in which it is brought there.
-        period_s: period of the loop.
         silence_s: silence of the loop process after which it counts as lost.
+
+    Attributes:
+        channels: names of the rows' columns.
+        number: number of the test's segment, which its rows carry; 0 before it runs.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        process: LoopProcess,
-        test: Segment,
-        *,
-        start_position: float | None,
-        settle_ticks: int,
-        period_s: float,
-        silence_s: float,
-    ) -> None:
-        self._words = board.words
-        self._ring = RingReader(board)
-        self._post = DecisionPost(board)
-        self._process = process
-        self._test = test
-        self._start_position = start_position
-        self._settle_ticks = settle_ticks
-        self._period_s = period_s
-        self._silence_ns = round(1e9 * silence_s)
-        self._number = 0
+    board: Board
+    process: LoopProcess
+    test: Segment
+    _: KW_ONLY
+    start_position: float | None
+    settle_ticks: int
+    silence_s: float
+
+    def __post_init__(self) -> None:
+        self._words = self.board.words
+        self._ring = RingReader(self.board)
+        self.number = 0
         self._rows: list[Array] = []
         self._waiting = 0
         self._done = 0
         self._stopped: LoopStoppedError | None = None
-        self.channels = wire_channels(test.memory.filter.states, test.open_loop)
+        self.channels = wire_channels(self.test.memory.filter.states, self.test.open_loop)
         self._segment_column = self.channels.index("segment")
         self._position_column = self.channels.index("position_m")
 
     @property
-    def number(self) -> int:
-        """Number of the test's segment, which its rows carry; 0 before it runs."""
-        return self._number
-
-    @property
     def ticks_left(self) -> int:
         """Number of ticks of the test whose rows are still to come."""
-        return self._test.setpoint.size - self._done
+        return self.test.setpoint.size - self._done
 
     def position(self) -> None:
         """Bring the ram to its start position by the position loop, along a raised cosine.
@@ -107,11 +109,11 @@ class WireLoop:
             TripError: the loop did not switch to the motion within `ANSWER_S`.
             ChildError: the loop did not take the order.
         """
-        if self._start_position is None:
+        if self.start_position is None:
             return
         here = self._measured_position()
-        setpoint = raised_cosine(here, self._start_position, self._settle_ticks)
-        moving = replace(self._test, drive=Drive.TRACK, open_loop=False, setpoint=setpoint)
+        setpoint = raised_cosine(here, self.start_position, self.settle_ticks)
+        moving = replace(self.test, drive=Drive.TRACK, open_loop=False, setpoint=setpoint)
         self._switch_to(moving)
         while self._words[Word.TICK] < setpoint.size:
             self._check()
@@ -125,9 +127,9 @@ class WireLoop:
         Raises:
             ChildError: the loop did not take the order.
         """
-        if not self._number:
-            self._number = self._order(self._test)
-        return self._number
+        if not self.number:
+            self.number = self._order(self.test)
+        return self.number
 
     def advance(self, ticks: int) -> Array:
         """Wait for the next `ticks` ticks, or those left; return their rows (n, len(channels)).
@@ -141,7 +143,7 @@ class WireLoop:
         """
         if not self._done and self._words[Word.SWITCH] != self.ready():
             self._ring.skip_to_end()
-            self._words[Word.SWITCH] = self._number
+            self._words[Word.SWITCH] = self.number
         wanted = min(ticks, self.ticks_left)
         while self._waiting < wanted and self._stopped is None:
             try:
@@ -161,7 +163,7 @@ class WireLoop:
 
     def decided(self, row: Array) -> None:
         """Post a decision, a row of `DECIDED`, which rows written from then on contain."""
-        self._post.post(self._number, row)
+        post_decision(self.board, self.number, row)
 
     def safe_state(self) -> None:
         """Order the loop to hold the ram where it is; wait up to `ANSWER_S` until it does.
@@ -175,25 +177,23 @@ class WireLoop:
             ChildError: the loop did not take the order.
         """
         if self._words[Word.LOOP_TRIP] == 0 and not self._is_silent():
-            self._switch_to(
-                replace(self._test, drive=Drive.HOLD, open_loop=False, setpoint=np.empty(0))
-            )
+            nowhere = np.empty(0)
+            self._switch_to(replace(self.test, drive=Drive.HOLD, open_loop=False, setpoint=nowhere))
 
     def _take(self) -> None:
         rows = self._ring.take()
         if self._ring.lost:
             # This process was stopped for longer than the ring holds rows.
             self._stopped = LoopStoppedError(Action.HOLD, Cause.SUPERVISOR_LOST)
-        mine = rows[rows[:, self._segment_column] == self._number]
+        mine = rows[rows[:, self._segment_column] == self.number]
         if len(mine):
             self._rows.append(mine)
             self._waiting += len(mine)
 
     def _order(self, segment: Segment) -> int:
         number = int(self._words[Word.SWITCH]) + 1
-        fresh = replace(segment, number=number)
-        self._process.send(fresh)
-        self._process.answer(ANSWER_S)
+        self.process.send(replace(segment, number=number))
+        self.process.answer(ANSWER_S)
         return number
 
     def _switch_to(self, segment: Segment) -> None:
@@ -219,16 +219,13 @@ class WireLoop:
     def _check(self) -> None:
         """Raise `LoopStoppedError` if the loop has stopped the motion, or is silent."""
         words = self._words
-        action = Action(int(words[Word.ACTION]))
-        if words[Word.LOOP_TRIP]:
-            action = Action.TRIP
+        action = Action.TRIP if words[Word.LOOP_TRIP] else Action(int(words[Word.ACTION]))
         if action >= Action.HOLD:
             cause = Cause(int(words[Word.LOOP_TRIP]) or int(words[Word.ACTION_CAUSE]))
-            index = int(words[Word.ACTION_CHANNEL])
-            channel = "" if index == NO_CHANNEL else FAST_INPUTS[index]
+            channel = channel_name(int(words[Word.ACTION_CHANNEL]))
             raise LoopStoppedError(action, cause, channel)
         if self._is_silent():
             raise LoopStoppedError(Action.TRIP, Cause.LOOP_LOST)
 
     def _is_silent(self) -> bool:
-        return bool(time.monotonic_ns() - self._words[Word.LOOP_BEAT] > self._silence_ns)
+        return bool(time.monotonic_ns() - self._words[Word.LOOP_BEAT] > round(1e9 * self.silence_s))

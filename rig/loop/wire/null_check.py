@@ -14,7 +14,7 @@ from rig.plant import inner
 from .layout import NULL_V, Count, Found
 
 _SPOOL: Final = FAST_INPUTS.index("spool_m")
-_VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
+VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
 _DEVICE_COMMAND: Final = FAST_INPUTS.index("device_command_V")
 
 
@@ -25,7 +25,7 @@ def is_null(inputs):
     If it does not report the output, the valve must be reported disabled. If it does not report
     whether the valve is enabled, an output at null is enough.
     """
-    command, enabled = inputs[_DEVICE_COMMAND], inputs[_VALVE_ENABLED]
+    command, enabled = inputs[_DEVICE_COMMAND], inputs[VALVE_ENABLED]
     if isnan(command):
         return enabled == 0.0
     return abs(command) <= NULL_V and enabled != 1.0
@@ -52,7 +52,7 @@ def look_at_null(fd, look, tol, pace, memory):
     if status != ExchangeStatus.OK:
         return
     off_null_m = _spool_off_null(seen[_SPOOL], tol, counts)
-    enabled, output_V = seen[_VALVE_ENABLED] == 1.0, seen[_DEVICE_COMMAND]  # noqa: N806
+    enabled, output_V = seen[VALVE_ENABLED] == 1.0, seen[_DEVICE_COMMAND]  # noqa: N806
     if not (enabled or abs(output_V) > NULL_V or off_null_m != 0.0):
         return
     now = monotonic_ns()

@@ -17,13 +17,9 @@ from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
 from rig.plant import Parameters
 
-from .layout import Drive
+from .layout import Course, Drive
 
 Array = NDArray[np.float64]
-
-
-def _no_setpoint() -> Array:
-    return np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,7 @@ class Segment:
     drive: Drive
     memory: FilterMemory
     assumed: Parameters
-    setpoint: Array = field(default_factory=_no_setpoint)
+    setpoint: Array = field(default_factory=lambda: np.empty(0))
     open_loop: bool = False
     gain: float = POSITION_GAIN
     limit: float = COMMAND_LIMIT
@@ -63,6 +59,16 @@ class Segment:
     reset_lamp: bool = False
     rearm: bool = False
     reset: bool = False
+
+
+def course(segment: Segment) -> Course:
+    """Return a segment's course, whose fields have the types for which the loop is compiled."""
+    return Course(
+        int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
+        int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
+        int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
+        float(segment.reset_lamp), float(segment.rearm),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

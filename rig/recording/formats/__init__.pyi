@@ -1,5 +1,4 @@
-from .csv_reader import read_csv as read_csv
-from .csv_writer import write_csv as write_csv
+from .csv_file import read_csv as read_csv, write_csv as write_csv
 from .mcap_reader import (
     DAMAGE as DAMAGE,
     ForeignSchemaError as ForeignSchemaError,

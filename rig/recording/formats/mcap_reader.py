@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from rig.recording.errors import RecordingError
-from rig.recording.recording import REPLAY_CHANNELS, Event, FloatArray
-from rig.recording.table import Table
+from rig.recording.recording import REPLAY_CHANNELS, Event, FloatArray, Table
 
 from .mcap_stream import serialised
 from .mcap_writer import EVENTS_TOPIC, METADATA_NAME, SAMPLES_TOPIC
@@ -180,12 +179,8 @@ def read_mcap(path: str) -> Table:
             raise foreign(path, str(error)) from None
         except DAMAGE as error:
             raise _damaged(path, f"damaged ({error})") from None
-    return Table(
-        path,
-        columns_of(collector.channels, collector.blocks),
-        metadata=collector.metadata,
-        events=collector.events,
-    )
+    columns = columns_of(collector.channels, collector.blocks)
+    return Table(path, columns, metadata=collector.metadata, events=collector.events)
 
 
 def columns_of(
@@ -235,10 +230,8 @@ def _collect(file: IO[bytes], collector: SampleCollector) -> None:
     reader = SeekingReader(file)
     summary = reader.get_summary()
     assert summary is not None  # _check_summary has read it
-    for schema in summary.schemas.values():
-        collector.take(schema)
-    for channel in summary.channels.values():
-        collector.take(channel)
+    for record in (*summary.schemas.values(), *summary.channels.values()):
+        collector.take(record)
     if not collector.channels:
         raise ForeignSchemaError(f"no topic {SAMPLES_TOPIC}")
     for metadata in reader.iter_metadata():

@@ -12,22 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 import zstandard
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC
 from numpy.typing import NDArray
 
@@ -38,10 +25,10 @@ INDEX_ENTRY: Final = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 """An entry for one message in a chunk's index: its time (ns) and its offset in the chunk."""
 
 
-def serialised(records: Sequence[McapRecord]) -> bytes:
+def serialised(content: Sequence[records.McapRecord]) -> bytes:
     """Return the bytes of records, one after the other, as an MCAP file has them."""
     builder = RecordBuilder()
-    for record in records:
+    for record in content:
         record.write(builder)
     return builder.end()
 
@@ -58,46 +45,34 @@ class McapStream:
     """An MCAP file that is being written; it is complete once `finish` has written the summary.
 
     Schemas, channels and metadata are written first, so that a file that was cut off has them.
+
+    Attributes:
+        file: the file. Its `flush` hands what is written to the operating system, and its `close`
+            leaves it without a summary unless `finish` was called.
+        counts: channel id -> number of messages that are written.
     """
 
     def __init__(
         self,
         path: Path,
-        schemas: Sequence[Schema],
-        channels: Sequence[Channel],
-        metadata: Sequence[Metadata],
+        schemas: Sequence[records.Schema],
+        channels: Sequence[records.Channel],
+        metadata: records.Metadata,
     ) -> None:
         self._schemas = schemas
         self._channels = channels
-        self._metadata_indexes: list[MetadataIndex] = []
-        self._chunk_indexes: list[ChunkIndex] = []
-        self._counts = {channel.id: 0 for channel in channels}
+        self._chunk_indexes: list[records.ChunkIndex] = []
+        self.counts = {channel.id: 0 for channel in channels}
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._position = 0
-        self._file = path.open("wb")
+        self.file: Final = path.open("wb")
         self._put(MCAP0_MAGIC)
-        self._write([Header(profile="", library=f"rig.recording {LIBRARY_IDENTIFIER}")])
-        for record in metadata:
-            offset = self._position
-            self._write([record])
-            self._metadata_indexes.append(
-                MetadataIndex(offset=offset, length=self._position - offset, name=record.name)
-            )
+        self._write([records.Header(profile="", library=f"rig.recording {LIBRARY_IDENTIFIER}")])
+        offset = self._position
+        self._write([metadata])
+        self._metadata_index = records.MetadataIndex(offset, self._position - offset, metadata.name)
         self._write([*schemas, *channels])
-        self.flush()
-
-    @property
-    def closed(self) -> bool:
-        """Whether the file is closed."""
-        return self._file.closed
-
-    def flush(self) -> None:
-        """Hand everything written so far to the operating system."""
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file as it is, without a summary unless `finish` was called."""
-        self._file.close()
+        self.file.flush()
 
     def write_chunk(self, content: bytes, indexes: Mapping[int, NDArray[Any]]) -> None:
         """Write Message records as one compressed chunk, followed by an index for each channel id.
@@ -107,87 +82,73 @@ class McapStream:
             indexes: channel id -> its index entries (n,), at least one.
         """
         times = np.concatenate([entries["log_time"] for entries in indexes.values()])
-        first_ns, last_ns = int(times.min()), int(times.max())
+        described: dict[str, Any] = {
+            "compression": "zstd",
+            "message_start_time": int(times.min()),
+            "message_end_time": int(times.max()),
+            "uncompressed_size": len(content),
+        }
         data = self._compressor.compress(content)
         start = self._position
-        chunk = Chunk(
-            compression="zstd",
-            data=data,
-            message_end_time=last_ns,
-            message_start_time=first_ns,
-            uncompressed_crc=zlib.crc32(content),
-            uncompressed_size=len(content),
-        )
-        self._write([chunk])
+        self._write([records.Chunk(data=data, uncompressed_crc=zlib.crc32(content), **described)])
         index_start = self._position
         offsets = {}
         for channel_id, entries in indexes.items():
             offsets[channel_id] = self._position
             self._put(_message_index(channel_id, entries))
-            self._counts[channel_id] += len(entries)
+            self.counts[channel_id] += len(entries)
         self._chunk_indexes.append(
-            ChunkIndex(
+            records.ChunkIndex(
                 chunk_length=index_start - start,
                 chunk_start_offset=start,
-                compression=chunk.compression,
                 compressed_size=len(data),
-                message_end_time=last_ns,
                 message_index_length=self._position - index_start,
                 message_index_offsets=offsets,
-                message_start_time=first_ns,
-                uncompressed_size=len(content),
+                **described,
             )
         )
 
     def finish(self) -> None:
         """Write the end of data, the summary and the footer."""
-        self._write([DataEnd(data_section_crc=0)])
-        groups: dict[Opcode, Sequence[McapRecord]] = {
+        self._write([records.DataEnd(data_section_crc=0)])
+        groups: dict[Opcode, Sequence[records.McapRecord]] = {
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
             Opcode.STATISTICS: [self._statistics()],
             Opcode.CHUNK_INDEX: self._chunk_indexes,
-            Opcode.METADATA_INDEX: self._metadata_indexes,
+            Opcode.METADATA_INDEX: [self._metadata_index],
         }
         start = self._position
         summary = b""
         offsets = []
-        for opcode, records in groups.items():
-            group = serialised(records)
-            offsets.append(
-                SummaryOffset(
-                    group_opcode=opcode,
-                    group_start=start + len(summary),
-                    group_length=len(group),
-                )
-            )
+        for opcode, content in groups.items():
+            group = serialised(content)
+            offsets.append(records.SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
-        footer = Footer(
-            summary_start=start, summary_offset_start=start + len(summary), summary_crc=0
-        )
+        footer = records.Footer(start, summary_offset_start=start + len(summary), summary_crc=0)
         summary += serialised(offsets)
         # The checksum covers the summary and the footer up to the checksum itself.
         footer.summary_crc = zlib.crc32(summary + serialised([footer])[:-4])
         self._put(summary + serialised([footer]) + MCAP0_MAGIC)
 
     def _put(self, data: bytes) -> None:
-        self._file.write(data)
+        self.file.write(data)
         self._position += len(data)
 
-    def _write(self, records: Sequence[McapRecord]) -> None:
-        self._put(serialised(records))
+    def _write(self, content: Sequence[records.McapRecord]) -> None:
+        self._put(serialised(content))
 
-    def _statistics(self) -> Statistics:
+    def _statistics(self) -> records.Statistics:
         chunks = self._chunk_indexes
-        return Statistics(
+        return records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
-            channel_message_counts=self._counts,
+            channel_message_counts=self.counts,
             chunk_count=len(chunks),
-            message_count=sum(self._counts.values()),
+            message_count=sum(self.counts.values()),
             message_end_time=max((chunk.message_end_time for chunk in chunks), default=0),
             message_start_time=min((chunk.message_start_time for chunk in chunks), default=0),
-            metadata_count=len(self._metadata_indexes),
+            metadata_count=1,
             schema_count=len(self._schemas),
         )
 

@@ -3,19 +3,18 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from os import PathLike, fspath
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 from mcap.records import Channel, Message, Metadata, Schema
 from numpy.typing import NDArray
 
 from rig.recording.errors import RecordingError, RecordingProblem
-from rig.recording.metadata import metadata_texts
 from rig.recording.recording import Event
-from rig.recording.targets import target_problems
+from rig.recording.targets import metadata_texts, target_problems
 from rig.recording.units import unit_of
 
 from .mcap_stream import McapStream, index_entries, serialised
@@ -40,7 +39,7 @@ _EVENT_SCHEMA: Final = {
 }
 
 
-class McapWriter:
+class McapWriter(AbstractContextManager["McapWriter"]):
     """A context manager that writes samples and events of one recording to an MCAP file.
 
     Samples are messages of topic `rig/samples` (protobuf, one double per channel), events of topic
@@ -51,10 +50,8 @@ class McapWriter:
     Args:
         path: the file to make.
         channels: names of the channels, which are protobuf identifiers; the first is `time_s`.
-        metadata: values that JSON can hold; they are stored exactly.
-        start_ns: log time of time_s = 0 (ns since an epoch), stored as metadata["start_ns"]; if
-            None, the one in `metadata`, or 0.
-        overwrite: whether an existing file is replaced.
+        metadata: values that JSON can hold; they are stored exactly. The log time of time_s = 0 (ns
+            since an epoch) is the one with the key "start_ns", or 0.
 
     Raises:
         RecordingError: the file exists or its folder does not, or a channel name or metadata
@@ -66,15 +63,12 @@ class McapWriter:
         path: str | PathLike[str],
         channels: Sequence[str],
         metadata: Mapping[str, Any] | None = None,
-        *,
-        start_ns: int | None = None,
-        overwrite: bool = False,
     ) -> None:
         self.path: Final = fspath(path)
-        given = dict(metadata or {}) | ({} if start_ns is None else {"start_ns": start_ns})
+        given = metadata or {}
         texts, problems = metadata_texts(self.path, given)
         problems += channel_problems(self.path, channels)
-        problems += target_problems(self.path, may_replace=overwrite)
+        problems += target_problems(self.path, may_replace=False)
         if problems:
             raise RecordingError(problems)
 
@@ -83,24 +77,25 @@ class McapWriter:
         self._records = self._layout.blank(CHUNK_SAMPLES, _SAMPLES_ID)
         self._pending = 0
         self._pending_events: list[Message] = []
-        self._samples = 0
-        self._events = 0
+        names = {
+            "channels": json.dumps(list(channels)),
+            "units": json.dumps({name: unit_of(name) for name in channels}),
+        }
+        event_schema = json.dumps(_EVENT_SCHEMA).encode()
         self._stream = McapStream(
             Path(self.path),
-            _schemas(channels),
-            _topics(channels),
-            [Metadata(name=METADATA_NAME, metadata=texts)],
+            [
+                Schema(_SAMPLES_ID, sample_schema(channels), "protobuf", MESSAGE_NAME),
+                Schema(_EVENTS_ID, event_schema, "jsonschema", "rig.Event"),
+            ],
+            [
+                Channel(_SAMPLES_ID, SAMPLES_TOPIC, "protobuf", names, schema_id=_SAMPLES_ID),
+                Channel(_EVENTS_ID, EVENTS_TOPIC, "json", {}, schema_id=_EVENTS_ID),
+            ],
+            Metadata(name=METADATA_NAME, metadata=texts),
         )
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def write(self, rows: NDArray[np.float64]) -> None:
@@ -123,8 +118,8 @@ class McapWriter:
             records = self._records[self._pending : self._pending + count]
             self._layout.set_values(records, rows[done : done + count])
             records["log_time"] = records["publish_time"] = log_times[done : done + count]
-            records["sequence"] = np.arange(self._samples, self._samples + count)
-            self._samples += count
+            first = self._stream.counts[_SAMPLES_ID] + self._pending
+            records["sequence"] = np.arange(first, first + count)
             self._pending += count
             done += count
             if self._pending == CHUNK_SAMPLES:
@@ -137,32 +132,25 @@ class McapWriter:
             ValueError: the time is not finite, or negative by more than `start_ns`.
         """
         log_time = int(self._log_times(np.array([time_s]))[0])
-        content = {"time_s": float(time_s), "kind": kind, "text": text}
-        message = Message(
-            channel_id=_EVENTS_ID,
-            log_time=log_time,
-            data=json.dumps(content).encode(),
-            publish_time=log_time,
-            sequence=self._events,
-        )
-        self._pending_events.append(message)
-        self._events += 1
+        data = json.dumps({"time_s": float(time_s), "kind": kind, "text": text}).encode()
+        number = self._stream.counts[_EVENTS_ID] + len(self._pending_events)
+        self._pending_events.append(Message(_EVENTS_ID, log_time, data, log_time, number))
 
     def flush(self) -> None:
         """End the present chunk, and hand all data so far to the operating system."""
         if self._pending or self._pending_events:
             self._write_chunk()
-        self._stream.flush()
+        self._stream.file.flush()
 
     def close(self) -> None:
         """Flush, complete the file and close it; do nothing if it is closed already."""
-        if self._stream.closed:
+        if self._stream.file.closed:
             return
         try:
             self.flush()
             self._stream.finish()
         finally:
-            self._stream.close()
+            self._stream.file.close()
 
     def _log_times(self, time_s: NDArray[np.float64]) -> NDArray[np.uint64]:
         nanoseconds = np.rint(time_s * 1e9)
@@ -207,59 +195,20 @@ def write_mcap(
     """
     with McapWriter(path, list(channels), metadata) as writer:
         for event in events:
-            writer.event(event.time_s, event.kind, event.text)
+            writer.event(*event)
         writer.write(np.column_stack(list(channels.values())))
-
-
-def _schemas(channels: Sequence[str]) -> list[Schema]:
-    events = json.dumps(_EVENT_SCHEMA).encode()
-    return [
-        Schema(
-            id=_SAMPLES_ID, name=MESSAGE_NAME, encoding="protobuf", data=sample_schema(channels)
-        ),
-        Schema(id=_EVENTS_ID, name="rig.Event", encoding="jsonschema", data=events),
-    ]
-
-
-def _topics(channels: Sequence[str]) -> list[Channel]:
-    described = {
-        "channels": json.dumps(list(channels)),
-        "units": json.dumps({name: unit_of(name) for name in channels}),
-    }
-    return [
-        Channel(
-            id=_SAMPLES_ID,
-            schema_id=_SAMPLES_ID,
-            topic=SAMPLES_TOPIC,
-            message_encoding="protobuf",
-            metadata=described,
-        ),
-        Channel(
-            id=_EVENTS_ID,
-            schema_id=_EVENTS_ID,
-            topic=EVENTS_TOPIC,
-            message_encoding="json",
-            metadata={},
-        ),
-    ]
 
 
 def channel_problems(path: str, channels: Sequence[str]) -> list[RecordingProblem]:
     """Return a problem for each reason why these channels cannot be the fields of a sample."""
-    problems = []
+    found = []
     if not channels or channels[0] != "time_s":
         first = repr(channels[0]) if channels else "none"
-        limit = "the first channel must be time_s"
-        problems.append(RecordingProblem(path, None, "channels", first, limit, "reorder them"))
+        found.append((first, "reorder them", "the first channel must be time_s"))
     for position, name in enumerate(channels):
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
             limit = "letters, digits and _ only, to be a protobuf field"
-            problems.append(
-                RecordingProblem(path, None, "channels", repr(name), limit, "rename it")
-            )
+            found.append((repr(name), "rename it", limit))
         if name in channels[:position]:
-            limit = "given twice"
-            problems.append(
-                RecordingProblem(path, None, "channels", repr(name), limit, "rename or drop it")
-            )
-    return problems
+            found.append((repr(name), "rename or drop it", "given twice"))
+    return [RecordingProblem(path, "channels", *each) for each in found]

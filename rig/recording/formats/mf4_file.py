@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from rig.recording.errors import RecordingError
-from rig.recording.metadata import events_text
 from rig.recording.recording import Recording
 from rig.recording.units import unit_of
 
@@ -36,16 +35,11 @@ def write_mf4(recording: Recording, path: Path, name: str) -> None:
         remedy = "pip install 'hydraulic-rig[mf4]', or choose .parquet or .csv"
         raise RecordingError.of_file(name, value, remedy, "MF4 needs it") from None
     signals = [
-        Signal(
-            samples=np.ascontiguousarray(values),
-            timestamps=recording.time_s,
-            name=channel,
-            unit=unit_of(channel),
-        )
+        Signal(np.ascontiguousarray(values), recording.time_s, name=channel, unit=unit_of(channel))
         for channel, values in recording.channels.items()
         if channel != "time_s"
     ]
-    comment = {"metadata": recording.metadata, "events": json.loads(events_text(recording.events))}
+    comment = {"metadata": recording.metadata, "events": recording.events}
     # asammdf appends a suffix of its own to any other name.
     written = path.with_suffix(".mf4")
     try:

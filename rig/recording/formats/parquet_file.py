@@ -12,10 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rig.recording.errors import RecordingError, RecordingProblem
-from rig.recording.metadata import events_from, events_text
-from rig.recording.recording import Recording
-from rig.recording.table import Table
+from rig.recording.errors import RecordingError
+from rig.recording.recording import Recording, Table, events_from
 from rig.recording.units import unit_of
 
 _METADATA: Final = b"rig.metadata"
@@ -24,24 +22,18 @@ _EVENTS: Final = b"rig.events"
 
 def write_parquet(recording: Recording, path: Path) -> None:
     """Write a recording, metadata and events included, to Parquet; floats are kept bit for bit."""
-    schema = pa.schema(
-        [
-            pa.field(name, pa.float64(), metadata={"unit": unit_of(name)})
-            for name in recording.channels
-        ],
-        metadata={
-            _METADATA: json.dumps(recording.metadata),
-            _EVENTS: events_text(recording.events),
-        },
-    )
+    columns = [
+        pa.field(name, pa.float64(), metadata={"unit": unit_of(name)})
+        for name in recording.channels
+    ]
+    described = {_METADATA: recording.metadata, _EVENTS: recording.events}
+    texts = {key: json.dumps(content) for key, content in described.items()}
+    schema = pa.schema(columns, metadata=texts)
     arrays = [pa.array(values) for values in recording.channels.values()]
     # Split byte streams put similar exponents side by side; dictionaries do not pay with noise.
+    table = pa.table(arrays, schema=schema)
     pq.write_table(
-        pa.table(arrays, schema=schema),
-        path,
-        compression="zstd",
-        use_dictionary=False,
-        use_byte_stream_split=True,
+        table, path, compression="zstd", use_dictionary=False, use_byte_stream_split=True
     )
 
 
@@ -71,16 +63,12 @@ def read_parquet(path: str) -> Table:
         column = arrow.column(position)
         if counts[name] > 1:
             value = f"{counts[name]} columns have this name"
-            table.problems.append(
-                RecordingProblem(path, None, name, value, "", "rename or delete one")
-            )
+            table.report(name, value, "rename or delete one")
             counts[name] = 1
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
             limit = "every column must hold numbers"
             remedy = "delete the column or convert it to double"
-            table.problems.append(
-                RecordingProblem(path, None, name, str(column.type), limit, remedy)
-            )
+            table.report(name, str(column.type), remedy, limit)
             # The table gets a column of NaN, so that it is not reported as missing too.
             table.columns[name] = np.full(len(arrow), np.nan)
             table.unreadable[name] = np.ones(len(arrow), dtype=np.bool_)

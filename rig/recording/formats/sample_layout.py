@@ -93,17 +93,13 @@ class SampleLayout:
                 ("wide", [("tag", "<u2"), ("value", "<f8")], self._wide.shape),
             ]
         )
-
-    @property
-    def record_length(self) -> int:
-        """Content length of one Message record in bytes."""
-        return self.dtype.itemsize - RECORD_PREFIX
+        self._content_length = self.dtype.itemsize - RECORD_PREFIX
 
     def blank(self, n: int, channel_id: int) -> NDArray[Any]:
         """Return n new records, shape (n,), that only lack sequence, times and values."""
         records = np.zeros(n, self.dtype)
         records["opcode"] = MESSAGE_OPCODE
-        records["length"] = self.record_length
+        records["length"] = self._content_length
         records["channel_id"] = channel_id
         records["narrow"]["tag"] = self._narrow
         records["wide"]["tag"] = self._wide
@@ -138,7 +134,7 @@ class SampleLayout:
         records = np.frombuffer(data, self.dtype, count, offset)
         alike = (
             (records["opcode"] == MESSAGE_OPCODE)
-            & (records["length"] == self.record_length)
+            & (records["length"] == self._content_length)
             & (records["channel_id"] == channel_id)
         )
         return records if alike.all() else records[: int(np.argmin(alike))]

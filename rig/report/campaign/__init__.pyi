@@ -1,3 +1,6 @@
-from .comparison import write_comparison as write_comparison
 from .page import render as render, write_report as write_report
-from .trend_page import TREND as TREND, write_trend as write_trend
+from .several_runs import (
+    TREND as TREND,
+    comparison_page as comparison_page,
+    trend_page as trend_page,
+)

@@ -1,20 +1,18 @@
-"""Draws the panels of leaks: missing oil, leak flow, and the detector's evidence."""
+"""Draws the panels of leaks and of what the detector made of them, and of the compensation."""
 
 from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.leaks import leak_flow
+from rig.loop import PROBABILITIES, PROBABLE
 from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.report.accounts import recorded_run
-from rig.report.panel import Panel, TestData, limits_of
-from rig.report.traces import Array, Trace, band, line, steps
-from rig.report.wording import leaks_found
+from rig.report.panel import Array, Panel, TestData, Trace, band, limits_of, line, ribbon, steps
+from rig.report.wording import label, leaks_found
 from rig.runner.campaign import SHUT_S
-from rig.runner.outcomes import TestOutcome
-
-from .decisions import flow_as_decided
 
 # For each of LEAKS: its name, the role of its colour, the channels of its true and metered flow.
 _CALLED: Final = (
@@ -24,6 +22,11 @@ _CALLED: Final = (
 )
 _LEAST_SPAN: Final = 0.1
 """Least span of an axis of flow in L/min, so that noise does not look like a leak."""
+_PERCENT: Final = 100.0
+_WORTH_SHOWING: Final = 0.02
+"""Probability that a fault must have exceeded at some time to be drawn."""
+_ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "bad", "found")
+"""Colours of health and of the faults, in the order of `PROBABILITIES`."""
 
 
 def missing_flow(data: TestData) -> Panel | None:
@@ -37,18 +40,13 @@ def missing_flow(data: TestData) -> Panel | None:
     missing = accounts.missing / LITRE_PER_MINUTE
     explained = accounts.explained / LITRE_PER_MINUTE
     decision = data.outcome.decision
-    middle_s = 0.5 * (accounts.start_s + accounts.end_s)
+    start_s, end_s = accounts.start_s, accounts.end_s
+    middle_s = 0.5 * (start_s + end_s)
     chambers = [(i, f"chamber {i + 1}", f"chamber_{i + 1}") for i in range(2)]
     traces = [Trace(name, role, "dots", middle_s, missing[:, i]) for i, name, role in chambers]
     if decision is not None and decision.onset_s is not None and explained.any():
         traces += [
-            steps(
-                f"{name}, explained by what was found",
-                role,
-                accounts.start_s,
-                accounts.end_s,
-                explained[:, i],
-            )
+            steps(f"{name}, explained by what was found", role, start_s, end_s, explained[:, i])
             for i, name, role in chambers
         ]
     caption = (
@@ -69,13 +67,13 @@ def leak_flows(data: TestData) -> Panel | None:
     recorded: list[Trace] = []
     zeros: list[str] = []
     sources: set[str] = set()
-    estimated: list[Trace] = []
-    shown = []
+    estimated, shown = [], []
     states = _in_filter_states(data)
-    concerned = _concerned(data.outcome) or LEAKS
-    time_s = data.recording.time_s
+    decision = data.outcome.decision
+    concerned = {fault.kind for fault in data.outcome.injected} & set(LEAKS)
+    concerned |= set() if decision is None else {*leaks_found(decision)}
     for leak, (called, role, truth, meter) in zip(LEAKS, _CALLED, strict=True):
-        if leak not in concerned:
+        if concerned and leak not in concerned:
             continue
         was = data.channel(truth)
         source = "injected"
@@ -87,13 +85,12 @@ def leak_flows(data: TestData) -> Panel | None:
         if was is not None:
             sources.add(source)
             shown.append(was / LITRE_PER_MINUTE)
-            recorded.append(line(f"{called}, {source}", role, time_s, shown[-1], width=3.4,
-                                 opacity=0.4, points=data.points))  # fmt: skip
+            style = {"width": 3.4, "opacity": 0.4}
+            recorded.append(data.line(f"{called}, {source}", role, shown[-1], **style))
         if leak in states:
             values = states[leak] / LITRE_PER_MINUTE
             shown.append(values[values.size // 10 :])
-            estimated.append(line(f"{called}, filter's leak state", role, time_s, values, width=1.1,
-                                  points=data.points))  # fmt: skip
+            estimated.append(data.line(f"{called}, filter's leak state", role, values, width=1.1))
     found = list(_found(data))
     if not recorded and not estimated and not found:
         return None
@@ -128,14 +125,6 @@ def evidence(data: TestData) -> Panel | None:
     )
     top = float(np.max([accounts.statistic.max(), *accounts.threshold[-1:] * 1.5]))
     return Panel("evidence", "Evidence", caption, "standard errors", traces, (0.0, 1.08 * top))
-
-
-def _concerned(outcome: TestOutcome) -> set[str]:
-    """Return the kinds of the leaks that were injected in a test or found in it."""
-    kinds = {fault.kind for fault in outcome.injected}
-    if outcome.decision is not None:
-        kinds |= {*leaks_found(outcome.decision)}
-    return kinds & set(LEAKS)
 
 
 def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float | None]:
@@ -173,11 +162,9 @@ def _found(data: TestData) -> Iterator[Trace]:
     onset on.
     """
     held = list(flow_as_decided(data))
-    if held:
-        yield from held
-        return
+    yield from held
     decision = data.outcome.decision
-    if decision is None or decision.leak_m3_per_s is None or decision.onset_s is None:
+    if held or decision is None or decision.leak_m3_per_s is None or decision.onset_s is None:
         return
     start, end = decision.onset_s, float(data.recording.time_s[-1])
     if decision.interval_m3_per_s is not None:
@@ -185,3 +172,65 @@ def _found(data: TestData) -> Iterator[Trace]:
         yield band("95 % interval", "found", start, end, lower, upper)
     mean = np.full(2, decision.leak_m3_per_s / LITRE_PER_MINUTE)
     yield line("mean flow found", "found", np.array([start, end]), mean, width=2.2, dash="dash")
+
+
+def probability(data: TestData) -> Panel | None:
+    """Return the panel of the probabilities of health and of each fault, as decided over time.
+
+    A fault whose probability never exceeded 2 % is left out. The panel is None if no probabilities
+    are recorded.
+    """
+    traces = []
+    for name, channel, role in zip(PROBABLE, PROBABILITIES, _ROLES, strict=True):
+        values = data.channel(channel)
+        if values is None or (name != "healthy" and not np.nanmax(values) > _WORTH_SHOWING):
+            continue
+        traces.append(data.line(label(name), role, values * _PERCENT, width=2.2))
+    if not traces:
+        return None
+    caption = "What the detector held while the test ran, decided anew every half second."
+    return Panel("probability", "Probability", caption, "%", tuple(traces), (-4.0, 104.0))
+
+
+def compensation(data: TestData) -> Panel | None:
+    """Return the panel of the command's part that compensates for a leak; None if always zero.
+
+    It is None, too, if the compensation or the command is not recorded.
+    """
+    added, sent = data.channel("compensation_V"), data.channel("command_V")
+    if added is None or sent is None or not np.nanmax(np.abs(added)) > 0.0:
+        return None
+    traces = (
+        data.line("valve command", "ink", sent, width=1.2),
+        data.line("of it for the leak", "accent", added, width=2.2),
+    )
+    caption = (
+        "What the loop sent to the valve, and what it added to the proportional command to make up "
+        "for the leak."
+    )
+    return Panel("compensation", "Command and compensation", caption, "V", traces)
+
+
+def flow_as_decided(data: TestData) -> Iterator[Trace]:
+    """Yield the band of the leak flow's 95 % interval as decided over time, then its mean, L/min.
+
+    Nothing is yielded if no flow is recorded.
+    """
+    names = ("decided_leak_low_m3_per_s", "decided_leak_high_m3_per_s", "decided_leak_m3_per_s")
+    channels = [data.channel(name) for name in names]
+    low, high, mean = (None if each is None else each / LITRE_PER_MINUTE for each in channels)
+    if mean is None:
+        return
+    # A decision is the same in several rows, of which the first and the last are drawn.
+    time_s = data.recording.time_s
+    ends = _ends_of_stretches(data.recording["decided_at_s"])
+    if low is not None and high is not None:
+        yield ribbon("95 % interval", "found", time_s[ends], low[ends], high[ends])
+    yield line("mean flow found", "found", time_s[ends], mean[ends], width=2.2, dash="dash")
+
+
+def _ends_of_stretches(values: Array) -> NDArray[np.int64]:
+    """Return the indices of the first and the last value of each run of equal values, sorted."""
+    known = np.nan_to_num(values, nan=-1.0)
+    starts = np.flatnonzero(np.diff(known, prepend=np.inf))
+    return np.union1d(starts, np.append(starts[1:] - 1, values.size - 1))

@@ -11,14 +11,11 @@ from rig.plant import LEAKS, Model
 from rig.recording import Event, Recording, RecordingError, read_recording, recover
 from rig.report.accounts import AccountHistory, account_history
 from rig.report.friction import friction
-from rig.report.panel import Panel, TestData
-from rig.report.traces import POINTS
-from rig.report.wording import STATUS_LABELS, story
+from rig.report.panel import POINTS, Panel, TestData
+from rig.report.wording import assumed_parameters, conditions_of, loop_conditions, story
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
 
-from .conditions import assumed_parameters, conditions_of, loop_conditions
-from .decisions import compensation, probability
-from .leaks import evidence, leak_flows, missing_flow
+from .leaks import compensation, evidence, leak_flows, missing_flow, probability
 from .signals import command, innovation, motion, pressures
 
 _ACCOUNT_PANELS: Final = (
@@ -32,45 +29,7 @@ _FULL_DETAIL_TESTS: Final = 12
 _LEAST_POINTS: Final = 400
 _MANY_EVENTS: Final = 40
 
-
-@dataclass(frozen=True)
-class Mark:
-    """A time that is marked by a vertical line in every plot of a test.
-
-    Attributes:
-        kind: `injected`, `removed`, `onset`, `gone` or `detected`.
-        time_s: s of the test.
-        text: label of the line.
-    """
-
-    kind: str
-    time_s: float
-    text: str
-
-
-@dataclass(frozen=True)
-class Span:
-    """A stretch of time, from `start_s` to `end_s`, that is shaded in every plot of a test.
-
-    Its text says what the loop did about a fault then.
-    """
-
-    start_s: float
-    end_s: float
-    text: str
-
-
-@dataclass(frozen=True)
-class Smallest:
-    """The smallest leak flows that a test would have found, m^3/s at the leak's reference drop.
-
-    Attributes:
-        begun: by the kind of leak, for a leak that begins during the test.
-        there: by the kind of leak, for a leak that is there from the start; None if not known.
-    """
-
-    begun: dict[str, float]
-    there: dict[str, float] | None
+Flows = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -78,39 +37,38 @@ class Section:
     """The section of the report about one test.
 
     Attributes:
-        anchor: name of the section for links within the page.
         test: the test's outcome.
-        symbol, status: how the test ended, as a sign and as a word.
         story: what happened, in sentences.
         notes: sentences on what is missing in the section, and why.
         conditions: setpoint, load and timing of the loop, as (name, text).
         panels: the plots; empty without a readable recording.
-        marks: times at which faults were injected and removed, of onset, end and detection, in
-            their order.
-        spans: the loop's actions about faults.
+        marks: the times that are marked by a vertical line in every plot, in their order, each with
+            its `kind` (`injected`, `removed`, `onset`, `gone` or `detected`), `time` in s, and
+            label, `text`.
+        spans: the stretches of time that are shaded in every plot, from `start` to `end`, s, with
+            what the loop did about a fault then, `text`.
         events: the first events of the recording, 40 at most, without the timing of the loop.
         start_s, end_s: begin and end of the time axis; it reaches to the planned end if the test
             ended early.
         recorded_until_s: time at which the recording ends, s.
-        smallest: the smallest leaks that would have been found; None if they are not known.
+        smallest: the smallest leak flows that would have been found, by the kind of leak, m^3/s at
+            the leak's reference drop: for leaks that begin during the test, and for those that are
+            there from the start, which are empty if not known; None if neither is known.
         opened: whether the page shows the section unfolded at first.
     """
 
-    anchor: str
     test: TestOutcome
-    symbol: str
-    status: str
     story: str
     notes: tuple[str, ...]
     conditions: tuple[tuple[str, str], ...] = ()
     panels: tuple[Panel, ...] = ()
-    marks: tuple[Mark, ...] = ()
-    spans: tuple[Span, ...] = ()
+    marks: tuple[dict[str, Any], ...] = ()
+    spans: tuple[dict[str, Any], ...] = ()
     events: tuple[Event, ...] = ()
     start_s: float = 0.0
     end_s: float = 0.0
     recorded_until_s: float = 0.0
-    smallest: Smallest | None = None
+    smallest: tuple[Flows, Flows] | None = None
     opened: bool = False
 
     @property
@@ -120,8 +78,8 @@ class Section:
             "start": self.start_s,
             "end": self.end_s,
             "recorded": self.recorded_until_s,
-            "spans": [{"start": s.start_s, "end": s.end_s, "text": s.text} for s in self.spans],
-            "marks": [{"kind": m.kind, "time": m.time_s, "text": m.text} for m in self.marks],
+            "spans": self.spans,
+            "marks": self.marks,
             "panels": {panel.key: panel.figure for panel in self.panels},
         }
 
@@ -135,7 +93,8 @@ def sections_of(outcome: CampaignOutcome, directory: Path) -> list[Section]:
     """
     opened = _worth_opening(outcome)
     return [
-        _section(outcome, index, directory, index == opened) for index in range(len(outcome.tests))
+        _section(outcome, test, directory, opened=index == opened)
+        for index, test in enumerate(outcome.tests)
     ]
 
 
@@ -150,17 +109,13 @@ def _worth_opening(outcome: CampaignOutcome) -> int:
     return (failed + leaking + [0])[0]
 
 
-def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool) -> Section:
-    test = outcome.tests[index]
-    symbol, status = STATUS_LABELS[test.status]
+def _section(
+    outcome: CampaignOutcome, test: TestOutcome, directory: Path, *, opened: bool
+) -> Section:
     recording, notes = _recording(test, directory)
     happened = "" if test.status is Status.NOT_RUN else story(test)
-    anchor = f"test-{index + 1}"
     if recording is None:
-        smallest = _smallest(test, None)
-        return Section(
-            anchor, test, symbol, status, happened, notes, smallest=smallest, opened=opened
-        )
+        return Section(test, happened, notes, smallest=_smallest(test, None), opened=opened)
     parameters = assumed_parameters(recording.metadata)
     accounts = None
     if outcome.filter == DEFAULT_FILTER and parameters is not None:
@@ -168,19 +123,14 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
         detector = account_detector_of(recording, assumed, outcome.false_alarms_per_day)
         accounts = None if detector is None else account_history(recording, detector)
     if outcome.filter == DEFAULT_FILTER and accounts is None:
-        notes = (
-            *notes,
-            "Without the filter's estimates, model and baseline no oil account can be drawn.",
-        )
+        lacking = "Without the filter's estimates, model and baseline no oil account can be drawn."
+        notes = (*notes, lacking)
     points = _points(len(outcome.tests))
     data = TestData(test, recording, outcome.filter, parameters, accounts, points)
     draw = _ACCOUNT_PANELS if outcome.filter == DEFAULT_FILTER else _PATTERN_PANELS
     last = float(recording.time_s[-1])
     return Section(
-        anchor,
         test,
-        symbol,
-        status,
         happened,
         notes,
         (*conditions_of(recording.metadata), *loop_conditions(recording)),
@@ -201,9 +151,8 @@ def _points(tests: int) -> int:
 
     It is smaller in a large campaign, so that a browser can still open the page.
     """
-    return max(
-        _LEAST_POINTS, 2 * (POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2)
-    )
+    pairs = POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2
+    return max(_LEAST_POINTS, 2 * pairs)
 
 
 def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tuple[str, ...]]:
@@ -230,41 +179,41 @@ def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tu
     return recording, (f"{note} Shown is what could be recovered, {shown}.",)
 
 
-def _marks(test: TestOutcome) -> tuple[Mark, ...]:
-    marks = []
+def _marks(test: TestOutcome) -> tuple[dict[str, Any], ...]:
+    times = []
     for fault in test.injected:
-        marks.append(Mark("injected", fault.at_s, f"injected {fault.at_s:.1f} s"))
-        if fault.until_s is not None:
-            marks.append(Mark("removed", fault.until_s, f"removed {fault.until_s:.1f} s"))
+        times += [("injected", "injected", fault.at_s), ("removed", "removed", fault.until_s)]
     if test.decision is not None and test.decision.onset_s is not None:
-        onset = test.decision.onset_s
-        marks.append(Mark("onset", onset, f"onset found {onset:.1f} s"))
-        if (ended := test.decision.ended_s) is not None:
-            marks.append(Mark("gone", ended, f"gone again {ended:.1f} s"))
-    if test.detected_at_s is not None:
-        marks.append(Mark("detected", test.detected_at_s, f"detected {test.detected_at_s:.1f} s"))
-    return tuple(sorted(marks, key=lambda mark: mark.time_s))
+        times += [("onset", "onset found", test.decision.onset_s)]
+        times += [("gone", "gone again", test.decision.ended_s)]
+    times += [("detected", "detected", test.detected_at_s)]
+    marks = (
+        {"kind": kind, "time": time_s, "text": f"{words} {time_s:.1f} s"}
+        for kind, words, time_s in times
+        if time_s is not None
+    )
+    return tuple(sorted(marks, key=lambda mark: mark["time"]))
 
 
-def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
+def _spans(test: TestOutcome, last_s: float) -> tuple[dict[str, Any], ...]:
     """Return the loop's actions about faults as spans; actions of a kind without a pause are one.
 
     So a leak that is tolerated with a new estimate of its coefficient does not begin a new span.
     An action without an end reaches to `last_s`.
     """
-    spans: list[Span] = []
+    spans: list[dict[str, Any]] = []
     for action in test.actions:
         end_s = last_s if action.until_s is None else action.until_s
         text = action.what.split(" ", 1)[0]
-        if spans and spans[-1].text == text and spans[-1].end_s == action.at_s:
-            spans[-1] = Span(spans[-1].start_s, end_s, text)
+        if spans and (spans[-1]["text"], spans[-1]["end"]) == (text, action.at_s):
+            spans[-1]["end"] = end_s
         else:
-            spans.append(Span(action.at_s, end_s, text))
+            spans.append({"start": action.at_s, "end": end_s, "text": text})
     return tuple(spans)
 
 
-def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | None:
-    """Return the smallest leaks that would have been found; None if they are not known.
+def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> tuple[Flows, Flows] | None:
+    """Return the smallest leaks that would have been found, as in `Section`.
 
     The final decision has them unless it names a fault; then they come from the last decision
     before that fault.
@@ -276,5 +225,5 @@ def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | 
             for kind in ("smallest", "smallest_from_start")
         )
         if len(begun) == len(LEAKS):
-            return Smallest(begun, there if len(there) == len(LEAKS) else None)
+            return begun, there if len(there) == len(LEAKS) else {}
     return None

@@ -5,8 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimator.filters import THESIS_WINDOW, moving_average_absolute
-from rig.report.panel import Panel, TestData, limits_of
-from rig.report.traces import Trace, line
+from rig.report.panel import Panel, TestData, Trace, limits_of, line
 
 _MM: Final = 1e3
 _MPA: Final = 1e-6
@@ -20,9 +19,8 @@ def motion(data: TestData) -> Panel | None:
         *_signal(data, "setpoint_m", "setpoint", "reference", _MM, width=3.2),
         *_signal(data, "position_m", "position", "ink", _MM, width=1.2),
     )
-    caption = "What the ram was asked to do, and what it did."
-    if data.channel("setpoint_m") is None:
-        caption = "Where the ram went."
+    asked = data.channel("setpoint_m") is not None
+    caption = "What the ram was asked to do, and what it did." if asked else "Where the ram went."
     return Panel("motion", "Position", caption, "mm", traces) if traces else None
 
 
@@ -61,9 +59,7 @@ def innovation(data: TestData) -> Panel | None:
     The panel is None if no innovations are recorded.
     """
     raw: list[Trace] = []
-    averages: list[Trace] = []
-    thresholds: list[Trace] = []
-    shown = []
+    averages, thresholds, shown = [], [], []
     for i, role in _CHAMBERS:
         channel = f"innovation_pressure_{i}_Pa"
         values = data.channel(channel)
@@ -72,11 +68,9 @@ def innovation(data: TestData) -> Panel | None:
         raw += _signal(data, channel, f"chamber {i}", role, _KPA, width=0.8, opacity=0.3)
         average = moving_average_absolute(values) * _KPA
         name = f"chamber {i}, mean of {THESIS_WINDOW}"
-        averages.append(line(name, role, data.recording.time_s, average, width=2.6,
-                             points=data.points // 2))  # fmt: skip
+        averages.append(data.line(name, role, average, width=2.6, points=data.points // 2))
         # While the filter settles, its innovations do not describe the rig.
-        settled = average[THESIS_WINDOW:] if average.size > 2 * THESIS_WINDOW else average
-        shown.append(settled)
+        shown.append(average[THESIS_WINDOW:] if average.size > 2 * THESIS_WINDOW else average)
         threshold = _threshold(data, i)
         if threshold is None:
             shown.append(values * _KPA)
@@ -116,4 +110,4 @@ def _signal(
     values = data.channel(channel)
     if values is None:
         return []
-    return [line(name, role, data.recording.time_s, values * scale, points=data.points, **style)]
+    return [data.line(name, role, values * scale, **style)]

@@ -1,17 +1,21 @@
 """Makes the page of `rig identify friction --rig`: figure 3.1 of the thesis, and the results."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from estimator.friction import DISAGREEMENT, PARAMETERS, model_curve, steady_among
+from estimator.friction import (
+    DISAGREEMENT,
+    PARAMETERS,
+    BreakAway,
+    SteadySpeed,
+    model_curve,
+    steady_among,
+)
 from rig.report.templating import number, numbers, rendered
 from rig.runner.experiments import FrictionExperiment
 
-from .panel import MM, both_ways
-from .words import in_words, needs_in_words, shown
+from .page import INTERVAL, MM, SLOWEST, both_ways, in_words, needs_in_words, shown
 
-_INTERVAL: Final = 1.96
-_SLOWEST: Final = 1e-4
 _MISFIT: Final = 4.0
 """Limit of chi^2 over its degrees of freedom; measurements that agree with the law exceed it less
 than once in 100."""
@@ -55,10 +59,10 @@ def remarks(experiment: FrictionExperiment) -> Iterator[str]:
     level, fit = experiment.level, experiment.fit
     counted = len(steady_among(experiment.speeds, experiment.sliding))
     if level.places:
-        spread = f"{level.level:.0f} ± {_INTERVAL * level.level_error:.1f} N"
+        spread = f"{level.level:.0f} ± {INTERVAL * level.level_error:.1f} N"
         yield f"break-away at {level.places} places, both ways: {spread} on average"
         if fit is not None:
-            half = _INTERVAL * fit.measured_error
+            half = INTERVAL * fit.measured_error
             yield (
                 f"stiction measured: {fit.measured_stiction:.0f} ± {half:.1f} N, with "
                 f"{fit.deficit:.1f} N added for bristles that creep before they slip"
@@ -69,7 +73,7 @@ def remarks(experiment: FrictionExperiment) -> Iterator[str]:
     if trend.significant:
         yield (
             f"stiction depends on the position: {trend.slope:+.0f} ± "
-            f"{_INTERVAL * trend.standard_error:.0f} N/m; the law has its mean only"
+            f"{INTERVAL * trend.standard_error:.0f} N/m; the law has its mean only"
         )
     elif level.places:
         yield "stiction does not depend on the position, as far as this shows"
@@ -77,7 +81,7 @@ def remarks(experiment: FrictionExperiment) -> Iterator[str]:
     if trend.significant:
         yield (
             f"a constant force grows along the stroke by {trend.slope:+.0f} ± "
-            f"{_INTERVAL * trend.standard_error:.0f} N/m, as a spring makes: tell it with --spring"
+            f"{INTERVAL * trend.standard_error:.0f} N/m, as a spring makes: tell it with --spring"
         )
     yield f"constant speed: {counted} of {len(experiment.speeds)} strokes were steady and are used"
     if fit is None:
@@ -99,15 +103,9 @@ def _places(experiment: FrictionExperiment) -> dict[str, Any]:
     for direction, name in ((1, "extending"), (-1, "retracting")):
         found = [each for place in experiment.places for each in place
                  if each.direction == direction]  # fmt: skip
-        drawn["points"].append(
-            {
-                "name": name,
-                "x": numbers(MM * each.position for each in found),
-                "y": numbers(each.force for each in found),
-                "half": numbers(_INTERVAL * each.standard_error for each in found),
-                "open": [not each.taken_off for each in found],
-            }
-        )
+        positions = [each.position for each in found]
+        opened = [not each.taken_off for each in found]
+        drawn["points"].append({"name": name, **_points(positions, found, opened)})
         if level.places:
             drawn["levels"].append(number(level.offset + direction * level.level))
     return drawn
@@ -115,30 +113,37 @@ def _places(experiment: FrictionExperiment) -> dict[str, Any]:
 
 def _curve(experiment: FrictionExperiment) -> dict[str, Any]:
     """Return the plot of figure 3.1: force over velocity, with the fitted curve and its band."""
-    speeds = experiment.speeds
-    fastest = max([experiment.sliding.fastest or 0.0, *(abs(each.velocity) for each in speeds)])
-    over = both_ways(_SLOWEST, fastest or 0.5)
+    speeds, bins = experiment.speeds, experiment.sliding.bins
+    velocities = [each.velocity for each in speeds]
+    fastest = max([experiment.sliding.fastest or 0.0, *map(abs, velocities)])
+    over = both_ways(SLOWEST, fastest or 0.5)
     counted = steady_among(speeds, experiment.sliding)
+    taken_off = (each for place in experiment.places for each in place if each.taken_off)
     drawn: dict[str, Any] = {
         "x": numbers(MM * over),
         "model": numbers(model_curve(over, experiment.assumed.parameters)),
-        "speeds": {
-            "x": numbers(MM * each.velocity for each in speeds),
-            "y": numbers(each.force for each in speeds),
-            "half": numbers(_INTERVAL * each.standard_error for each in speeds),
-            "open": [each not in counted for each in speeds],
-        },
+        "speeds": _points(velocities, speeds, [each not in counted for each in speeds]),
         "slowing": {
-            "x": numbers(MM * each.velocity for each in experiment.sliding.bins),
-            "y": numbers(each.force for each in experiment.sliding.bins),
+            "x": numbers(MM * each.velocity for each in bins),
+            "y": numbers(each.force for each in bins),
         },
-        "break_away": numbers(
-            each.force for place in experiment.places for each in place if each.taken_off
-        ),
+        "break_away": numbers(each.force for each in taken_off),
         "fitted": None,
     }
     if experiment.fit is not None:
-        force, half = experiment.fit.force(over), _INTERVAL * experiment.fit.force_error(over)
+        force, half = experiment.fit.force(over), INTERVAL * experiment.fit.force_error(over)
         drawn["fitted"] = numbers(force)
         drawn["upper"], drawn["lower"] = numbers(force + half), numbers(force - half)
     return drawn
+
+
+def _points(
+    across: Sequence[float], found: Sequence[BreakAway | SteadySpeed], opened: Sequence[bool]
+) -> dict[str, Any]:
+    """Return measured forces over positions in m or velocities in m/s, with their intervals."""
+    return {
+        "x": numbers(MM * each for each in across),
+        "y": numbers(each.force for each in found),
+        "half": numbers(INTERVAL * each.standard_error for each in found),
+        "open": opened,
+    }

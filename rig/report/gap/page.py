@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from estimator.gap import ChannelGap, Curve, Discovered, FreeRun, GapResult, Plant
 from rig.report.templating import numbers, rendered
@@ -14,10 +15,13 @@ from rig.runner.outcomes import versions
 from . import words as gap_words
 from .words import band, channel, unit_for
 
-MOST_CURVES: Final = 4
+Array = NDArray[np.float64]
+
 _NORMAL_95: Final = 1.96
 _POINTS: Final = 1200
 """Approximate number of points of a free simulation's line."""
+_MODELS: Final = (("model as given", "bad"), ("model as written", "found"))
+"""Name and role of the traces of both models."""
 
 
 def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ...] = ()) -> str:
@@ -64,23 +68,20 @@ def drawn_curves(result: GapResult) -> list[Curve]:
         if curve.equation not in {each.equation for each in first}:
             first.append(curve)
     others = [curve for curve in result.where if not any(curve is each for each in first)]
-    chosen = sorted([*first[:2], *others[:2]], key=lambda curve: -curve.gain)
-    return chosen[:MOST_CURVES]
+    return sorted([*first[:2], *others[:2]], key=lambda curve: -curve.gain)
 
 
 def figures_of(result: GapResult) -> dict[str, Any]:
     """Return the data of all plots of the page, by the plot's key, JSON-able."""
     drawn: dict[str, Any] = {
-        f"curve_{number}": _curve(curve, None if result.as_given else _same(result.rest, curve))
+        f"curve_{number}": _curve(curve, [] if result.as_given else result.rest)
         for number, curve in enumerate(drawn_curves(result))
     }
-    for number, each in enumerate(result.discovered):
-        if each.curve is not None:
-            drawn[f"found_{number}"] = _disturbance(each, each.curve)
-    for number, effect in enumerate(result.effects):
-        correction = effect.correction
-        if correction is not None and correction.curve is not None:
-            drawn[f"corrected_{number}"] = _disturbance(correction, correction.curve)
+    corrections = [effect.correction for effect in result.effects]
+    for key, found in (("found", result.discovered), ("corrected", corrections)):
+        for number, each in enumerate(found):
+            if each is not None and each.curve is not None:
+                drawn[f"{key}_{number}"] = _disturbance(each, each.curve)
     if result.channels:
         drawn["gap"] = _bars(result.channels)
     if result.channels and result.channels[0].bands:
@@ -90,28 +91,20 @@ def figures_of(result: GapResult) -> dict[str, Any]:
     return drawn
 
 
-def _same(curves: Sequence[Curve], curve: Curve) -> Curve | None:
-    same = (c for c in curves if (c.equation, c.region) == (curve.equation, curve.region))
-    return next(same, None)
-
-
-def _curve(curve: Curve, rest: Curve | None) -> dict[str, Any]:
+def _curve(curve: Curve, rest: Sequence[Curve]) -> dict[str, Any]:
+    """Return the plot of a disturbance, with the same one, if any, of the model as written."""
     traces = [_band(curve, "bad"), _line(curve, "model as given", "bad")]
-    if rest is not None:
-        traces += [_band(rest, "found"), _line(rest, "model as written", "found")]
-    return {
-        "traces": traces,
-        "across": f"{curve.region}, {curve.region_shown[0]}",
-        "up": f"{curve.equation}, {curve.shown[0]}",
-    }
+    same = [c for c in rest if (c.equation, c.region) == (curve.equation, curve.region)]
+    for left in same[:1]:
+        traces += [_band(left, "found"), _line(left, "model as written", "found")]
+    across, up = f"{curve.region}, {curve.region_shown[0]}", f"{curve.equation}, {curve.shown[0]}"
+    return {"traces": traces, "across": across, "up": up}
 
 
 def _disturbance(each: Discovered, curve: Curve) -> dict[str, Any]:
     """Return the plot of a discovered disturbance; of a table, its knots are marked."""
     role = "found" if each.in_model else "bad"
-    line = _line(curve, "disturbance", role) | {
-        "mode": "lines+markers" if each.form == "table" else "lines"
-    }
+    line = _line(curve, "disturbance", role, marked=each.form == "table")
     band = [_band(curve, role)] if np.isfinite(curve.errors).all() else []
     turned = " while extending" if each.times == "direction" else ""
     return {
@@ -121,14 +114,16 @@ def _disturbance(each: Discovered, curve: Curve) -> dict[str, Any]:
     }
 
 
-def _line(curve: Curve, name: str, role: str) -> dict[str, Any]:
-    return {
-        "name": name,
-        "mode": "lines+markers",
-        "x": numbers(curve.at * curve.region_shown[1]),
-        "y": numbers(curve.values * curve.shown[1]),
-        "meta": {"role": role, "unit": curve.shown[0]},
-    }
+def _line(curve: Curve, name: str, role: str, *, marked: bool = True) -> dict[str, Any]:
+    unit, factor = curve.shown
+    mode = "lines+markers" if marked else "lines"
+    at = curve.at * curve.region_shown[1]
+    return _trace(name, role, unit, at, curve.values * factor) | {"mode": mode}
+
+
+def _trace(name: str, role: str, unit: str, across: Array, up: Array) -> dict[str, Any]:
+    drawn = {"mode": "lines", "x": numbers(across), "y": numbers(up)}
+    return {"name": name, **drawn, "meta": {"role": role, "unit": unit}}
 
 
 def _band(curve: Curve, role: str) -> dict[str, Any]:
@@ -150,44 +145,38 @@ def _band(curve: Curve, role: str) -> dict[str, Any]:
 def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
     """Return the bars of each channel's prediction error above the floor, before and after."""
     names = [channel(gap.channel) for gap in channels]
-    before = [max(gap.before - gap.floor, 0.0) for gap in channels]
-    after = [max(gap.after - gap.floor, 0.0) for gap in channels]
-    return _before_and_after(names, before, after, "above the floor, noise variances")
+    heights = [
+        [max(getattr(gap, of) - gap.floor, 0.0) for gap in channels] for of in ("before", "after")
+    ]
+    return _before_and_after(names, heights, "above the floor, noise variances")
 
 
 def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
     """Return the bars, by frequency band, of the channels' mean one-step error above the floor."""
     names = [band(each) for each in channels[0].bands]
-    floor, before, after = (
+    floor, *errors = (
         np.array([[getattr(each, of) for each in gap.bands] for gap in channels])
         for of in ("floor", "before", "after")
     )
-    before, after = (np.maximum(errors - floor, 0.0).mean(axis=0) for errors in (before, after))
-    return _before_and_after(names, before, after, "excess, predicted variances")
+    heights = [np.maximum(each - floor, 0.0).mean(axis=0) for each in errors]
+    return _before_and_after(names, heights, "excess, predicted variances")
 
 
 def _before_and_after(
-    names: Sequence[str], before: Iterable[float], after: Iterable[float], up: str
+    names: Sequence[str], heights: Sequence[Iterable[float]], up: str
 ) -> dict[str, Any]:
     """Return bars of the model as given beside those of the model as written.
 
     Args:
         names: labels of the bars.
-        before: heights for the model as given.
-        after: heights for the model as written.
+        heights: heights of the bars for the model as given, and for the model as written.
         up: label of the vertical axis.
     """
-    return {
-        "traces": [
-            {"type": "bar", "name": name, "x": names, "y": numbers(values), "meta": {"role": role}}
-            for name, values, role in (
-                ("model as given", before, "bad"),
-                ("model as written", after, "found"),
-            )
-        ],
-        "across": "",
-        "up": up,
-    }
+    traces = [
+        {"type": "bar", "name": name, "x": names, "y": numbers(values), "meta": {"role": role}}
+        for (name, role), values in zip(_MODELS, heights, strict=True)
+    ]
+    return {"traces": traces, "across": "", "up": up}
 
 
 def _run(run: FreeRun) -> dict[str, Any]:
@@ -196,22 +185,9 @@ def _run(run: FreeRun) -> dict[str, Any]:
     if run.unit == "m":
         unit, factor = "mm", 1e3
     step = max(1, len(run.time_s) // _POINTS)
-    lines = (
-        ("measured", run.measured, "ink"),
-        ("model as given", run.before, "bad"),
-        ("model as written", run.after, "found"),
-    )
-    return {
-        "traces": [
-            {
-                "name": name,
-                "mode": "lines",
-                "x": numbers(run.time_s[::step]),
-                "y": numbers(values[::step] * factor),
-                "meta": {"role": role, "unit": unit},
-            }
-            for name, values, role in lines
-        ],
-        "across": "time, s",
-        "up": f"{channel(run.channel)}, {unit}",
-    }
+    lines = zip((("measured", "ink"), *_MODELS), (run.measured, run.before, run.after), strict=True)
+    traces = [
+        _trace(name, role, unit, run.time_s[::step], values[::step] * factor)
+        for (name, role), values in lines
+    ]
+    return {"traces": traces, "across": "time, s", "up": f"{channel(run.channel)}, {unit}"}

@@ -1,6 +1,6 @@
 """Puts the result of a gap search into words: what is missing, how much, how sure, and rivals."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import ceil, floor, isfinite, log10
 from typing import Final
 
@@ -122,9 +122,9 @@ def shrunk(result: GapResult) -> float:
 
 def _named(effect: NamedEffect) -> str:
     """Return an effect's name with its size and the effects it cannot be distinguished from."""
-    name = f"{in_words(effect.name)}, {sizes(effect)}"
     others = " or ".join(in_words(rival.effect) for rival in effect.indistinguishable)
-    return f"{name} (or {others}: these recordings cannot tell)" if others else name
+    rivals = f" (or {others}: these recordings cannot tell)" if others else ""
+    return f"{in_words(effect.name)}, {sizes(effect)}{rivals}"
 
 
 def extent(each: Discovered) -> str:
@@ -176,8 +176,7 @@ def headline(result: GapResult) -> str:
         besides = f"; besides, {_discovered(result)}" if result.discovered else ""
         return f"The model lacks {named}{besides}{_explains(result)}."
     if result.verdict == "unknown_effect" and result.discovered:
-        what = "Something is missing that the catalogue does not have"
-        return f"{what}: {_discovered(result)}{_explains(result)}."
+        return f"{VERDICT_WORDS[result.verdict]}: {_discovered(result)}{_explains(result)}."
     if result.verdict == "unknown_effect":
         curve = result.rest[0] if result.rest else None
         if curve is None or curve.share < NOWHERE:
@@ -257,22 +256,18 @@ def checked_in(ended: Round) -> str:
     )
 
 
-def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
-    """Yield for each of the first `most` disturbances a phrase with its equation and largest value.
-
-    The phrases are in the order of `curves`.
-    """
-    for curve in curves[:most]:
-        index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
-        unit, factor = curve.shown
-        region_unit, region_factor = curve.region_shown
-        value = number(float(curve.values[index]) * factor)
-        error = number(1.96 * float(curve.errors[index]) * factor, 2)
-        at = number(float(curve.at[index]) * region_factor)
-        yield (
-            f"{curve.equation} against {curve.region}: up to {value} ± {error} {unit} at {at} "
-            f"{region_unit}; this would take away {share(curve.share)} of the excess"
-        )
+def where_words(curve: Curve) -> str:
+    """Return a phrase on a disturbance, with its equation and largest value."""
+    index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
+    unit, factor = curve.shown
+    region_unit, region_factor = curve.region_shown
+    value = number(float(curve.values[index]) * factor)
+    error = number(1.96 * float(curve.errors[index]) * factor, 2)
+    at = number(float(curve.at[index]) * region_factor)
+    return (
+        f"{curve.equation} against {curve.region}: up to {value} ± {error} {unit} at {at} "
+        f"{region_unit}; this would take away {share(curve.share)} of the excess"
+    )
 
 
 def share(part: float) -> str:
@@ -314,17 +309,10 @@ def held_out(effect: NamedEffect) -> str:
 
 
 def limit(smallest: DetectionLimit) -> str:
-    """Return as text the smallest size at which an effect would have been found, rounded up."""
+    """Return the smallest size at which an effect would have been found, rounded up to 2 digits."""
     if not isfinite(smallest.size):
         return "no plausible size"
     if smallest.size <= 0.0:
         return "not by these motions"
-    return with_unit(rounded_up(smallest.size), smallest.unit)
-
-
-def rounded_up(value: float) -> float:
-    """Return a value rounded up to two significant digits; unchanged if not positive and finite."""
-    if not isfinite(value) or value <= 0.0:
-        return value
-    scale = 10.0 ** (floor(log10(value)) - 1)
-    return ceil(value / scale - 1e-9) * scale
+    scale = 10.0 ** (floor(log10(smallest.size)) - 1)
+    return with_unit(ceil(smallest.size / scale - 1e-9) * scale, smallest.unit)

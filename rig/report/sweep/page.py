@@ -1,7 +1,6 @@
 """Makes the page of a sweep: how small a leak is found, ROC, confusion, and the ranges drawn."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -9,7 +8,6 @@ import pyarrow as pa
 
 from rig.configuration import HEALTHY, Sweep
 from rig.plant import LITRE_PER_MINUTE
-from rig.recording import replace_text
 from rig.report.templating import number, numbers, rendered
 from rig.sweep import PowerCurve, Roc, Study, columns_of, unit_of, verdict_order
 
@@ -20,15 +18,6 @@ _ROC_POINTS: Final = 400
 _CURVE_POINTS: Final = 80
 _SHOWN: Final = 3000
 """Greatest number of cases in a plot of single cases; more would make a browser slow."""
-
-
-def write_sweep_page(sweep: Sweep, table: pa.Table, study: Study, path: Path) -> None:
-    """Write the page of a sweep to a file, replacing it in one step.
-
-    Raises:
-        OSError: the page cannot be written.
-    """
-    replace_text(path, sweep_page(sweep, table, study))
 
 
 def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
@@ -82,17 +71,13 @@ def _power(curve: PowerCurve) -> dict[str, Any]:
     The key `curve` is None if no curve was fitted.
     """
     middles = [(each.low * each.high) ** 0.5 / LITRE_PER_MINUTE for each in curve.bins]
-    parts = [100.0 * each.right.part for each in curve.bins]
+    rights = [each.right for each in curve.bins]
     found: dict[str, Any] = {
         "flow": numbers(middles, _DIGITS),
-        "part": parts,
-        "above": [
-            100.0 * each.right.interval[1] - p for each, p in zip(curve.bins, parts, strict=True)
-        ],
-        "below": [
-            p - 100.0 * each.right.interval[0] for each, p in zip(curve.bins, parts, strict=True)
-        ],
-        "text": [f"{each.right.count} of {each.right.of}" for each in curve.bins],
+        "part": [100.0 * each.part for each in rights],
+        "above": [100.0 * each.interval[1] - 100.0 * each.part for each in rights],
+        "below": [100.0 * each.part - 100.0 * each.interval[0] for each in rights],
+        "text": [f"{each.count} of {each.of}" for each in rights],
         "curve": None,
         "limit": None,
     }
@@ -149,14 +134,12 @@ def _cases(table: pa.Table) -> dict[str, Any]:
     ]
     column = columns_of(table.select(names))
     at = np.flatnonzero(column["fault"] != HEALTHY)[:_SHOWN]
-    flow = column["leak_true_m3_per_s"][at] / LITRE_PER_MINUTE
-    estimate = column["leak_m3_per_s"][at] / LITRE_PER_MINUTE
     return {
         "case": [int(each) for each in column["case"][at]],
         "fault": [place_in_words(str(each)) for each in column["fault"][at]],
         "verdict": [place_in_words(str(each)) for each in column["verdict"][at]],
         "right": [bool(each) for each in column["right"][at]],
-        "flow": numbers(flow, _DIGITS),
-        "estimate": numbers(estimate, _DIGITS),
+        "flow": numbers(column["leak_true_m3_per_s"][at] / LITRE_PER_MINUTE, _DIGITS),
+        "estimate": numbers(column["leak_m3_per_s"][at] / LITRE_PER_MINUTE, _DIGITS),
         "latency": numbers(column["latency_s"][at], _DIGITS),
     }

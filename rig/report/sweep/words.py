@@ -69,7 +69,7 @@ def lines_of(filter_name: str, study: Study, timing: Timing) -> Iterator[str]:
     rates = timing.plain()["rig_seconds_per_second"]
     if timing.cases and rates["of_process_after_start"]:
         yield (
-            f"  {timing.cases} cases by {filter_name} on {len(timing.workers)} processes: "
+            f"  {timing.cases} cases by {filter_name} on {len(timing.ready_s)} processes: "
             f"{rates['of_process_after_start']:.0f} rig-seconds per second and process, "
             f"{rates['of_processor'] or 0.0:.0f} per processor second, after "
             f"{timing.start_s:.1f} s of start-up"

@@ -1,4 +1,4 @@
-from .bench import Bench as Bench, Loop as Loop, Writer as Writer
+from .bench import Bench as Bench, plain_test as plain_test
 from .campaign_run import bench_of as bench_of, run_campaign as run_campaign
 from .compiled_pieces import Needs as Needs
 from .compiling import WITHOUT_TESTS as WITHOUT_TESTS, compile_for as compile_for

@@ -1,18 +1,18 @@
-"""Defines what runs the tests of a campaign: a simulated rig, or a session with a real one."""
+"""Defines what runs the tests of a campaign: a simulated rig, or a session with a real one.
+
+It also makes the plainest of tests, in which a ram only moves.
+"""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from control import Setpoint
 from estimator.filters import FilterMemory
-from faults import CampaignTest
+from faults import CampaignTest, Verdict
 from rig.plant import Model
-
-Array = NDArray[np.float64]
+from rig.runner.outcomes import Array
 
 
 class Loop(Protocol):
@@ -142,3 +142,31 @@ class Bench(Protocol):
 
     def __exit__(self, *_: object) -> None:
         """Bring the rig to its safe state."""
+
+
+def plain_test(
+    name: str, setpoint: Setpoint, duration_s: float, start: float, settle_s: float, seed: int = 0
+) -> CampaignTest:
+    """Return a test without load and faults, of which no verdict is expected.
+
+    Args:
+        name: name of the test.
+        setpoint: setpoint of the ram.
+        duration_s: duration of the test, s.
+        start: position at which the ram settles before the test, m.
+        settle_s: how long the ram settles there, s.
+        seed: sets the noise of a simulated rig.
+    """
+    return CampaignTest(
+        name=name,
+        test_name=name,
+        duration_s=duration_s,
+        start_position_m=start,
+        settle_s=settle_s,
+        setpoint=setpoint,
+        load=None,
+        faults=(),
+        expect=Verdict.INCONCLUSIVE,
+        repeat=1,
+        seed=seed,
+    )

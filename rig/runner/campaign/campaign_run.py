@@ -4,14 +4,14 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
 from estimator.leaks import DetectorFactory
-from faults import Campaign, CampaignTest
+from faults import Campaign
 from rig.configuration import Rig
 from rig.io import DriverError
 from rig.loop import StopRequestedError, TripError
@@ -48,13 +48,12 @@ from rig.runner.run_folder import (
 from rig.supervisor import Onlooker
 
 from .bench import Bench
-from .campaign_test_run import Setting, run_test
+from .campaign_test_run import Phase, Setting, not_run, run_test
 from .compiled_pieces import Needs
 from .compiling import ON_HARDWARE, SIMULATED, compile_for, load
 from .control_port import ControlPort
 from .operator_requests import Desk, Request
 from .pacing import Pace, Pacer
-from .phases import CLEANUP_S, Deadline, Phase
 from .simulated_bench import SimulatedBench
 from .stopping import StopFlag
 from .suspending import MOST_SUSPENSIONS, Suspenders
@@ -101,8 +100,8 @@ def run_campaign(
         stop: is looked at after each batch; once a stop is requested on it, the run ends, as with
             `stop_on_signals`. The run itself requests one after a trip.
         detector: makes the detector of each test, in place of the filter's own detector.
-        bench: the bench to run the tests on, whose context is not entered yet; if not given, that
-            of `rig`.
+        bench: the bench to run the tests on, whose context the caller has entered, and leaves; if
+            not given, that of `rig`, whose context is entered here.
         command: the command line that repeats the run, for the report; empty if there is none.
         resume: whether to go on with the run in the folder `out`, without repeating its finished
             tests; a new run begins if the folder has no journal.
@@ -126,17 +125,19 @@ def run_campaign(
     if not (resume and (directory / JOURNAL).is_file()):
         prepare_directory(directory, names)
     with Journal(directory, resume=resume) as journal:
-        state = JournalState()
-        if journal.entries:
-            state = resumable(journal.entries, directory, campaign, rig)
-        bench = bench or bench_of(
-            campaign, rig, directory, observer, stop,
-            lambda text: desk.record("driven", what=text),
-        )  # fmt: skip
-        setting = Setting(
+        known = journal.entries
+        state = resumable(known, directory, campaign, rig) if known else JournalState()
+        ready: AbstractContextManager[object] = nullcontext()
+        if bench is None:
+            bench = ready = bench_of(
+                campaign, rig, directory, observer, stop,
+                lambda text: desk.record("driven", what=text),
+            )  # fmt: skip
+        run = _CampaignRun(
             campaign=campaign,
             rig=rig,
             bench=bench,
+            ready=ready,
             directory=directory,
             pacer=Pacer(pace or rig.pace, stop),
             observer=observer,
@@ -146,8 +147,11 @@ def run_campaign(
             detector=detector,
             desk=desk,
             suspenders=Suspenders(campaign.conditions, bench.reading),
+            recordings=names,
+            standing=state,
+            journal=journal,
+            overdue=overdue or (lambda: None),
         )
-        run = _CampaignRun(setting, names, state, journal, overdue or (lambda: None))
         try:
             run.run(started, given or {})
         finally:
@@ -194,72 +198,68 @@ def bench_of(
     )  # fmt: skip
 
 
-class _CampaignRun:
-    """A campaign while it runs; its state is always what its journal says."""
+@dataclass(kw_only=True)
+class _CampaignRun(Setting):
+    """A campaign while it runs; its state is always what its journal says.
 
-    def __init__(
-        self,
-        setting: Setting,
-        recordings: list[str],
-        state: JournalState,
-        journal: Journal,
-        overdue: Callable[[], None],
-    ) -> None:
-        self._setting = setting
-        self._recordings = recordings
-        self._standing = state
-        self._journal = journal
-        self._overdue = overdue
-        self._written_at = 0.0
-        self._refused = 0
-        self._suspended: Counter[int] = Counter()
-        self._present = 0
-        self._phase: Phase | None = None
-        self._ended_with: int | None = None
-        setting.enters = self._enters
-        setting.deadline = Deadline(CLEANUP_S, self._is_overdue)
+    Attributes:
+        ready: the context in which the bench is ready for tests.
+        recordings: file name of each test's recording.
+        standing: state of the campaign according to its journal.
+        journal: the journal, whose context has been entered.
+        written_at: when the results were last written, s of the monotonic clock.
+        refused: number of requests that were refused.
+        suspended: how often conditions have interrupted each test, by the test's index.
+        ended_with: exit code of an event that ended the run outside its tests; None if none.
+    """
+
+    ready: AbstractContextManager[object]
+    recordings: list[str]
+    standing: JournalState
+    journal: Journal
+    written_at: float = 0.0
+    refused: int = 0
+    suspended: Counter[int] = field(default_factory=Counter)
+    ended_with: int | None = None
 
     def run(self, started: datetime, given: Mapping[str, Any]) -> None:
         """Run all tests that are not finished, until the end or a stop."""
-        setting = self._setting
-        finished = self._standing.finished
+        finished = self.standing.finished
         stands = [finished[index] for index in sorted(finished)]
-        setting.observer.campaign_begins(setting.campaign, setting.directory, stands)
-        setting.desk.on_change(
-            lambda pausing, held: setting.observer.campaign_stands(pausing=pausing, held=held)
-        )
-        setting.desk.open(
-            [test.name for test in setting.campaign.tests],
+        self.observer.campaign_begins(self.campaign, self.directory, stands)
+        self.desk.open(
+            [test.name for test in self.campaign.tests],
             {index: str(outcome.status) for index, outcome in finished.items()},
             self._keep,
-            setting.stop,
+            self.stop,
+            lambda pausing, held: self.observer.campaign_stands(pausing=pausing, held=held),
         )
         self._begin(started, given)
         # Even if the run is killed now, its folder is recognized as that of a run.
         self.write()
-        learn_again(setting.references, self._standing, setting.directory, self._recordings)
+        learn_again(self.references, self.standing, self.directory, self.recordings)
         if self._next() is not None:
-            with ControlPort(setting.directory, setting.desk, self._refuse):
+            with ControlPort(self.directory, self.desk, self._refuse):
                 self._use_rig()
-        reason, exit_code = setting.stop.reason, int(self.outcome.exit_code)
-        setting.desk.record("end", reason=reason, exit_code=exit_code)
-        setting.observer.campaign_ends(exit_code, reason)
+        reason, exit_code = self.stop.reason, int(self.outcome.exit_code)
+        self.desk.record("end", reason=reason, exit_code=exit_code)
+        self.observer.campaign_ends(exit_code, reason)
 
     def _begin(self, started: datetime, given: Mapping[str, Any]) -> None:
         """Write the entry `begin` to a new journal, or `resume` to one that is continued."""
-        setting = self._setting
-        now = dict(setting.provenance["versions"])
-        if self._standing.begun is not None:
-            before = self._standing.begun["versions"] or {}
-            setting.desk.record("resume", versions_changed=changes_of(before, now), pid=os.getpid())
+        now = dict(self.provenance["versions"])
+        if self.standing.begun is not None:
+            before = self.standing.begun["versions"] or {}
+            changes = ", ".join(changes_of(before, now))
+            self.desk.record("resume", versions_changed=changes, pid=os.getpid())
             return
-        setting.desk.record(
+        self.desk.record(
             "begin",
             schema=JOURNAL_SCHEMA,
-            campaign=setting.campaign.name,
+            campaign=self.campaign.name,
             started=started.isoformat(timespec="seconds"),
-            fingerprint=fingerprint(setting.campaign, setting.rig),
-            tests=[test.name for test in setting.campaign.tests],
+            fingerprint=fingerprint(self.campaign, self.rig),
+            tests=[test.name for test in self.campaign.tests],
             versions=now,
             given=dict(given),
             pid=os.getpid(),
@@ -272,156 +272,125 @@ class _CampaignRun:
             DriverError: a device of the rig is missing, or is not the configured one.
         """
         try:
-            with self._setting.bench:
+            with self.ready:
                 self._run_tests()
         except DriverError:
-            self._ended_with = EXIT_BAD_INPUT
+            self.ended_with = EXIT_BAD_INPUT
             raise
         except StopRequestedError:
             return
         except TripError as error:
-            self._ended_with = EXIT_STOPPED
-            self._setting.observer.rig_tells(str(error))
-            self._setting.stop.request(f"the rig: {error}")
+            self.ended_with = EXIT_STOPPED
+            self.observer.rig_tells(str(error))
+            self.stop.request(f"the rig: {error}")
 
     def _run_tests(self) -> None:
-        while not self._setting.stop.requested:
+        while not self.stop.requested:
             self._wait()
             index = self._next()
-            if index is None or self._setting.stop.requested:
+            if index is None or self.stop.requested:
                 return
-            if index in self._standing.skipped:
+            if index in self.standing.skipped:
                 self._skip(index)
             else:
                 self._run_test(index)
-            if time.monotonic() - self._written_at > _WRITE_EVERY_S:
+            if time.monotonic() - self.written_at > _WRITE_EVERY_S:
                 self.write()
 
     def _next(self) -> int | None:
         """Return the index of the next test to run; None if all are finished."""
-        finished = self._standing.finished
-        order = self._setting.references.running_order
+        order, finished = self.references.running_order, self.standing.finished
         return next((index for index in order if index not in finished), None)
 
     def _wait(self) -> None:
         """Wait while the campaign is paused or a condition is not met, until a stop."""
-        setting, desk, suspenders = self._setting, self._setting.desk, self._setting.suspenders
+        desk, suspenders = self.desk, self.suspenders
         began, held, paused = time.monotonic(), False, False
-        while not setting.stop.requested:
+        while not self.stop.requested:
             suspenders.look()
             reasons = suspenders.reasons if self._next() is not None else ()
             desk.held_by(reasons)
             if reasons and not held:
                 desk.record("held", reasons=list(reasons))
-                setting.observer.rig_tells(f"held: {'; '.join(reasons)}")
+                self.observer.rig_tells(f"held: {'; '.join(reasons)}")
             elif desk.paused and not paused:
-                setting.observer.rig_tells("paused")
+                self.observer.rig_tells("paused")
             held, paused = held or bool(reasons), paused or desk.paused
             if not reasons and not desk.paused:
                 break
             if suspenders.given_up:
-                setting.stop.request(f"what held it for too long: {'; '.join(reasons)}")
+                self.stop.request(f"what held it for too long: {'; '.join(reasons)}")
             with suppress(StopRequestedError):
-                setting.bench.idle()
+                self.bench.idle()
             time.sleep(_NAP_S)
         if held:
             desk.record("released", after_s=time.monotonic() - began)
 
     def _skip(self, index: int) -> None:
-        test = self._setting.campaign.tests[index]
-        message = "skipped by an operator"
-        outcome = replace(_not_run(test), status=Status.SKIPPED, message=message)
+        outcome = not_run(self.campaign.tests[index])
+        outcome = replace(outcome, status=Status.SKIPPED, message="skipped by an operator")
         self._ends(index, outcome)
-        self._setting.observer.test_skipped(outcome)
+        self.observer.test_skipped(outcome)
 
     def _run_test(self, index: int) -> None:
-        setting = self._setting
-        test, recording = setting.campaign.tests[index], self._recordings[index]
-        attempt = self._standing.number_of(index)
-        kept = None
-        if attempt > 1:
-            kept = keep_attempt(setting.directory / recording, attempt - 1)
-        setting.observer.test_begins(setting.references.running_order.index(index) + 1, test)
-        setting.desk.begins(index)
-        self._present, self._phase = index, Phase.SETUP
-        setting.desk.record(
+        test, recording = self.campaign.tests[index], self.recordings[index]
+        attempt = self.standing.number_of(index)
+        kept = keep_attempt(self.directory / recording, attempt - 1) if attempt > 1 else None
+        self.observer.test_begins(self.references.running_order.index(index) + 1, test)
+        self.desk.begins(index)
+        self.present, self.phase = index, Phase.SETUP
+        self.desk.record(
             "phase", test=index, attempt=attempt, phase=Phase.SETUP, kept=kept, durable=False
         )
-        outcome = run_test(setting, test, recording)
-        if outcome.is_finished and setting.desk.interruption is Request.RETRY:
+        outcome = run_test(self, test, recording)
+        if outcome.is_finished and self.desk.interruption is Request.RETRY:
             message = "an operator has it run again"
             outcome = replace(outcome, status=Status.INTERRUPTED, message=message)
         if outcome.recording is not None:
             # The journal must not report a recording before it is on disk.
-            sync(setting.directory / outcome.recording)
-            sync(setting.directory)
+            sync(self.directory / outcome.recording)
+            sync(self.directory)
         self._ends(index, outcome)
-        setting.observer.test_ends(outcome)
-        self._count_suspensions(index, outcome)
+        self.observer.test_ends(outcome)
+        if outcome.status is Status.INTERRUPTED and self.suspenders.interrupts:
+            self.suspended[index] += 1
+            if self.suspended[index] == MOST_SUSPENSIONS:
+                self.stop.request(f"{MOST_SUSPENSIONS} interruptions of {outcome.name}")
 
     def _ends(self, index: int, outcome: TestOutcome) -> None:
-        desk = self._setting.desk
-        desk.record("outcome", test=index, outcome=record_of(outcome))
-        desk.ends(index, str(outcome.status), attention=outcome.status in _WANTS_ATTENTION)
-
-    def _count_suspensions(self, index: int, outcome: TestOutcome) -> None:
-        if outcome.status is not Status.INTERRUPTED or not self._setting.suspenders.interrupts:
-            return
-        self._suspended[index] += 1
-        if self._suspended[index] == MOST_SUSPENSIONS:
-            self._setting.stop.request(f"{MOST_SUSPENSIONS} interruptions of {outcome.name}")
-
-    def _enters(self, phase: Phase, recording: str | None) -> None:
-        if phase is self._phase:
-            return
-        self._phase = phase
-        more = {"recording": recording} if recording else {}
-        self._setting.desk.enters(phase)
-        self._setting.desk.record("phase", test=self._present, phase=phase, durable=False, **more)
+        self.desk.record("outcome", test=index, outcome=record_of(outcome))
+        self.desk.ends(index, str(outcome.status), attention=outcome.status in _WANTS_ATTENTION)
 
     def _keep(self, kind: str, *, durable: bool = True, **details: Any) -> None:
-        self._standing.take(self._journal.write(kind, durable=durable, **details))
+        self.standing.take(self.journal.write(kind, durable=durable, **details))
 
     def _refuse(self, why: str) -> None:
-        self._refused += 1
-        if self._refused <= _MOST_REFUSED:
-            self._setting.desk.record("refused", why=why, durable=False)
-
-    def _is_overdue(self) -> None:
-        # The test may hang on the disk, so the process is ended even if nothing can be written.
-        try:
-            self._setting.desk.record("overdue")
-        finally:
-            self._overdue()
+        self.refused += 1
+        if self.refused <= _MOST_REFUSED:
+            self.desk.record("refused", why=why, durable=False)
 
     def write(self) -> None:
         """Write `results.json` and `junit.xml` with all outcomes so far."""
-        directory = self._setting.directory
-        write_results(self.outcome, directory / RESULTS)
-        write_junit(self.outcome, directory / JUNIT)
-        self._written_at = time.monotonic()
+        write_results(self.outcome, self.directory / RESULTS)
+        write_junit(self.outcome, self.directory / JUNIT)
+        self.written_at = time.monotonic()
 
     @property
     def outcome(self) -> CampaignOutcome:
         """The campaign's outcome so far; tests that have not been run have the status `not_run`."""
-        campaign, state = self._setting.campaign, self._standing
-        begun = state.begun
+        campaign, state = self.campaign, self.standing
         return CampaignOutcome(
             name=campaign.name,
             description=campaign.description,
-            rig=self._setting.rig.name,
+            rig=self.rig.name,
             model=campaign.model.name,
             filter=campaign.filter_name,
             false_alarms_per_day=campaign.false_alarms_per_day,
-            started=begun["started"] if begun else "",
+            started=state.begun["started"] if state.begun else "",
             tests=tuple(
-                state.outcome(index, _not_run(test)) for index, test in enumerate(campaign.tests)
+                state.outcome(index, not_run(test)) for index, test in enumerate(campaign.tests)
             ),
-            provenance=self._setting.provenance,
+            provenance=self.provenance,
             history=tuple(state.history),
-            ended_with=self._ended_with,
+            ended_with=self.ended_with,
         )
-
-
-def _not_run(test: CampaignTest) -> TestOutcome:
-    return TestOutcome(test.name, str(test.expect), Status.NOT_RUN, test.seed, test.duration_s)

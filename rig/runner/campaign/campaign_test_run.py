@@ -1,11 +1,13 @@
 """Runs one test of a campaign on a bench, records it, and judges it."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from estimator.filters import start_memory
 from estimator.leaks import Detector, DetectorFactory, PatternDetector
@@ -27,17 +29,37 @@ from rig.runner.outcomes import (
 )
 from rig.runner.run_folder import log_error
 
-from .bench import Bench, Loop, Timed, Writer
+from .bench import Bench, Timed, Writer
 from .injection import Injection
 from .judging import Judge
 from .operator_requests import Desk, Request
 from .pacing import LIVE_TICKS, Pacer
-from .phases import CLEANUP_S, Deadline, Phase
 from .stopping import StopFlag
 from .suspending import Suspenders
 
+CLEANUP_S: Final = 60.0
+"""How long cleaning up may take, s. On hardware the ramp and the answers of loop and recorder, each
+with a limit of its own, add up to 35 s."""
 
-@dataclass
+
+class Phase(StrEnum):
+    """The phase that a test is in."""
+
+    SETUP = "setup"
+    """The runner makes the detector, the filter and the loop."""
+    POSITIONING = "positioning"
+    """The ram moves to its start position and comes to rest there."""
+    SETTLE = "settle"
+    """If the run is paced, the runner waits for the rest of the settling time."""
+    INJECT = "inject"
+    """The bypass valves move to their first positions, and the faults are scheduled."""
+    MAIN = "main"
+    """The test's motion runs, and is recorded and judged."""
+    CLEANUP = "cleanup"
+    """All faults are removed, the ram is stopped or held, and the recording is closed."""
+
+
+@dataclass(kw_only=True)
 class Setting:
     """The objects that all tests of one campaign share while they run.
 
@@ -47,9 +69,9 @@ class Setting:
         detector: makes the detector of each test, in place of the filter's own; None for the own.
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
-        deadline: limits how long cleaning up after a test may take.
-        enters: is called with each phase that a test enters, and the file name of its recording in
-            the phase `MAIN`, None in the others.
+        overdue: is called from another thread if cleaning up takes longer than `CLEANUP_S`.
+        present: index of the present test, or of the last one.
+        phase: its phase; None before the first test.
     """
 
     campaign: Campaign
@@ -63,9 +85,33 @@ class Setting:
     provenance: Mapping[str, Any]
     desk: Desk
     suspenders: Suspenders
+    overdue: Callable[[], None]
     detector: DetectorFactory | None = None
-    deadline: Deadline = field(default_factory=lambda: Deadline(CLEANUP_S, lambda: None))
-    enters: Callable[[Phase, str | None], None] = lambda phase, recording: None
+
+    present: int = 0
+    phase: Phase | None = None
+
+    def cleans_up_too_long(self) -> None:
+        """Write to the journal that cleaning up takes too long, and call `overdue`."""
+        # The test may hang on the disk, so the process is ended even if nothing can be written.
+        try:
+            self.desk.record("overdue")
+        finally:
+            self.overdue()
+
+    def enters(self, phase: Phase, recording: str | None = None) -> None:
+        """Write to the journal that the present test enters a phase, unless it is in it already.
+
+        Args:
+            phase: the phase.
+            recording: file name of the test's recording in the phase `MAIN`, None in the others.
+        """
+        if phase is self.phase:
+            return
+        self.phase = phase
+        more = {"recording": recording} if recording else {}
+        self.desk.enters(phase)
+        self.desk.record("phase", test=self.present, phase=phase, durable=False, **more)
 
 
 class _InterruptedError(Exception):
@@ -94,16 +140,18 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         recording: file name of its recording.
     """
     started = time.perf_counter()
+    # It calls from a thread of its own, because this one may hang while it cleans up.
+    deadline = threading.Timer(CLEANUP_S, setting.cleans_up_too_long)
+    deadline.daemon = True
     running, status, message = None, Status.ERROR, ""
     try:
-        running = _RunningTest(setting, test, recording)
+        running = _RunningTest(setting, test, recording, deadline)
         status = running.run()
     except _InterruptedError as error:
         status, message = error.status, str(error)
-    except KeyboardInterrupt:
-        setting.stop.request("KeyboardInterrupt")
-        status = Status.ABORTED
-    except StopRequestedError:
+    except (KeyboardInterrupt, StopRequestedError) as error:
+        if isinstance(error, KeyboardInterrupt):
+            setting.stop.request("KeyboardInterrupt")
         status = Status.ABORTED
     except TripError as error:
         setting.stop.request("a trip")
@@ -118,64 +166,33 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
             where = log_error(setting.directory, f"test {test.name}")
             message = f"{type(error).__name__}: {error} (traceback in {where})"
     finally:
-        setting.deadline.cancel()
+        deadline.cancel()
     if status == Status.ABORTED:
         message = f"stopped by {setting.stop.reason}"
-    outcome = TestOutcome(
-        name=test.name,
-        expect=str(test.expect),
-        status=status,
-        seed=test.seed,
-        duration_s=test.duration_s,
-        message=message,
-        wall_s=time.perf_counter() - started,
-        on_fault=test.on_fault,
+    wall_s = time.perf_counter() - started
+    outcome = replace(
+        not_run(test), status=status, message=message, wall_s=wall_s, on_fault=test.on_fault
     )
     return outcome if running is None else running.completed(outcome)
 
 
-@contextmanager
-def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
-    try:
-        yield
-    except _InterruptedError:
-        # The campaign goes on with another test: the ram is held, as at the end of any test.
-        loop.end_early()
-        raise
-    finally:
-        setting.deadline.start()
-        # A full disk must not keep the rig from being made safe.
-        with suppress(OSError):
-            setting.enters(Phase.CLEANUP, None)
-        loop.safe_state()
-
-
-class _Observed:
-    """A writer that passes rows and events on to another writer, and events also to the observer.
-
-    It has the method `timing` if the other writer has it.
-    """
-
-    def __init__(self, writer: Writer, observer: Observer) -> None:
-        self._writer = writer
-        self._observer = observer
-        self.write = writer.write
-        if isinstance(writer, Timed):
-            self.timing = writer.timing
-
-    def event(self, time_s: float, kind: str, text: str) -> None:
-        self._writer.event(time_s, kind, text)
-        self._observer.test_event(time_s, kind, text)
+def not_run(test: CampaignTest) -> TestOutcome:
+    """Return the outcome of a test that has not been run."""
+    return TestOutcome(test.name, str(test.expect), Status.NOT_RUN, test.seed, test.duration_s)
 
 
 class _RunningTest:
     """One test while it runs, with its results so far."""
 
-    def __init__(self, setting: Setting, test: CampaignTest, recording: str) -> None:
+    def __init__(
+        self, setting: Setting, test: CampaignTest, recording: str, deadline: threading.Timer
+    ) -> None:
         campaign = setting.campaign
+        self._deadline = deadline
         self._setting = setting
         self._test = test
         self._recording = recording
+        self._writer: Writer
         self._recorded = False
         self._ticks = 0
         self._verdict = ""
@@ -198,22 +215,31 @@ class _RunningTest:
             TripError: the rig tripped.
         """
         setting, test = self._setting, self._test
-        with _left_safe(setting, self._loop):
+        with self._left_safe():
             setting.pacer.start()
-            setting.enters(Phase.POSITIONING, None)
+            setting.enters(Phase.POSITIONING)
             self._loop.position()
-            setting.enters(Phase.SETTLE, None)
+            setting.enters(Phase.SETTLE)
             setting.pacer.wait_until(test.settle_s)
             if setting.stop.requested:
                 return Status.ABORTED
             self._go_on()
-            setting.enters(Phase.INJECT, None)
+            setting.enters(Phase.INJECT)
             self._loop.inject()
             setting.enters(Phase.MAIN, self._recording)
-            # The right context is left first: the valve is at null before the recording is closed.
-            with self._writer() as writer, _left_safe(setting, self._loop):
-                self._drive(writer)
-                self._timing = writer.timing() if isinstance(writer, Timed) else None
+            channels = self._loop.channels
+            metadata = metadata_of(
+                setting.campaign, setting.rig, test, self._learning, channels, setting.provenance
+            )
+            path = setting.directory / self._recording
+            with setting.bench.writer(path, channels, metadata) as self._writer:
+                self._recorded = True
+                setting.observer.test_runs(channels, getattr(self._loop, "number", None))
+                # The valve is at null before the recording is closed.
+                with self._left_safe():
+                    self._drive()
+                    if isinstance(self._writer, Timed):
+                        self._timing = self._writer.timing()
         if self._loop.ticks_left:
             return Status.ABORTED
         if setting.references.is_reference(test):
@@ -221,6 +247,23 @@ class _RunningTest:
         decision = self._judge.decision
         expected = decision is not None and decision.verdict == test.expect
         return Status.PASSED if expected else Status.FAILED
+
+    @contextmanager
+    def _left_safe(self) -> Iterator[None]:
+        """Leave the rig safe when the context is left, in bounded time."""
+        try:
+            yield
+        except _InterruptedError:
+            # The campaign goes on with another test: the ram is held, as at the end of any test.
+            self._loop.end_early()
+            raise
+        finally:
+            if self._deadline.ident is None:
+                self._deadline.start()
+            # A full disk must not keep the rig from being made safe.
+            with suppress(OSError):
+                self._setting.enters(Phase.CLEANUP)
+            self._loop.safe_state()
 
     def _go_on(self) -> None:
         """Raise an error if the present test is to be ended early.
@@ -241,23 +284,19 @@ class _RunningTest:
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return a copy of an outcome, completed by the results of the test so far."""
+        decision, curve = self._judge.decision, self._friction.curve
         return replace(
             outcome,
             injected=self._injection.injected,
-            decision=self._judge.decision,
+            decision=decision,
             detected_at_s=self._judge.detected_at_s,
             found=self._judge.found,
             recording=self._recording if self._recorded else None,
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,
-            actions=self._reactions.actions,
-            friction=self._friction.curve,
-            figures=figures_of(
-                self._judge.decision,
-                self._detector.innovations,
-                self._friction.curve,
-                self._timing,
-            ),
+            actions=tuple(self._reactions.actions),
+            friction=curve,
+            figures=figures_of(decision, self._detector.innovations, curve, self._timing),
         )
 
     def _chosen_detector(self) -> Detector:
@@ -268,68 +307,53 @@ class _RunningTest:
             return PatternDetector(campaign.false_alarms_per_day, self._learning.baseline)
         return campaign.detector()
 
-    @contextmanager
-    def _writer(self) -> Iterator[Writer]:
-        setting, channels = self._setting, self._loop.channels
-        metadata = metadata_of(
-            setting.campaign, setting.rig, self._test, self._learning, channels, setting.provenance
-        )
-        path = setting.directory / self._recording
-        with setting.bench.writer(path, channels, metadata) as writer:
-            self._recorded = True
-            setting.observer.test_runs(channels, getattr(self._loop, "number", None))
-            yield _Observed(writer, setting.observer)
-
-    def _drive(self, writer: Writer) -> None:
-        writer.event(0.0, "test_begin", self._test.name)
+    def _drive(self) -> None:
+        self._event(0.0, "test_begin", self._test.name)
         try:
             while self._loop.ticks_left and not self._setting.stop.requested:
                 self._go_on()
-                self._run_batch(writer)
+                self._run_batch()
             self._judge.finish()
-            self._note_verdict(writer)
-        except TripError as error:
-            writer.event(self._last_s, "trip", str(error))
-            raise
-        except _InterruptedError as error:
-            writer.event(self._last_s, str(error.status), str(error))
+            self._note_verdict()
+        except (TripError, _InterruptedError) as error:
+            kind = "trip" if isinstance(error, TripError) else str(error.status)
+            self._event(self._last_s, kind, str(error))
             raise
         except Exception as error:
-            writer.event(self._last_s, "error", f"{type(error).__name__}: {error}")
+            self._event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
-        if self._loop.ticks_left:
-            writer.event(self._last_s, "abort", f"stopped by {self._setting.stop.reason}")
-        else:
-            writer.event(self._last_s, "test_end", self._verdict)
+        stopped = "abort", f"stopped by {self._setting.stop.reason}"
+        ended = stopped if self._loop.ticks_left else ("test_end", self._verdict)
+        self._event(self._last_s, *ended)
 
-    def _run_batch(self, writer: Writer) -> None:
+    def _run_batch(self) -> None:
         pacer = self._setting.pacer
         ticks = self._judge.ticks_due
         live = pacer.live or self._setting.bench.live
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
-        writer.write(rows)
+        self._writer.write(rows)
         self._setting.observer.test_rows(rows)
         for event in (*self._injection.take(rows), *self._reactions.take(rows)):
-            writer.event(*event)
-        if self._judge.take(rows):
-            self._report_loop()
-            self._note_verdict(writer)
+            self._event(*event)
+        if self._judge.take(rows) and self._judge.decision is not None:
+            self._loop.decided(self._decisions.row(self._last_s, self._judge.decision))
+            self._note_verdict()
         for note in self._setting.desk.take_notes():
-            writer.event(self._last_s, "note", f"{note.who}: {note.text}")
+            self._event(self._last_s, "note", note)
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
 
-    def _report_loop(self) -> None:
-        decision = self._judge.decision
-        assert decision is not None
-        self._loop.decided(self._decisions.row(self._last_s, decision))
+    def _event(self, time_s: float, kind: str, text: str) -> None:
+        """Write an event to the recording, and tell the observer of it."""
+        self._writer.event(time_s, kind, text)
+        self._setting.observer.test_event(time_s, kind, text)
 
-    def _note_verdict(self, writer: Writer) -> None:
+    def _note_verdict(self) -> None:
         decision = self._judge.decision
         if decision is not None and decision.verdict != self._verdict:
             self._verdict = decision.verdict
-            writer.event(self._last_s, "verdict", self._verdict)
+            self._event(self._last_s, "verdict", self._verdict)
 
     @property
     def _last_s(self) -> float:

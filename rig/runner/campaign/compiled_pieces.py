@@ -24,26 +24,22 @@ from estimator.filters import (
 )
 from estimator.friction import load_lag
 from estimator.leaks import Samples, detector_for
-from faults import CampaignTest, Verdict
 from rig.configuration import Rig
-from rig.io import DriverSpec, HomingSettings, simulated_rig
+from rig.io import DriverSpec, simulated_rig
 from rig.loop import (
     Board,
     Drive,
     Reaction,
+    Segment,
     course,
     guard,
-    interlock,
     judge,
-    limit_table,
     no_decision,
     pace,
-    prepare,
+    post_decision,
     react,
     reaction_memory,
     sample_row,
-    shared_memory,
-    tolerances,
     tolerating,
     wire_channels,
     wire_memory,
@@ -61,6 +57,7 @@ from rig.plant import (
     read_sensors,
 )
 
+from .bench import plain_test
 from .simulated_bench import interlock_of, loop_of
 
 _JUDGED_S: Final = 12.0
@@ -130,7 +127,8 @@ def _simulated_loop(needs: Needs) -> None:
     """Run a simulated rig for two ticks, as the first one only starts the filter."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
     # It is not judged, so that no limit ends it before it has run.
-    loop = loop_of(needs.rig, _standing(2 * TICK), memory, Model(), judged=False)
+    standing = plain_test("compiled", Constant(0.3), 2 * TICK, 0.3, TICK)
+    loop = loop_of(needs.rig, standing, memory, Model(), judged=False)
     loop.position()
     loop.advance(2)
 
@@ -158,7 +156,9 @@ def _detector(needs: Needs) -> None:
 
 def _decisions(needs: Needs) -> None:
     """Compile how a decision is posted to the loop."""
-    prepare()
+    board = Board.create(1)
+    post_decision(board, 0, no_decision())
+    os.close(board.fd)
 
 
 def _loop(needs: Needs) -> None:
@@ -167,43 +167,19 @@ def _loop(needs: Needs) -> None:
     memory = start_memory(needs.filter_name, model, rig.sensors)
     fast = needs.fast
     driver = fast.create_fast()
-    period_s = 1.0 / rig.loop.rate
     board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
     wire_ticks(
-        course(_NEVER, np.empty(0), Drive.NULL),
+        course(Segment(_NEVER, Drive.NULL, memory, model.parameters)),
         compiled_filter(memory, model.parameters),
-        interlock(
-            limit_table(rig.ladder, period_s),
-            tolerances(
-                model.parameters, rig.sensors, frozenset(fast.inputs), period_s,
-                rig.loop.stale_limit, rig.homing or HomingSettings(), rig.limits.command_V,
-            ),
-        ),
+        interlock_of(rig, model, frozenset(fast.inputs), 1.0 / rig.loop.rate),
         pace(rig.loop, driver.rate_hz),
         -1,
         driver.plan(),
         driver.look_plan(),
         wire_memory(),
-        shared_memory(board),
+        board,
     )  # fmt: skip
     os.close(board.fd)
-
-
-def _standing(duration_s: float) -> CampaignTest:
-    """Return a test of some duration in s in which the ram stands still."""
-    return CampaignTest(
-        name="compiled",
-        test_name="compiled",
-        duration_s=duration_s,
-        start_position_m=0.3,
-        settle_s=TICK,
-        setpoint=Constant(0.3),
-        load=None,
-        faults=(),
-        expect=Verdict.HEALTHY,
-        repeat=1,
-        seed=0,
-    )
 
 
 def _swinging(needs: Needs, ticks: int) -> tuple[Samples, FilterRun]:
@@ -243,14 +219,15 @@ class Piece:
     Attributes:
         run: runs the code on tiny inputs, or only compiles it for their types.
         after: names of the pieces whose code it contains; they are compiled before it, and reused.
-        exchanges: whether it contains the exchange of the fast driver.
     """
 
     run: Callable[[Needs], None]
     after: tuple[str, ...] = ()
-    exchanges: bool = False
 
 
+LOOP: Final = "loop"
+"""The piece that contains the exchange of the fast driver. A session's loop process loads it itself
+before it reports that it is ready."""
 PIECES: Final[dict[str, Piece]] = {
     "plant": Piece(_plant),
     "estimates": Piece(_estimates),
@@ -260,6 +237,6 @@ PIECES: Final[dict[str, Piece]] = {
     "filter": Piece(_filter, after=("estimates",)),
     "detector": Piece(_detector),
     "decisions": Piece(_decisions),
-    "loop": Piece(_loop, after=("filter",), exchanges=True),
+    LOOP: Piece(_loop, after=("filter",)),
 }
 """All pieces, by the names that the operator reads."""

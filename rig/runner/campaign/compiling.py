@@ -25,7 +25,7 @@ from typing import Final
 
 from rig.compile_cache import marks_folder
 
-from .compiled_pieces import PIECES, Needs
+from .compiled_pieces import LOOP, PIECES, Needs
 from .stopping import StopFlag
 
 Say = Callable[[str], None]
@@ -36,12 +36,10 @@ SIMULATED: Final[Names] = (
 )  # fmt: skip
 """Pieces of a campaign on a simulated rig; of those that can be compiled next, a worker takes the
 first in this order."""
-ON_HARDWARE: Final[Names] = ("filter", "detector", "loop", "decisions")
+ON_HARDWARE: Final[Names] = ("filter", "detector", LOOP, "decisions")
 """Pieces of a campaign on hardware."""
-WITHOUT_TESTS: Final[Names] = ("filter", "loop")
+WITHOUT_TESTS: Final[Names] = ("filter", LOOP)
 """Pieces of a session on hardware that moves the ram without any test."""
-OF_THE_LOOP: Final = ("loop",)
-"""Pieces that a session's loop process loads itself before it reports that it is ready."""
 
 _LOOK_S: Final = 0.05
 _LOCK: Final = "lock"
@@ -72,20 +70,18 @@ def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
 
 
 def load(needs: Needs, names: Names) -> None:
-    """Load the compiled pieces into this process, except those that the loop process loads.
+    """Load the compiled pieces into this process, except the one that the loop process loads.
 
     A piece that was not compiled before is compiled now.
     """
     for name in names:
-        if name not in OF_THE_LOOP:
+        if name != LOOP:
             PIECES[name].run(needs)
 
 
 def _mark(marks: Path, needs: Needs, name: str) -> Path:
-    words = [name.replace(" ", "_"), needs.filter_name]
-    if PIECES[name].exchanges:
-        words.append(needs.fast.type)
-    return marks / "-".join(words)
+    exchanged = (needs.fast.type,) if name == LOOP else ()
+    return marks / "-".join((name.replace(" ", "_"), needs.filter_name, *exchanged))
 
 
 def _missing(marks: Path, needs: Needs, names: Names) -> Names:

@@ -101,7 +101,7 @@ class ControlPort:
         """Read a client's request, carry it out, and return the answer; report a refusal."""
         try:
             return {"ok": True, **self._obeyed(client)}
-        except RefusedError as error:
+        except (RefusedError, EndlessLineError) as error:
             why = str(error)
         except Exception as error:  # any failure is answered, and the next request is served
             why = f"it failed: {failure(error)}"
@@ -114,18 +114,14 @@ class ControlPort:
         _, uid, _ = _PEER.unpack(peer)
         if uid not in (os.getuid(), _ROOT):
             raise RefusedError(f"user {_name_of(uid)} may not control this campaign")
-        try:
-            request = _parsed(line_from(client))
-        except EndlessLineError as error:
-            raise RefusedError(str(error)) from None
-        if request["request"] is Request.STATUS:
+        request, text, test = _parsed(line_from(client))
+        if request is Request.STATUS:
             return {"status": self._desk.status()}
-        text, test = request.get("text", ""), request.get("test", "")
-        return {"reply": self._desk.ask(request["request"], _name_of(uid), text, test)}
+        return {"reply": self._desk.ask(request, _name_of(uid), text, test)}
 
 
-def _parsed(line: bytes) -> dict[str, Any]:
-    """Return the request in a line of JSON, as a dict of texts with the known keys only.
+def _parsed(line: bytes) -> tuple[Request, str, str]:
+    """Return the request in a line of JSON, with its text and the name of its test, empty if none.
 
     Raises:
         RefusedError: the line is no valid request; the message says why.
@@ -141,7 +137,7 @@ def _parsed(line: bytes) -> dict[str, Any]:
     if not all(isinstance(value, str) for value in content.values()):
         raise RefusedError("a malformed request: has a value that is no text")
     try:
-        return content | {"request": Request(content["request"])}
+        return Request(content["request"]), content.get("text", ""), content.get("test", "")
     except (ValueError, KeyError):
         raise RefusedError("a malformed request: asks for nothing that there is") from None
 

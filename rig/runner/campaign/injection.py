@@ -9,13 +9,10 @@ from math import inf
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.leaks import SETTLED_AFTER_S
 from faults import Fault, Verdict
-from rig.runner.outcomes import InjectedFault
-
-Array = NDArray[np.float64]
+from rig.runner.outcomes import Array, InjectedFault
 
 LEAK_CHANNELS: Final = {
     str(Verdict.EXTERNAL_LEAKAGE_1): ("true_leak_1_m3_per_s", "flow_1_m3_per_s"),
@@ -80,15 +77,18 @@ class Injection:
     def __init__(self, faults: tuple[Fault, ...], channels: tuple[str, ...]) -> None:
         self._faults = faults
         self._channels = channels
-        self._flows = {
-            index: self._flow_of(fault)
-            for index, fault in enumerate(faults)
-            if fault.kind in LEAK_CHANNELS
-        }
+        self._flows = [self._flow_of(fault) for fault in faults]
         self._time_s = -inf
-        self._coming = sorted(_events(faults), key=lambda event: event[0])
+        begins = [
+            (each.at_s, "fault_on", f"{each.kind}: {each.coefficient:.4g} (SI)") for each in faults
+        ]
+        ends = [(each.until_s, "fault_off", str(each.kind)) for each in faults]
+        events = (event for event in begins + ends if event[0] != inf)
+        self._coming = sorted(events, key=lambda event: event[0])
 
-    def _flow_of(self, fault: Fault) -> _MeanFlow:
+    def _flow_of(self, fault: Fault) -> _MeanFlow | None:
+        if fault.kind not in LEAK_CHANNELS:
+            return None
         truth, meter = LEAK_CHANNELS[fault.kind]
         is_true = truth in self._channels
         column = self._channels.index(truth if is_true else meter)
@@ -105,8 +105,9 @@ class Injection:
         which the fault is scheduled. At least one row must be given.
         """
         self._time_s = float(rows[-1, 0])
-        for flow in self._flows.values():
-            flow.add(rows)
+        for flow in self._flows:
+            if flow is not None:
+                flow.add(rows)
         happened = [e for e in self._coming if e[0] <= self._time_s + _INSTANT_S]
         self._coming = self._coming[len(happened) :]
         return happened
@@ -125,18 +126,8 @@ class Injection:
                 until_s=None if fault.until_s == inf else fault.until_s,
                 coefficient=fault.coefficient,
                 linear=fault.linear,
-                mean_flow_m3_per_s=self._flows[index].mean if index in self._flows else None,
+                mean_flow_m3_per_s=None if flow is None else flow.mean,
             )
-            for index, fault in enumerate(self._faults)
+            for fault, flow in zip(self._faults, self._flows, strict=True)
             if fault.at_s <= self._time_s + _INSTANT_S
         )
-
-
-def _events(faults: tuple[Fault, ...]) -> list[tuple[float, str, str]]:
-    begins = [
-        (fault.at_s, "fault_on", f"{fault.kind}: {fault.coefficient:.4g} (SI)") for fault in faults
-    ]
-    ends = [
-        (fault.until_s, "fault_off", str(fault.kind)) for fault in faults if fault.until_s != inf
-    ]
-    return begins + ends

@@ -3,13 +3,11 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.filters import FilterMemory
 from estimator.leaks import Decision, Detector, Found, Samples, first_held, found_in
 from rig.loop import batch_ticks, estimates_in
-
-Array = NDArray[np.float64]
+from rig.runner.outcomes import Array
 
 _SAMPLED: Final = (
     "time_s",
@@ -34,6 +32,7 @@ class Judge:
         channels: names of the rows' columns.
 
     Attributes:
+        ticks_due: number of ticks that the present block still lacks.
         history: the detector's decision after each block, with the time of its last row in s.
     """
 
@@ -44,12 +43,7 @@ class Judge:
         self._channels = channels
         self._sampled = [channels.index(name) for name in _SAMPLED]
         self._rows: list[Array] = []
-        self._due = batch_ticks(first=True)
-
-    @property
-    def ticks_due(self) -> int:
-        """Number of ticks that the present block still lacks."""
-        return self._due
+        self.ticks_due = batch_ticks(first=True)
 
     @property
     def decision(self) -> Decision | None:
@@ -76,8 +70,8 @@ class Judge:
             rows: float64 (n, channels), with n at most `ticks_due`.
         """
         self._rows.append(rows)
-        self._due -= len(rows)
-        if self._due:
+        self.ticks_due -= len(rows)
+        if self.ticks_due:
             return False
         self.finish()
         return True
@@ -100,4 +94,4 @@ class Judge:
                 )
             self.history.append((float(rows[-1, 0]), decision))
         self._rows = []
-        self._due = batch_ticks(first=False)
+        self.ticks_due = batch_ticks(first=False)

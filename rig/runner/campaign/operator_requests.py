@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
@@ -15,6 +14,8 @@ LONGEST_TEST: Final = 500
 _PATIENCE_S: Final = 5.0
 
 Write = Callable[..., object]
+Changed = Callable[[bool, Sequence[str]], None]
+"""Takes whether a pause is requested, and the reasons why conditions hold the campaign."""
 
 
 class Request(StrEnum):
@@ -42,25 +43,16 @@ class RefusedError(ValueError):
     """Raised for a request that is not carried out; the message says why."""
 
 
-@dataclass(frozen=True)
-class Note:
-    """A text that an operator wrote.
-
-    Attributes:
-        who: name of the operator.
-        text: the text, on one line; if it came with a request other than NOTE, that request stands
-            before it.
-    """
-
-    who: str
-    text: str
-
-
 class Desk:
     """Takes operators' requests from any thread, and keeps them for the campaign's thread.
 
     A request is written to the journal before it is answered. The campaign's thread looks for
     requests between two batches and between two tests.
+
+    Attributes:
+        paused: whether the campaign is to wait before its next test.
+        interruption: SKIP or RETRY if the present test is to be ended at once, else None; it stays
+            until the next test begins.
     """
 
     def __init__(self) -> None:
@@ -74,15 +66,20 @@ class Desk:
         self._statuses: dict[int, str] = {}
         self._held: Sequence[str] = ()
         self._attention: list[str] = []
-        self._notes: list[Note] = []
-        self._paused = False
-        self._interruption: Request | None = None
-        self._changed: Callable[[bool, Sequence[str]], None] = lambda pausing, held: None
+        self._notes: list[str] = []
+        self.paused = False
+        self.interruption: Request | None = None
+        self._changed: Changed
 
     # -- the campaign's thread --------------------------------------------------------------------
 
     def open(
-        self, names: Sequence[str], statuses: Mapping[int, str], write: Write, stop: StopFlag
+        self,
+        names: Sequence[str],
+        statuses: Mapping[int, str],
+        write: Write,
+        stop: StopFlag,
+        changed: Changed = lambda pausing, held: None,
     ) -> None:
         """Begin to take requests.
 
@@ -93,19 +90,12 @@ class Desk:
                 only called while the desk is locked.
             stop: the campaign's flag, on which the desk requests a stop when an operator asks to
                 ABORT.
+            changed: is called from any thread after each PAUSE or RESUME, and when the reasons for
+                a hold change; they are empty if no condition holds the campaign.
         """
         with self._lock:
             self._names, self._statuses = names, dict(statuses)
-            self._write, self._stop = write, stop
-
-    def on_change(self, changed: Callable[[bool, Sequence[str]], None]) -> None:
-        """Let a function be called after each PAUSE or RESUME, and when reasons for a hold change.
-
-        Args:
-            changed: takes whether a pause is requested, and the reasons why conditions hold the
-                campaign, empty if none does. It may be called from any thread.
-        """
-        self._changed = changed
+            self._write, self._stop, self._changed = write, stop, changed
 
     def close(self) -> None:
         """Refuse all requests, and write nothing to the journal, from now on."""
@@ -130,7 +120,7 @@ class Desk:
     def begins(self, index: int) -> None:
         """Note which test begins, by its index; `interruption` is None again."""
         with self._lock:
-            self._present, self._interruption = index, None
+            self._present, self.interruption = index, None
 
     def enters(self, phase: str) -> None:
         """Note the phase that the present test enters."""
@@ -161,23 +151,13 @@ class Desk:
                 self._attention += reasons
             changed, self._held = list(reasons) != list(self._held), reasons
         if changed:
-            self._changed(self._paused, self._held)
+            self._changed(self.paused, self._held)
 
-    @property
-    def paused(self) -> bool:
-        """Whether the campaign is to wait before its next test."""
-        return self._paused
+    def take_notes(self) -> list[str]:
+        """Return the operators' notes since the last call, as "OPERATOR: TEXT", on one line each.
 
-    @property
-    def interruption(self) -> Request | None:
-        """SKIP or RETRY if the present test is to be ended at once, else None.
-
-        It stays until the next test begins.
+        The texts of other requests are among them, as "OPERATOR: REQUEST: TEXT".
         """
-        return self._interruption
-
-    def take_notes(self) -> list[Note]:
-        """Return the operators' notes, and the texts of other requests, since the last call."""
         with self._lock:
             notes, self._notes = self._notes, []
         return notes
@@ -224,7 +204,7 @@ class Desk:
                 reply += f", but the journal cannot be written: {error}"
             self._obey(request, who, text, index)
         if request in (Request.PAUSE, Request.RESUME):
-            self._changed(self._paused, self._held)
+            self._changed(self.paused, self._held)
         return reply
 
     def status(self) -> dict[str, Any]:
@@ -235,11 +215,11 @@ class Desk:
         """
         with self._lock:
             state = "running" if self._present is not None else "between tests"
-            if self._present is None and (self._paused or self._held):
-                state = "paused" if self._paused else "held"
+            if self._present is None and (self.paused or self._held):
+                state = "paused" if self.paused else "held"
             return {
                 "state": state if self._write is not None else "ended",
-                "pausing": self._paused,
+                "pausing": self.paused,
                 "held": list(self._held),
                 "test": None if self._present is None else self._names[self._present],
                 "phase": self._phase,
@@ -272,7 +252,7 @@ class Desk:
             case Request.PAUSE:
                 after = "" if self._present is None else f" after {self._names[self._present]}"
                 return f"pauses{after}; go on with resume"
-            case Request.RESUME if not self._paused:
+            case Request.RESUME if not self.paused:
                 raise RefusedError("the campaign is not paused")
             case Request.RESUME:
                 held = f", but is held: {'; '.join(self._held)}" if self._held else ""
@@ -298,16 +278,16 @@ class Desk:
     def _obey(self, request: Request, who: str, text: str, index: int | None) -> None:
         running = index is not None and index == self._present
         if text:
-            self._notes.append(Note(who, f"{request}: {text}" if request != "note" else text))
+            self._notes.append(f"{who}: {text if request == 'note' else f'{request}: {text}'}")
         match request:
             case Request.PAUSE | Request.RESUME:
-                self._paused = request is Request.PAUSE
+                self.paused = request is Request.PAUSE
             case Request.ABORT:
                 self._stop.request(f"{who}: {text}" if text else who)
             case Request.ACKNOWLEDGE:
                 self._attention.clear()
             case Request.SKIP | Request.RETRY if running:
-                self._interruption = request
+                self.interruption = request
             case Request.RETRY if index is not None:
                 del self._statuses[index]
 

@@ -1,7 +1,6 @@
 """Paces a run by the wall clock, or lets it run as fast as possible."""
 
 import time
-from collections.abc import Callable
 from typing import Final, Literal
 
 from .stopping import StopFlag
@@ -24,33 +23,24 @@ class Pacer:
     Args:
         pace: "real" to wait for the wall clock, "fast" never to wait.
         stop: a wait ends early when a stop is requested.
-        clock, sleep: functions like `time.monotonic` and `time.sleep`, in s.
 
     Attributes:
         live: whether the pace is "real".
     """
 
-    def __init__(
-        self,
-        pace: Pace,
-        stop: StopFlag,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, pace: Pace, stop: StopFlag) -> None:
         self.live = pace == "real"
         self._stop = stop
-        self._clock = clock
-        self._sleep = sleep
-        self._zero = clock()
+        self._zero = time.monotonic()
 
     def start(self) -> None:
         """Take the present moment as time zero."""
-        self._zero = self._clock()
+        self._zero = time.monotonic()
 
     def wait_until(self, time_s: float) -> None:
         """Wait until `time_s` seconds after the start or until a stop; return at once if "fast"."""
         while self.live and not self._stop.requested:
-            left = self._zero + time_s - self._clock()
+            left = self._zero + time_s - time.monotonic()
             if left <= 0.0:
                 return
-            self._sleep(min(left, _NAP_S))
+            time.sleep(min(left, _NAP_S))

@@ -1,42 +1,175 @@
-"""Runs tests on simulated rigs in this process, with a new rig for each test."""
+"""Runs tests on simulated rigs in this process, a new rig for each, and reports their trips."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from estimator.filters import FilterMemory
-from faults import CampaignTest, FaultSchedule, SpringLoad
+from faults import CampaignTest, FaultSchedule
 from rig.channels import READINGS
 from rig.configuration import Rig
-from rig.io import HomingSettings, simulated_rig
-from rig.loop import Interlock, Motion, Reaction, SimulatedLoop, interlock, limit_table, tolerances
-from rig.plant import TICK, Model, Parameters
+from rig.io import ChannelLimit, HomingSettings, simulated_rig
+from rig.loop import (
+    Action,
+    Cause,
+    Interlock,
+    LoopStoppedError,
+    Motion,
+    Reaction,
+    SimulatedLoop,
+    TripError,
+    confirmed_fault,
+    explain,
+    interlock,
+    limit_table,
+    tolerances,
+)
+from rig.plant import TICK, Model
 from rig.recording import McapWriter
+from rig.runner.outcomes import Array
+from rig.supervisor import News, TripReport, kept_trip_report, trip_error
 
-from .simulated_loop import SimulatedTest
+_REPORTED: Final = round(2.0 / TICK)
+"""Number of rows in a trip report: those of the last 2 s, as on hardware."""
 
 
+@dataclass
+class SimulatedTest:
+    """A `Loop` on a simulated rig, which reports a trip in the same way as a rig on hardware.
+
+    Attributes:
+        loop: the simulated loop, before its first tick.
+        directory: folder of the run, to which a trip report is written.
+        ladder: the limits of the loop's interlock, for a trip report.
+        say: shows a line to the operator.
+        channels: names of the rows' columns.
+    """
+
+    loop: SimulatedLoop
+    directory: Path
+    ladder: Sequence[ChannelLimit]
+    say: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        self.channels = self.loop.channels
+        self._indicated = Cause.NONE, ""
+        self._last = np.empty((0, len(self.channels)))
+        self._found = ""
+
+    @property
+    def ticks_left(self) -> int:
+        """Number of the test's ticks that have not been run yet."""
+        return self.loop.ticks_left
+
+    def position(self) -> None:
+        """Move the ram to the test's start position, and wait until it has settled there.
+
+        Raises:
+            TripError: the interlock stopped the loop.
+        """
+        try:
+            self.loop.position()
+        except LoopStoppedError as error:
+            self._last = self.loop.last_sample()
+            raise self._stopped(error) from None
+        self._show_indicated()
+
+    def inject(self) -> None:
+        """Do nothing, as the loop has the faults in a table from its beginning."""
+
+    def end_early(self) -> None:
+        """Do nothing, as the next test has a rig of its own."""
+
+    def latest(self, channel: str) -> float | None:
+        """Return the newest value of a channel.
+
+        It is NaN if the rig has no such channel, and None before the first row.
+        """
+        if not len(self._last):
+            return None
+        if channel not in self.channels:
+            return float("nan")
+        return float(self._last[-1, self.channels.index(channel)])
+
+    def advance(self, ticks: int) -> Array:
+        """Run the next ticks and return their rows; see `rig.runner.campaign.bench.Loop`.
+
+        Raises:
+            TripError: the interlock stopped the loop, or a fault was confirmed in a test that shall
+                trip on a fault.
+        """
+        try:
+            rows = self.loop.advance(ticks)
+        except LoopStoppedError as error:
+            raise self._stopped(error) from None
+        self._last = np.concatenate([self._last, rows])[-_REPORTED:]
+        self._show_indicated()
+        return rows
+
+    def decided(self, row: Array) -> None:
+        """Give the loop the detector's decision, a row of `rig.loop.decided.DECIDED`."""
+        self._found = confirmed_fault(row)
+        self.loop.decided(row)
+
+    def safe_state(self) -> None:
+        """Put the valve at null, and remove all injected faults."""
+        self.loop.safe_state()
+
+    def _show_indicated(self) -> None:
+        """Show the operator what the interlock indicates, each time that it changes."""
+        indicated = self.loop.indicated
+        if indicated not in ((Cause.NONE, ""), self._indicated):
+            sentence, remedy = explain(*indicated)
+            self.say(f"loop: {sentence}; {remedy}")
+        self._indicated = indicated
+
+    def _stopped(self, error: LoopStoppedError) -> TripError:
+        """Make the rig safe after the loop has stopped, and return the error to raise.
+
+        After a trip a trip report is written. After a lesser action the loop runs until the ram is
+        at rest; a report is written only if it trips meanwhile.
+        """
+        if error.action is not Action.TRIP:
+            self._last = np.concatenate([self._last, self.loop.come_to_rest()])[-_REPORTED:]
+            if self.loop.stopped.action is not Action.TRIP:
+                return TripError(str(error))
+        stopped = self.loop.stopped
+        at_ns = time.monotonic_ns()
+        self.loop.safe_state()
+        safe_ns = time.monotonic_ns()
+        report = TripReport(
+            trips={"loop": (stopped.cause, at_ns)},
+            confirmations=dict.fromkeys(("valve null", "bypass shut"), safe_ns),
+            notes=[News(at_ns, "detector", self._found)] if self._found else [],
+            channels=self.channels,
+            rows=self._last,
+            channel=stopped.channel,
+            limits=self.ladder,
+        )
+        return trip_error(report, kept_trip_report(report, self.directory, self.say))
+
+
+@dataclass
 class SimulatedBench:
     """A `Bench` that simulates a new rig for each test.
 
-    Args:
+    Attributes:
         rig: the rig to simulate.
         directory: folder of the run, to which a trip report is written.
         say: shows a line to the operator.
+        live: False, as the runner must wait between batches to keep pace with the wall clock.
+        test: the latest test; None before the first one and after `idle`.
     """
 
-    live = False
-
-    def __init__(
-        self, rig: Rig, directory: Path, say: Callable[[str], None] = lambda line: None
-    ) -> None:
-        self._rig = rig
-        self._say = say
-        self._directory = directory
-        self._test: SimulatedTest | None = None
+    rig: Rig
+    directory: Path
+    say: Callable[[str], None] = lambda line: None
+    live: bool = field(default=False, init=False)
+    test: SimulatedTest | None = field(default=None, init=False)
 
     def __enter__(self) -> "SimulatedBench":
         return self
@@ -46,9 +179,9 @@ class SimulatedBench:
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
         """Return the loop of a test on a new simulated rig, which only this test uses."""
-        loop = loop_of(self._rig, test, memory, assumed)
-        self._test = SimulatedTest(loop, self._directory, self._rig.ladder, self._say)
-        return self._test
+        loop = loop_of(self.rig, test, memory, assumed)
+        self.test = SimulatedTest(loop, self.directory, self.rig.ladder, self.say)
+        return self.test
 
     def reading(self, channel: str) -> float | None:
         """Return the newest value of a channel in the latest test.
@@ -56,71 +189,47 @@ class SimulatedBench:
         It is NaN if the rig has no such channel, and None before the test's first row and after
         `idle`.
         """
-        return None if self._test is None else self._test.latest(channel)
+        return None if self.test is None else self.test.latest(channel)
 
     def idle(self) -> None:
         """Forget the last test's rig, as there is no rig between two tests."""
-        self._test = None
+        self.test = None
 
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> McapWriter:
         """Return the writer of a test's recording."""
-        return McapWriter(path, channels, metadata, start_ns=time.time_ns())
+        return McapWriter(path, channels, {**metadata, "start_ns": time.time_ns()})
 
 
-def truth_of(rig: Rig, test: CampaignTest) -> Model:
-    """Return the model that simulates a rig during a test: the rig's own with the test's load."""
-    if test.load is None:
-        return rig.plant
-    stiffness, contact = test.load.stiffness, test.load.contact
-    return rig.plant.with_effect("spring_load", stiffness=stiffness, contact=contact)
-
-
-def motion_of(test: CampaignTest) -> Motion:
-    """Return the setpoints and the faults of a test for every tick, as the loop runs them."""
-    ticks = round(test.duration_s / TICK)
-    return Motion(
-        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
-        open_loop=test.setpoint.quantity == "command",
-        faults=FaultSchedule(test.faults).table(ticks, TICK),
-        start_position=test.start_position_m,
-        settle_ticks=round(test.settle_s / TICK),
-    )
-
-
-def interlock_of(rig: Rig, assumed: Model) -> Interlock:
-    """Return the interlock that judges the samples of a simulated rig, as it does on hardware.
+def interlock_of(
+    rig: Rig, assumed: Model, fitted: frozenset[str] | None = None, period_s: float = TICK
+) -> Interlock:
+    """Return the interlock that judges the samples of a rig.
 
     Args:
-        rig: the simulated rig, with its limits.
+        rig: the rig, with its limits.
         assumed: the model with which the samples must agree.
+        fitted: channels of the transducers that the rig has; those of a simulated rig if not given.
+        period_s: time from one sample to the next, s.
     """
-    absent = {
-        "spool_m": not rig.has_spool_sensor,
-        "supply_pressure_Pa": not rig.has_supply_pressure_sensor,
-        "load_N": not rig.has_load_cell,
-    }
-    fitted = frozenset(name for name in READINGS if not absent.get(name, False))
+    if fitted is None:
+        has = {
+            "spool_m": rig.has_spool_sensor,
+            "supply_pressure_Pa": rig.has_supply_pressure_sensor,
+            "load_N": rig.has_load_cell,
+        }
+        fitted = frozenset(name for name in READINGS if has.get(name, True))
     judged = tolerances(
         assumed.parameters,
         rig.sensors,
         fitted,
-        TICK,
+        period_s,
         rig.loop.stale_limit,
         rig.homing or HomingSettings(),
         rig.limits.command_V,
     )
-    return interlock(limit_table(rig.ladder, TICK), judged)
-
-
-def _rest_position(par: Parameters, load: SpringLoad | None) -> float:
-    """Return where a ram rests before its test, m: at mid stroke, but never inside a spring.
-
-    A stiff spring would throw a ram that begins inside it farther in a tick than any valve can.
-    """
-    middle = 0.5 * (par.stroke_min + par.stroke_max)
-    return middle if load is None else min(middle, load.contact)
+    return interlock(limit_table(rig.ladder, period_s), judged)
 
 
 def loop_of(
@@ -135,7 +244,13 @@ def loop_of(
         assumed: the model that filter and interlock assume.
         judged: whether the interlock judges the samples.
     """
-    truth = truth_of(rig, test)
+    truth = rig.plant
+    rest = 0.5 * (truth.parameters.stroke_min + truth.parameters.stroke_max)
+    if test.load is not None:
+        stiffness, contact = test.load.stiffness, test.load.contact
+        truth = truth.with_effect("spring_load", stiffness=stiffness, contact=contact)
+        # A stiff spring would throw a ram that begins inside it farther in a tick than any valve.
+        rest = min(rest, contact)
     simulated = simulated_rig(
         truth,
         test.seed,
@@ -143,11 +258,19 @@ def loop_of(
         spool_sensor=rig.has_spool_sensor,
         supply_pressure_sensor=rig.has_supply_pressure_sensor,
         load_cell=rig.has_load_cell,
-        position=_rest_position(truth.parameters, test.load),
+        position=rest,
+    )
+    ticks = round(test.duration_s / TICK)
+    motion = Motion(
+        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
+        open_loop=test.setpoint.quantity == "command",
+        faults=FaultSchedule(test.faults).table(ticks, TICK),
+        start_position=test.start_position_m,
+        settle_ticks=round(test.settle_s / TICK),
     )
     return SimulatedLoop(
         simulated,
-        motion_of(test),
+        motion,
         memory,
         assumed.parameters,
         gain=rig.gain_V_per_m,

@@ -6,9 +6,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-SIGNALS: Final = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-)
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _UNNAMED: Final = "somebody without a name"
 """Reason for a stop that was asked for without one."""
 
@@ -18,27 +16,25 @@ class StopFlag:
 
     It is a plain attribute without a lock: a signal handler interrupts a thread between any two
     steps, and would wait for ever for a lock that this very thread has.
+
+    Attributes:
+        reason: why the run has been asked to end; empty if it has not.
     """
 
     def __init__(self) -> None:
-        self._reason = ""
+        self.reason = ""
 
     def request(self, reason: str) -> None:
         """Ask the run to end; the first reason stays.
 
         An empty reason, as of an operator whose name is empty, becomes "somebody without a name".
         """
-        self._reason = self._reason or reason or _UNNAMED
+        self.reason = self.reason or reason or _UNNAMED
 
     @property
     def requested(self) -> bool:
         """Whether the run has been asked to end."""
-        return bool(self._reason)
-
-    @property
-    def reason(self) -> str:
-        """Why the run has been asked to end; empty if it has not."""
-        return self._reason
+        return bool(self.reason)
 
 
 @contextmanager

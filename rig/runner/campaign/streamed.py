@@ -7,16 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import Observer, TestOutcome
+from rig.runner.outcomes import Array, Observer, TestOutcome, named
 from rig.supervisor import Onlooker, RowFeed, Stream
-
-Array = NDArray[np.float64]
 
 PROGRESS_S: Final = 0.1
 """Shortest time between two messages about the progress of a test, s."""
@@ -81,9 +76,7 @@ class StreamedRun(Observer, Onlooker):
         self._inner.campaign_begins(campaign, directory, finished)
         self._campaign = {
             "status": "running",
-            "name": campaign.name,
-            "description": campaign.description,
-            "rig": campaign.rig_name,
+            **named(campaign, "name", "description", rig="rig_name"),
             "model": campaign.model.name,
             "filter": campaign.filter_name,
             "false_alarms_per_day": campaign.false_alarms_per_day,
@@ -139,7 +132,15 @@ class StreamedRun(Observer, Onlooker):
         self._inner.test_advances(time_s, decision)
         if decision is not None and decision is not self._decision:
             self._decision = decision
-            self.stream.send("decision", self._decided(time_s, decision))
+            interval = decision.interval_m3_per_s
+            content = asdict(decision) | {
+                "time_s": time_s,
+                "test": self._number,
+                "name": self._test.name if self._test else "",
+                "interval_m3_per_s": None if interval is None else list(interval),
+                "suspected": decision.suspected,
+            }
+            self.stream.send("decision", content)
         if time.monotonic() - self._progress_at >= PROGRESS_S:
             self._send_progress(time_s)
             if self._unlisted:
@@ -173,11 +174,10 @@ class StreamedRun(Observer, Onlooker):
     def test_rows(self, rows: Array) -> None:
         """Send rows of the present test if the rig is simulated; see `simulated` of the class."""
         self._inner.test_rows(rows)
-        if not self._simulated:
-            return
-        if self._feed is None:
-            self._feed = RowFeed(self.stream, self._channels, live=self._live)
-        self._feed.add(rows, self._number)
+        if self._simulated:
+            if self._feed is None:
+                self._feed = RowFeed(self.stream, self._channels, live=self._live)
+            self._feed.add(rows, self._number)
 
     def test_event(self, time_s: float, kind: str, text: str) -> None:
         """Send an event of the present test; `time_s` counts from the test's first sample."""
@@ -191,17 +191,6 @@ class StreamedRun(Observer, Onlooker):
                 verdict=outcome.decision.verdict if outcome.decision else "",
                 message=outcome.message,
             )
-
-    def _decided(self, time_s: float, decision: Decision) -> dict[str, Any]:
-        interval = decision.interval_m3_per_s
-        return {
-            **asdict(decision),
-            "time_s": time_s,
-            "test": self._number,
-            "name": self._test.name if self._test else "",
-            "interval_m3_per_s": None if interval is None else list(interval),
-            "suspected": decision.suspected,
-        }
 
     def _send_progress(self, time_s: float) -> None:
         self._progress_at = time.monotonic()

@@ -1,5 +1,7 @@
 from .friction_experiment import (
     FrictionExperiment as FrictionExperiment,
+    experiment_figures as experiment_figures,
+    revised_model as revised_model,
     run_friction_experiment as run_friction_experiment,
 )
 from .friction_plan import (
@@ -7,13 +9,12 @@ from .friction_plan import (
     places_of as places_of,
     sliding_campaign as sliding_campaign,
 )
-from .friction_results import (
-    experiment_figures as experiment_figures,
-    revised_model as revised_model,
-)
 from .gap_closing import CHANNELS as CHANNELS, ROUNDS as ROUNDS, close_gap as close_gap
-from .gap_plan import (
-    Programme as Programme,
+from .gap_motions import (
+    CHECK as CHECK,
+    EXPERIMENT_S as EXPERIMENT_S,
+    FITTED as FITTED,
+    HELD as HELD,
     motions_campaign as motions_campaign,
     room_of as room_of,
 )

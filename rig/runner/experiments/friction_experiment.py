@@ -3,26 +3,30 @@
 First the ram slides: it slows down from fast strokes, and moves at constant speeds. A hold shows
 the command at which the ram rests. Slow ramps around that command then make it break away at ten
 positions. Where a ramp did not move the ram, it is repeated in closed loop. The rig is armed once
-for the whole experiment.
+for the whole experiment. Its results can be converted to JSON, and to a revised model.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from estimator.friction import (
+    PARAMETERS,
     BreakAway,
     FrictionCurve,
     JointFit,
     Spring,
     SteadySpeed,
     StictionLevel,
+    Trend,
     break_aways,
     identify_recording,
     joint_fit,
+    steady_among,
     steady_speeds,
     stiction_level,
 )
@@ -30,7 +34,7 @@ from rig.configuration import Rig
 from rig.plant import Model
 from rig.recording import Recording
 from rig.runner.campaign import Pace, StopFlag, bench_of
-from rig.runner.outcomes import Observer
+from rig.runner.outcomes import Observer, friction_figures, jsonable, model_sha256, named, versions
 
 from .friction_plan import (
     NULL,
@@ -46,6 +50,10 @@ from .friction_plan import (
 )
 from .parts import Parts
 
+SCHEMA: Final = "rig-friction"
+"""Value of the key `schema`, by which `friction.json` is recognized."""
+INTERVAL: Final = 1.96
+"""Half the width of a 95 % interval, in standard errors."""
 _NULL_FROM_S: Final = 2.0
 
 
@@ -128,15 +136,17 @@ def run_friction_experiment(
             again = closed_loop_campaign(rig, assumed, null_V, tuple(stuck), seed=seed)
             repeated = [break_aways(each, spring, area) for each in parts.run(again).values()]
             found = [each for each in found if _moved(each)] + repeated
+    constant = [slid[name] for name in slid if name not in (NULL, SLOWING_DOWN)]
     steady = [
         each
-        for share, recording in zip(speeds, _after_first_two(slid), strict=True)
+        for share, recording in zip(speeds, constant, strict=True)
         for each in steady_speeds(
             recording, strokes_of(rig, assumed, share), spring, assumed.parameters
         )
     ]
     curve = identify_recording(slid[SLOWING_DOWN], assumed, spring, rig.sensors)
     level = stiction_level(found)
+    slope = ramp_slope(rig, assumed, closed_loop=bool(stuck))
     return FrictionExperiment(
         rig=rig.name,
         assumed=assumed,
@@ -146,23 +156,13 @@ def run_friction_experiment(
         speeds=tuple(steady),
         places=tuple(found),
         level=level,
-        fit=joint_fit(
-            curve,
-            level,
-            steady,
-            assumed.parameters,
-            ramp_slope(rig, assumed, closed_loop=bool(stuck)),
-        ),
+        fit=joint_fit(curve, level, steady, assumed.parameters, slope),
         recordings=tuple(parts.recordings),
     )
 
 
 def _moved(found: Sequence[BreakAway]) -> bool:
     return bool(found) and all(each.taken_off for each in found)
-
-
-def _after_first_two(slid: Mapping[str, Recording]) -> list[Recording]:
-    return [recording for name, recording in slid.items() if name not in (NULL, SLOWING_DOWN)]
 
 
 def _null_command(recording: Recording) -> float:
@@ -172,3 +172,98 @@ def _null_command(recording: Recording) -> float:
     """
     time_s = recording.time_s - recording.time_s[0]
     return float(np.nanmean(recording.channels["command_V"][time_s >= _NULL_FROM_S]))
+
+
+def experiment_figures(experiment: FrictionExperiment) -> dict[str, Any]:
+    """Return the experiment's results as JSON-able values in SI; other programs rely on the keys.
+
+    A figure that is not known is None.
+    """
+    level, fit, spring = experiment.level, experiment.fit, experiment.spring
+    counted = steady_among(experiment.speeds, experiment.sliding)
+    content = {
+        "schema": SCHEMA,
+        "rig": experiment.rig,
+        "model": experiment.assumed.name,
+        "identified": fit is not None,
+        "parameters": fit
+        and {
+            name: named(estimate, "value", "standard_error", "unit")
+            for name, estimate in fit.estimates.items()
+        },
+        **named(fit, stiction_measured_N="measured_stiction"),
+        **named(fit, stiction_measured_error_N="measured_error", presliding_deficit_N="deficit"),
+        **named(fit, disagreement_z="disagreement", misfit="misfit"),
+        "break_away": {
+            **named(level, "places", level_N="level", level_error_N="level_error"),
+            **named(level, offset_N="offset", offset_error_N="offset_error"),
+            "level_trend": _trend(level.level_trend),
+            "offset_trend": _trend(level.offset_trend),
+            "all": [
+                named(each, "direction", position_m="position", force_N="force")
+                | named(each, standard_error_N="standard_error", creep_m_per_s="velocity")
+                | {"taken_off": each.taken_off}
+                for found in experiment.places
+                for each in found
+            ],
+        },
+        "constant_speed": [
+            named(each, velocity_m_per_s="velocity", force_N="force")
+            | named(each, standard_error_N="standard_error", settled="settled")
+            | {"used": each in counted}
+            for each in experiment.speeds
+        ],
+        "slowing_down": friction_figures(experiment.sliding),
+        "null_command_V": experiment.null_V,
+        **named(spring, spring_stiffness_N_per_m="stiffness", spring_contact_m="contact"),
+        "recordings": experiment.recordings,
+    }
+    return dict(jsonable(content))
+
+
+def revised_model(experiment: FrictionExperiment, directory: Path, started: str) -> Model | None:
+    """Return the assumed model with the identified friction; None if none was identified.
+
+    The model is named RIG-friction and has the effect `friction_asymmetry`. Its provenance has the
+    experiment, the intervals, and the hashes of the recordings, which are read for that.
+
+    Args:
+        experiment: the results of the experiment.
+        directory: the experiment's folder, which holds the recordings.
+        started: when the experiment began, UTC, as text.
+    """
+    fit, assumed = experiment.fit, experiment.assumed
+    if fit is None:
+        return None
+    provenance = {
+        "made_by": "rig identify friction --rig",
+        "rig": experiment.rig,
+        "started": started,
+        "parent": assumed.name,
+        "parent_sha256": model_sha256(assumed),
+        "versions": versions(),
+        "intervals_95": {
+            name: [value - INTERVAL * error, value + INTERVAL * error]
+            for name, estimate in fit.estimates.items()
+            for value, error in [(estimate.value or 0.0, estimate.standard_error or 0.0)]
+        },
+        "stiction_measured_N": jsonable(fit.measured_stiction),
+        "break_away_places": experiment.level.places,
+        "recordings": {
+            name: hashlib.sha256((directory / name).read_bytes()).hexdigest()
+            for name in experiment.recordings
+        },
+    }
+    asymmetry = fit.values[PARAMETERS.index("friction_asymmetry")]
+    return replace(
+        assumed,
+        name=f"{experiment.rig}-friction",
+        parameters=fit.parameters(assumed.parameters),
+        provenance=provenance,
+    ).with_effect("friction_asymmetry", value=asymmetry)
+
+
+def _trend(trend: Trend) -> dict[str, Any]:
+    return named(trend, slope_N_per_m="slope", standard_error_N_per_m="standard_error") | {
+        "significant": bool(trend.significant)
+    }

@@ -4,7 +4,6 @@ All lengths, speeds and times follow from the limits of the stroke and from the 
 model's valve gives the ram, so that the plan fits any rig.
 """
 
-from dataclasses import replace
 from math import pi
 from typing import Final
 
@@ -12,11 +11,12 @@ import numpy as np
 
 from control import Constant, Polyline, Quantity, Setpoint, Sine
 from estimator.friction import Stroke
-from faults import Campaign, CampaignTest
+from faults import Campaign
 from rig.configuration import Rig, valve_speed
 from rig.plant import Model
+from rig.runner.campaign import plain_test
 
-from .parts import part_campaign, part_test
+from .parts import part_campaign, stroke_of
 
 PLACES: Final = 10
 """Number of positions along the stroke at which break-aways are measured (section 3.1)."""
@@ -36,8 +36,6 @@ far."""
 LOOP_RAMP_S: Final = 80.0
 """Duration of a ramp of the setpoint up, down, and back, s."""
 
-_MARGIN_M: Final = 0.02
-"""Distance of the motions from the limits of the stroke, m; the ram overshoots by less."""
 _SINE_S: Final = 60.0
 _SINE_AMPLITUDE_M: Final = 0.2
 _SINE_HZ: Final = 0.5
@@ -48,6 +46,9 @@ _STROKE_M: Final = 0.5
 _REST_S: Final = 1.0
 _REPEATS: Final = 2
 _SETTLE_S: Final = 3.0
+
+_Motion = tuple[str, Setpoint, float, float]
+"""A motion: its name, its setpoint, its duration in s, and where the ram settles before it, m."""
 
 SLOWING_DOWN: Final = "slowing down"
 NULL: Final = "valve null"
@@ -66,21 +67,21 @@ def sliding_campaign(
         speeds: constant speeds, as shares of that greatest speed.
         seed: sets the noise of a simulated rig.
     """
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     fastest = valve_speed(assumed.parameters, rig.limits.command_V)
     amplitude = min(_SINE_AMPLITUDE_M, 0.5 * (high - low))
     middle = 0.5 * (low + high)
     frequency = min(_SINE_HZ, _SINE_SPEED * fastest / (2.0 * pi * amplitude))
-    tests = [
-        _test(NULL, Constant(middle), _NULL_S, middle),
-        _test(SLOWING_DOWN, Sine(middle, amplitude, frequency), _SINE_S, middle),
+    motions: list[_Motion] = [
+        (NULL, Constant(middle), _NULL_S, middle),
+        (SLOWING_DOWN, Sine(middle, amplitude, frequency), _SINE_S, middle),
     ]
     for share in speeds:
         motion, _ = strokes_at(share * fastest, low, high)
         name = f"constant {1e3 * share * fastest:.0f} mm per s"
-        tests.append(_test(name, motion, motion.times_s[-1], motion.values[0]))
+        motions.append((name, motion, motion.times_s[-1], motion.values[0]))
     description = "Strokes of the friction curve (section 3.1)."
-    return _campaign("sliding", description, rig, assumed, tests, seed)
+    return _campaign("sliding", description, rig, assumed, motions, seed)
 
 
 def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[Stroke, ...]]:
@@ -117,7 +118,7 @@ def strokes_of(rig: Rig, assumed: Model, share: float) -> tuple[Stroke, ...]:
         share: the speed as a share of the greatest one, such as one of `SPEEDS`.
     """
     fastest = valve_speed(assumed.parameters, rig.limits.command_V)
-    return strokes_at(share * fastest, *_room(rig))[1]
+    return strokes_at(share * fastest, *stroke_of(rig))[1]
 
 
 def places_of(rig: Rig, null_V: float, count: int = PLACES) -> tuple[float, ...]:  # noqa: N803
@@ -131,7 +132,7 @@ def places_of(rig: Rig, null_V: float, count: int = PLACES) -> tuple[float, ...]
         null_V: command at which the ram rests, V.
         count: number of positions.
     """
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     off = null_V / rig.gain_V_per_m
     ends = low + max(-off, 0.0), high - max(off, 0.0)
     return tuple(float(place) for place in np.linspace(*ends, count))
@@ -157,11 +158,11 @@ def break_away_campaign(
     off = null_V / rig.gain_V_per_m
     top = CREEP_SPEED / valve_speed(assumed.parameters, 1.0)
     ramp = _up_and_down(null_V, top, RAMP_S, "command")
-    tests = [
-        _test(f"break-away at {1e3 * place:.0f} mm", ramp, RAMP_S, place + off) for place in places
+    motions: list[_Motion] = [
+        (f"break-away at {1e3 * place:.0f} mm", ramp, RAMP_S, place + off) for place in places
     ]
     description = "Break-away force along the stroke (section 3.1)."
-    return _campaign("break_away", description, rig, assumed, tests, seed)
+    return _campaign("break_away", description, rig, assumed, motions, seed)
 
 
 def closed_loop_campaign(
@@ -180,14 +181,14 @@ def closed_loop_campaign(
     an overlap or underlap of the spool. After the break-away the ram follows the setpoint. The
     arguments are those of `break_away_campaign`.
     """
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     reach = _loop_reach(rig, assumed)
     off = null_V / rig.gain_V_per_m
     # Setpoint and ram both stay within the limits, in both directions.
     first, last = low + reach + max(-off, 0.0), high - reach - max(off, 0.0)
     kept = sorted({min(max(place, first), last) for place in places})
-    tests = [
-        _test(
+    motions: list[_Motion] = [
+        (
             f"break-away at {1e3 * place:.0f} mm in closed loop",
             _up_and_down(place + off, reach, LOOP_RAMP_S, "position"),
             LOOP_RAMP_S,
@@ -196,7 +197,7 @@ def closed_loop_campaign(
         for place in kept
     ]
     description = "Break-away where ramps of the command did not move the ram."
-    return _campaign("break_away_closed_loop", description, rig, assumed, tests, seed)
+    return _campaign("break_away_closed_loop", description, rig, assumed, motions, seed)
 
 
 def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
@@ -208,7 +209,7 @@ def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
 
 def _loop_reach(rig: Rig, assumed: Model) -> float:
     """Return how far a ramp of the setpoint goes each way, m, at most a twelfth of the stroke."""
-    low, high = _room(rig)
+    low, high = stroke_of(rig)
     reach = LOOP_SPEED / valve_speed(assumed.parameters, 1.0) / rig.gain_V_per_m
     return min(reach, (high - low) / 12.0)
 
@@ -218,19 +219,13 @@ def _up_and_down(middle: float, reach: float, period_s: float, quantity: Quantit
     return Polyline(corners, (middle, middle + reach, middle - reach, middle), quantity)
 
 
-def _room(rig: Rig) -> tuple[float, float]:
-    limits = rig.limits
-    return limits.position_min_m + _MARGIN_M, limits.position_max_m - _MARGIN_M
-
-
-def _test(name: str, setpoint: Setpoint, duration_s: float, start: float) -> CampaignTest:
-    return part_test(name, setpoint, duration_s, start, _SETTLE_S)
-
-
 def _campaign(
-    name: str, description: str, rig: Rig, assumed: Model, tests: list[CampaignTest], seed: int
+    name: str, description: str, rig: Rig, assumed: Model, motions: list[_Motion], seed: int
 ) -> Campaign:
     # Each test gets noise that differs from that of the others.
-    seeds = np.random.SeedSequence([seed, len(name)]).generate_state(len(tests))
-    seeded = [replace(test, seed=int(drawn)) for test, drawn in zip(tests, seeds, strict=True)]
-    return part_campaign(f"friction_{name}", description, rig, assumed, seeded)
+    seeds = np.random.SeedSequence([seed, len(name)]).generate_state(len(motions))
+    tests = [
+        plain_test(*motion, _SETTLE_S, int(drawn))
+        for motion, drawn in zip(motions, seeds, strict=True)
+    ]
+    return part_campaign(f"friction_{name}", description, rig, assumed, tests)

@@ -1,11 +1,12 @@
-"""Defines a library of motions of the ram that make effects visible in recordings.
+"""Defines the library of motions of the ram that `rig gap` runs within a rig's limits.
 
 All are position setpoints within the stroke, in closed loop, so that no effect, however large, lets
-the ram drift to an end. The programme that identifies a rig uses the library, and so does the
-experiment that distinguishes two effects (`estimator.gap.verdict.experiments`).
+the ram drift to an end. The programme of `rig gap --live` uses the library, and so does the
+experiment that distinguishes two effects (`estimator.gap.verdict.experiments`). The programme
+excites all effects of the catalogue: fast strokes (flows, supply), steps (valve, delays), slow
+reversals (friction), small fast strokes (valve, play).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,17 +14,37 @@ import numpy as np
 
 from control import POSITION_GAIN, Multisine, Pseudorandom, Setpoint
 from estimator.gap import Array, Motion
-from rig.plant import TICK
+from faults import Campaign
+from rig.configuration import Rig
+from rig.plant import TICK, Model
+from rig.runner.campaign import plain_test
 
-MARGIN_M: Final = 0.02
-"""Distance of the motions from the limits of the stroke, m; the ram overshoots by less."""
-EXPERIMENT_S: Final = 20.0
-"""Duration of a motion, s."""
+from .parts import part_campaign, stroke_of
+
 _GREATEST_V: Final = 9.0
 """Greatest command that a step may cause by the loop's gain, V; effects cannot be distinguished
 while the command is limited to the valve's range."""
+_SETTLE_S: Final = 2.0
 _ROUNDED: Final = 4
 """Decimals of lengths in m, so that a campaign file can hold exactly what is run."""
+
+
+Motions = tuple[tuple[str, float], ...]
+"""Motions of the library to be run, each by its name and its duration in s."""
+
+FITTED: Final[Motions] = (
+    ("wide strokes", 25.0),
+    ("small steps", 15.0),
+    ("slow reversals", 20.0),
+    ("small fast strokes", 10.0),
+)
+"""The programme's motions to whose recordings the model is fitted."""
+HELD: Final[Motions] = (("wide strokes", 10.0), ("small steps", 10.0))
+"""Motions whose recordings are held out; they are run once, for all rounds."""
+CHECK: Final[Motions] = (("wide strokes", 20.0), ("small steps", 10.0))
+"""Motions on which a revised model is checked; each check runs them anew with other phases."""
+EXPERIMENT_S: Final = 20.0
+"""Duration of a motion that distinguishes effects, s."""
 
 
 @dataclass(frozen=True)
@@ -58,22 +79,19 @@ class Stroke:
         name: name of the motion in the library.
         about: description of the motion in words.
         setpoint: setpoint of the position, m.
-        duration_s: duration, s.
     """
 
     name: str
     about: str
     setpoint: Multisine | Pseudorandom
-    duration_s: float
 
 
-def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict[str, Stroke]:
+def strokes(room: Room, seed: int = 0) -> dict[str, Stroke]:
     """Return the library of motions, by their names.
 
     Args:
         room: the range in which the ram may move, with the gain by which steps are limited.
         seed: sets the phases or the random steps of the motions.
-        duration_s: duration of each motion, s.
     """
     middle, stroke = room.middle, room.part(1.0)
     step = min(0.16 * stroke, 0.5 * _GREATEST_V / room.gain)
@@ -104,30 +122,52 @@ def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict
         ("near the extended end", "quick strokes where chamber 2 is small",
          waves(room.high - near, 0.9 * near, 0.23, 0.71, 1.7)),
     )  # fmt: skip
-    return {name: Stroke(name, about, setpoint, duration_s) for name, about, setpoint in found}
+    return {name: Stroke(name, about, setpoint) for name, about, setpoint in found}
 
 
-def motions(room: Room, pressure: float, duration_s: float = EXPERIMENT_S) -> tuple[Motion, ...]:
+def room_of(rig: Rig) -> Room:
+    """Return the range in which experiments may move a rig's ram: its limits less a margin."""
+    return Room(*stroke_of(rig), rig.gain_V_per_m)
+
+
+def motions_campaign(name: str, wanted: Motions, rig: Rig, assumed: Model, seed: int) -> Campaign:
+    """Return a campaign with one test for each of some motions of the library.
+
+    Args:
+        name: name of the campaign, and of its folder.
+        wanted: the motions.
+        rig: the rig, within whose limits the motions stay.
+        assumed: the model that the filter assumes while it is recorded.
+        seed: sets the motions' phases, and the noise of a simulated rig.
+    """
+    # Each test gets phases and noise that differ from those of the others.
+    seeds = np.random.SeedSequence([seed, len(wanted)]).generate_state(len(wanted)) >> 1
+    tests = []
+    for (motion, duration_s), drawn in zip(wanted, map(int, seeds), strict=True):
+        setpoint = strokes(room_of(rig), drawn)[motion].setpoint
+        start = float(setpoint.sample(np.zeros(1))[0])
+        tests.append(plain_test(motion, setpoint, duration_s, start, _SETTLE_S, drawn))
+    return part_campaign(name, "Motions of rig gap --live.", rig, assumed, tests)
+
+
+def motions(room: Room, pressure: float) -> tuple[Motion, ...]:
     """Return the library of motions in the form that the search for an experiment takes.
 
     Args:
         room: the range in which the ram may move.
         pressure: pressure of both chambers at the start, Pa.
-        duration_s: duration of each motion, s.
     """
-    return tuple(_motion(stroke, pressure) for stroke in strokes(room, 1, duration_s).values())
-
-
-def _motion(stroke: Stroke, pressure: float) -> Motion:
-    setpoint = sampled(stroke.setpoint, stroke.duration_s)
-    count = len(setpoint)
-    pressures, spool = np.full(count, pressure), np.zeros(count)
-    return Motion(
-        stroke.name,
-        stroke.about,
-        np.zeros((count, 1)),
-        np.column_stack([setpoint, pressures, pressures, spool]),
-        campaign_of(stroke),
+    none = np.zeros((round(EXPERIMENT_S / TICK), 1))
+    pressures, spool = np.full((len(none), 2), pressure), none
+    return tuple(
+        Motion(
+            stroke.name,
+            stroke.about,
+            none,
+            np.column_stack([sampled(stroke.setpoint, EXPERIMENT_S), pressures, spool]),
+            campaign_of(stroke),
+        )
+        for stroke in strokes(room, 1).values()
     )
 
 
@@ -138,32 +178,25 @@ def sampled(setpoint: Setpoint, duration_s: float) -> Array:
 
 def campaign_of(stroke: Stroke) -> dict[str, Any]:
     """Return the content of a campaign file with one motion, without the keys of rig and model."""
-    test = {
-        "name": stroke.name,
-        "duration": f"{stroke.duration_s:g} s",
-        "setpoint": dict(_keys(stroke.setpoint)),
-    }
-    return {
-        "name": f"gap {stroke.name}".replace(" ", "_"),
-        "description": f"Experiment of rig gap: {stroke.about}.",
-        "tests": [test],
-    }
-
-
-def _keys(setpoint: Multisine | Pseudorandom) -> Mapping[str, Any]:
-    """Return a setpoint as the mapping that a campaign file has for it."""
+    setpoint = stroke.setpoint
+    keys: dict[str, Any]
     if isinstance(setpoint, Multisine):
-        return {
+        keys = {
             "type": "multisine",
             "mean": f"{setpoint.mean:g} m",
             "amplitude": f"{setpoint.amplitude:g} m",
             "frequencies": [f"{frequency:g} Hz" for frequency in setpoint.frequencies_hz],
-            "seed": setpoint.seed,
         }
+    else:
+        keys = {
+            "type": "pseudorandom",
+            "lower": f"{setpoint.lower:g} m",
+            "upper": f"{setpoint.upper:g} m",
+            "hold": [f"{setpoint.hold_min_s:g} s", f"{setpoint.hold_max_s:g} s"],
+        }
+    test = {"name": stroke.name, "duration": f"{EXPERIMENT_S:g} s"}
     return {
-        "type": "pseudorandom",
-        "lower": f"{setpoint.lower:g} m",
-        "upper": f"{setpoint.upper:g} m",
-        "hold": [f"{setpoint.hold_min_s:g} s", f"{setpoint.hold_max_s:g} s"],
-        "seed": setpoint.seed,
+        "name": f"gap {stroke.name}".replace(" ", "_"),
+        "description": f"Experiment of rig gap: {stroke.about}.",
+        "tests": [test | {"setpoint": keys | {"seed": setpoint.seed}}],
     }

@@ -1,47 +1,26 @@
 """Runs the campaigns of an experiment one after the other, with a rig that is armed only once."""
 
-from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Final
 
-from control import Setpoint
-from estimator.filters import DEFAULT_FILTER, FilterMemory, FilterRun
+from estimator.filters import DEFAULT_FILTER, FilterRun
 from estimator.leaks import Decision, Samples
 from faults import Campaign, CampaignTest, Verdict
 from rig.configuration import Rig
 from rig.plant import Model
 from rig.recording import Recording, read_recording
-from rig.runner.campaign import Bench, Loop, Pace, StopFlag, Writer, run_campaign
-from rig.runner.outcomes import EXIT_STOPPED, CampaignOutcome, Observer, Status
+from rig.runner.campaign import Bench, Pace, StopFlag, run_campaign
+from rig.runner.outcomes import EXIT_STOPPED, Observer, Status
+
+MARGIN_M: Final = 0.02
+"""Distance of the motions from the limits of the stroke, m; the ram overshoots by less."""
 
 
-def part_test(
-    name: str, setpoint: Setpoint, duration_s: float, start: float, settle_s: float, seed: int = 0
-) -> CampaignTest:
-    """Return a test of an experiment, without faults and without a detector's verdict.
-
-    Args:
-        name: name of the test.
-        setpoint: setpoint of the ram.
-        duration_s: duration of the test, s.
-        start: position at which the ram settles before the test, m.
-        settle_s: how long the ram settles there, s.
-        seed: sets the noise of a simulated rig.
-    """
-    return CampaignTest(
-        name=name,
-        test_name=name,
-        duration_s=duration_s,
-        start_position_m=start,
-        settle_s=settle_s,
-        setpoint=setpoint,
-        load=None,
-        faults=(),
-        expect=Verdict.INCONCLUSIVE,
-        repeat=1,
-        seed=seed,
-    )
+def stroke_of(rig: Rig) -> tuple[float, float]:
+    """Return the lowest and the highest position, m, to which an experiment may move a ram."""
+    return rig.limits.position_min_m + MARGIN_M, rig.limits.position_max_m - MARGIN_M
 
 
 def part_campaign(
@@ -79,34 +58,27 @@ class ExperimentStoppedError(Exception):
         self.exit_code = exit_code
 
 
+@dataclass
 class Parts:
     """Runs the campaigns that an experiment consists of, one after the other.
 
-    Args:
+    Attributes:
         rig: the rig that the campaigns are run on.
         directory: an existing folder; each campaign gets a folder in it.
         bench: the bench of the rig, whose context the caller enters and leaves.
         pace: as for `run_campaign`.
         observer: as for `run_campaign`.
         stop: as for `run_campaign`.
-
-    Attributes:
         recordings: paths of all recordings so far, relative to `directory`.
     """
 
-    def __init__(
-        self,
-        rig: Rig,
-        directory: Path,
-        bench: Bench,
-        pace: Pace | None,
-        observer: Observer,
-        stop: StopFlag,
-    ) -> None:
-        self._rig, self._directory, self._bench = rig, directory, _Kept(bench)
-        self._pace: Pace | None = pace
-        self._observer, self._stop = observer, stop
-        self.recordings: list[str] = []
+    rig: Rig
+    directory: Path
+    bench: Bench
+    pace: Pace | None
+    observer: Observer
+    stop: StopFlag
+    recordings: list[str] = field(default_factory=list)
 
     def run(self, campaign: Campaign) -> dict[str, Recording]:
         """Run a campaign and return the recording of each test, by the test's name.
@@ -126,70 +98,31 @@ class Parts:
                 stopped, an operator had the test skipped, or it crashed.
             DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
         """
-        folder = self._directory / campaign.name
+        folder = self.directory / campaign.name
         outcome = run_campaign(
-            campaign, self._rig, folder, pace=self._pace, observer=self._observer,
-            stop=self._stop, detector=_Undecided, bench=self._bench,
+            campaign, self.rig, folder, pace=self.pace, observer=self.observer, stop=self.stop,
+            detector=lambda model: _Undecided(), bench=self.bench,
         )  # fmt: skip
-        _require_complete(outcome)
+        for test in outcome.tests:
+            if test.status not in (Status.PASSED, Status.FAILED):
+                message = f"{test.name}: {test.status}; {test.message or 'nothing was identified'}"
+                crashed = test.status == Status.ERROR
+                raise ExperimentStoppedError(message, 1 if crashed else EXIT_STOPPED)
         found = {}
         for test in outcome.tests:
             file = folder / str(test.recording)
-            self.recordings.append(str(file.relative_to(self._directory)))
+            self.recordings.append(str(file.relative_to(self.directory)))
             found[test.name] = file
-            self._bench.idle()
+            self.bench.idle()
         return found
-
-
-def _require_complete(outcome: CampaignOutcome) -> None:
-    for test in outcome.tests:
-        if test.status in (Status.PASSED, Status.FAILED):
-            continue
-        message = f"{test.name}: {test.status}; {test.message or 'nothing was identified'}"
-        crashed = test.status == Status.ERROR
-        raise ExperimentStoppedError(message, 1 if crashed else EXIT_STOPPED)
 
 
 class _Undecided:
     """A detector that always decides "inconclusive", as an experiment looks for no leak."""
-
-    def __init__(self, model: Model) -> None:
-        self._decision = Decision(Verdict.INCONCLUSIVE)
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Do nothing with the samples."""
 
     def decide(self) -> Decision:
         """Return the decision "inconclusive"."""
-        return self._decision
-
-
-class _Kept:
-    """A bench whose context is entered and left by the caller, so that several campaigns share it.
-
-    It passes everything else on to the caller's bench.
-    """
-
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
-        self.live = bench.live
-
-    def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> Loop:
-        return self._bench.loop(test, memory, assumed)
-
-    def writer(
-        self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
-    ) -> AbstractContextManager[Writer]:
-        return self._bench.writer(path, channels, metadata)
-
-    def reading(self, channel: str) -> float | None:
-        return self._bench.reading(channel)
-
-    def idle(self) -> None:
-        self._bench.idle()
-
-    def __enter__(self) -> "_Kept":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
+        return Decision(Verdict.INCONCLUSIVE)

@@ -13,15 +13,17 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Concatenate, Final, ParamSpec, Protocol, TextIO, TypeVar
+from typing import Any, Final, Protocol, TextIO, TypeVar, TypeVarTuple
 
 _NICE: Final = 10
 _NAP_S: Final = 0.05
 _MARK: Final = "said: "
 """Begins the lines that a computation says, among all else that its process may print."""
 
-P = ParamSpec("P")
 T = TypeVar("T")
+Ts = TypeVarTuple("Ts")
+Waits = Callable[[], None]
+"""Is called again and again while a computation goes on."""
 Said = Callable[[str], None]
 """Is told in words what a computation is doing."""
 
@@ -37,39 +39,16 @@ class Worker(Protocol):
     """A function that calls another function, in this process or in one of its own."""
 
     def __call__(
-        self,
-        waits: Callable[[], None],
-        said: Said,
-        function: Callable[Concatenate[Said, P], T],
-        *args: P.args,
-        **kwargs: P.kwargs,
+        self, waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *Ts
     ) -> T:
-        """Return the result of `function(said, *args, **kwargs)`.
+        """Return the result of `function(said, *args)`.
 
         `waits` is called at least once; a worker with a process of its own calls it every 50 ms.
         `said` is called with each line that the function says through its first argument.
         """
 
 
-def at_once(
-    waits: Callable[[], None],
-    said: Said,
-    function: Callable[Concatenate[Said, P], T],
-    *args: P.args,
-    **kwargs: P.kwargs,
-) -> T:
-    """Return the result of a function that is called in this process, after one call of `waits`."""
-    waits()
-    return function(said, *args, **kwargs)
-
-
-def apart(
-    waits: Callable[[], None],
-    said: Said,
-    function: Callable[Concatenate[Said, P], T],
-    *args: P.args,
-    **kwargs: P.kwargs,
-) -> T:
+def apart(waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *Ts) -> T:
     """Return the result of a function that is called in a process of its own.
 
     Args:
@@ -79,14 +58,13 @@ def apart(
         function: a function at the top level of a module; it, its arguments and its result are
             pickled. Its first argument is a function that is called with what it says.
         args: further arguments of the function.
-        kwargs: keyword arguments of the function.
 
     Raises:
         ApartError: the function raised an exception, or the process ended without a result.
     """
     with tempfile.TemporaryDirectory(prefix="rig-apart-") as folder:
         asked, answered, printed = (Path(folder, name) for name in ("asked", "answered", "said"))
-        asked.write_bytes(pickle.dumps((function, args, kwargs)))
+        asked.write_bytes(pickle.dumps((function, args)))
         command = [sys.executable, "-m", __name__, str(asked), str(answered)]
         with printed.open("wb") as log:
             # In a session of its own, so that Ctrl-C reaches only the process that supervises.
@@ -138,8 +116,8 @@ def main() -> None:
     asked, answered = map(Path, sys.argv[1:3])
     with contextlib.suppress(OSError):
         os.nice(_NICE)
-    function, args, kwargs = pickle.loads(asked.read_bytes())
-    result: Any = function(_say, *args, **kwargs)
+    function, args = pickle.loads(asked.read_bytes())
+    result: Any = function(_say, *args)
     partial = answered.with_suffix(".partial")
     partial.write_bytes(pickle.dumps(result))
     partial.replace(answered)

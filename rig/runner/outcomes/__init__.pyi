@@ -1,5 +1,9 @@
-from .decision_rows import DecisionRows as DecisionRows
-from .figures import figures_of as figures_of
+from .figures import (
+    Array as Array,
+    Figure as Figure,
+    figures_of as figures_of,
+    litres_per_minute as litres_per_minute,
+)
 from .friction import (
     FrictionWatch as FrictionWatch,
     change_figures as change_figures,
@@ -24,8 +28,13 @@ from .outcome import (
     Status as Status,
     TestOutcome as TestOutcome,
 )
-from .outcome_record import outcome_of as outcome_of, record_of as record_of
-from .reactions import Reactions as Reactions
+from .outcome_record import (
+    jsonable as jsonable,
+    named as named,
+    outcome_of as outcome_of,
+    record_of as record_of,
+)
+from .reactions import DecisionRows as DecisionRows, Reactions as Reactions
 from .recorded import (
     account_detector_of as account_detector_of,
     detector_of as detector_of,

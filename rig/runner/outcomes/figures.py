@@ -60,8 +60,12 @@ def figures_of(
         timing: the summary of `rig.loop.timing.Timing`; None on a simulated rig.
     """
     found: dict[str, Figure] = {}
-    if decision is not None:
-        found |= _of_decision(decision)
+    if decision is not None and decision.leak_m3_per_s is not None:
+        error = litres_per_minute(decision.leak_std_m3_per_s)
+        found["leak"] = Figure(to_litres_per_minute(decision.leak_m3_per_s), error, "L/min")
+    if decision is not None and "bulk_modulus_Pa" in decision.details:
+        error = decision.details.get("bulk_modulus_std_Pa")
+        found["bulk_modulus"] = Figure(decision.details["bulk_modulus_Pa"], error, "Pa")
     for chamber in (1, 2):
         level = residual_level(innovations[:, chamber - 1])
         if level is not None:
@@ -71,7 +75,12 @@ def figures_of(
             called = name if name.startswith("friction_") else f"friction_{name}"
             found[called] = Figure(estimate.value, estimate.standard_error, estimate.unit)
     if timing is not None:
-        found |= _of_loop(timing)
+        for name, (stage, percentile) in _TIMED.items():
+            value = timing["stages"][stage][percentile]
+            if value is not None:
+                found[name] = Figure(float(value), None, "s")
+        if timing["ticks"]:
+            found["loop_missed"] = Figure(timing["missed"] / timing["ticks"], None, "")
     return {name: figure for name, figure in found.items() if np.isfinite(figure.value)}
 
 
@@ -95,27 +104,6 @@ def residual_level(innovation: Array) -> Figure | None:
     return Figure(float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means))), "Pa")
 
 
-def _of_decision(decision: Decision) -> dict[str, Figure]:
-    found = {}
-    if decision.leak_m3_per_s is not None:
-        error = decision.leak_std_m3_per_s
-        found["leak"] = Figure(
-            to_litres_per_minute(decision.leak_m3_per_s),
-            None if error is None else to_litres_per_minute(error),
-            "L/min",
-        )
-    if "bulk_modulus_Pa" in decision.details:
-        error = decision.details.get("bulk_modulus_std_Pa")
-        found["bulk_modulus"] = Figure(decision.details["bulk_modulus_Pa"], error, "Pa")
-    return found
-
-
-def _of_loop(timing: Mapping[str, Any]) -> dict[str, Figure]:
-    found = {}
-    for name, (stage, percentile) in _TIMED.items():
-        value = timing["stages"][stage][percentile]
-        if value is not None:
-            found[name] = Figure(float(value), None, "s")
-    if timing["ticks"]:
-        found["loop_missed"] = Figure(timing["missed"] / timing["ticks"], None, "")
-    return found
+def litres_per_minute(flow: float | None) -> float | None:
+    """Return a flow in L/min that is given in m^3/s; None if it is None."""
+    return None if flow is None else to_litres_per_minute(flow)

@@ -1,5 +1,6 @@
 """Identifies friction from the samples of a test, and converts it for `results.json`."""
 
+from dataclasses import asdict
 from typing import Any
 
 from estimator.filters import DEFAULT_FILTER, FilterRun
@@ -14,6 +15,8 @@ from estimator.friction import (
 from estimator.leaks import Decision, Detector, Samples
 from faults import CampaignTest
 from rig.plant import Model, SensorParameters
+
+from .outcome_record import named
 
 
 class FrictionWatch:
@@ -67,28 +70,13 @@ def model_spring(model: Model) -> Spring:
 def friction_figures(curve: FrictionCurve) -> dict[str, Any]:
     """Return a friction curve as JSON-able values in SI; other programs rely on the keys."""
     return {
-        **{
-            name: {
-                "value": estimate.value,
-                "standard_error": estimate.standard_error,
-                "unit": estimate.unit,
-                "needs": estimate.needs,
-            }
-            for name, estimate in curve.estimates.items()
-        },
-        "slowest_m_per_s": curve.slowest,
-        "fastest_m_per_s": curve.fastest,
-        "strokes": curve.strokes,
-        "spring_stiffness_N_per_m": curve.spring.stiffness,
-        "spring_contact_m": curve.spring.contact,
+        **{name: asdict(estimate) for name, estimate in curve.estimates.items()},
+        **named(curve, slowest_m_per_s="slowest", fastest_m_per_s="fastest", strokes="strokes"),
+        **named(curve.spring, spring_stiffness_N_per_m="stiffness", spring_contact_m="contact"),
         "filter_lag_s": curve.lag_s,
         "bins": [
-            {
-                "velocity_m_per_s": each.velocity,
-                "force_N": each.force,
-                "spread_N": each.spread,
-                "count": each.count,
-            }
+            named(each, velocity_m_per_s="velocity", force_N="force", spread_N="spread")
+            | {"count": each.count}
             for each in curve.bins
         ],
     }

@@ -3,15 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 
+from .figures import Array
 from .outcome import TestOutcome
-
-Array = NDArray[np.float64]
 
 
 class Observer:

@@ -63,7 +63,8 @@ class Attempt:
     Attributes:
         number: of the attempt, counted from 1.
         status: how it ended.
-        phase: the `rig.runner.campaign.phases.Phase` in which it ended; empty if it ran to its end.
+        phase: the phase in which it ended, as `Phase` in `rig.runner.campaign.campaign_test_run`;
+            empty if it ran to its end.
         message: why it ended.
         at: when it was begun, UTC, ISO 8601.
         recording: file name of its recording; None if there is none.
@@ -171,12 +172,9 @@ class TestOutcome:
 
         It is also None if the rig does not record the leak's flow.
         """
-        found, truth = self._found, self.truth
-        if found is None or truth is None:
-            return None
-        if found.leak_m3_per_s is None or truth.mean_flow_m3_per_s is None:
-            return None
-        return found.leak_m3_per_s - truth.mean_flow_m3_per_s
+        found = None if self._found is None else self._found.leak_m3_per_s
+        recorded = None if self.truth is None else self.truth.mean_flow_m3_per_s
+        return None if found is None or recorded is None else found - recorded
 
     @property
     def latency_s(self) -> float | None:

@@ -1,12 +1,12 @@
-"""Converts an outcome to the JSON of the journal, and back to exactly the same outcome."""
+"""Converts an outcome to plain values for JSON, and those of the journal back to the outcome."""
 
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from math import isfinite
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from .outcome import TestOutcome
 
 def record_of(outcome: TestOutcome) -> dict[str, Any]:
     """Return an outcome as JSON-able values; floats stay exact, NaN and infinity become text."""
-    content: dict[str, Any] = _plain(outcome)
-    return content
+    return dict(jsonable(outcome, repr))
 
 
 def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
@@ -29,25 +28,42 @@ def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
     return outcome
 
 
-def _plain(value: Any) -> Any:
+def named(source: object, *names: str, **renamed: str) -> dict[str, Any]:
+    """Return attributes of an object, some under their own names and others under other keys.
+
+    Args:
+        source: the object; if it is None, all values are None.
+        names: names of attributes, which are also their keys.
+        renamed: names of further attributes, by their keys.
+    """
+    keys = {name: name for name in names} | renamed
+    return {key: None if source is None else getattr(source, name) for key, name in keys.items()}
+
+
+def jsonable(value: Any, lacking: Callable[[float], str | None] = lambda number: None) -> Any:
+    """Return a value with its dataclasses, arrays, mappings and sequences as JSON has them.
+
+    Args:
+        value: the value.
+        lacking: returns what stands for NaN and infinity, which JSON lacks; None if not given.
+    """
     if isinstance(value, Enum):
         return value.value
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        found = {field.name: getattr(value, field.name) for field in fields(value)}
+        return jsonable(found, lacking)
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return jsonable(value.tolist(), lacking)
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): jsonable(item, lacking) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [jsonable(item, lacking) for item in value]
     if isinstance(value, float):
-        return float(value) if isfinite(value) else repr(float(value))
+        return float(value) if isfinite(value) else lacking(float(value))
     return value
 
 
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
+_hints: Final = cache(get_type_hints)
 
 
 def _made(kind: Any, value: Any) -> Any:
@@ -73,4 +89,4 @@ def _made(kind: Any, value: Any) -> Any:
         return kind(**{name: _made(hints[name], item) for name, item in value.items()})
     if isinstance(kind, type) and issubclass(kind, tuple):
         return kind(*value)
-    return kind(value) if kind in (float, bool, int, str) or isinstance(kind, type) else value
+    return kind(value) if isinstance(kind, type) else value

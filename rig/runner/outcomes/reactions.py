@@ -1,21 +1,65 @@
-"""Finds in the loop's rows what the loop did about confirmed faults."""
+"""Turns a test's decisions into rows for the loop, and finds in its rows what it did about them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.accounts import reference_flow
-from faults import to_litres_per_minute
-from rig.loop import ACTED, PRESENT, Reaction
+from estimator.leaks import CONFIRMED_AFTER_S, Decision
+from faults import Verdict, to_litres_per_minute
+from rig.loop import ACTED, PRESENT, PROBABLE, VERDICT_CODES, Reaction
 from rig.plant import LEAKS, Parameters
 
-Array = NDArray[np.float64]
+from .figures import Array
 
 EVENT: Final = "on_fault"
 _HOLDING: Final = "holding the ram"
+_NO_FAULT: Final = (Verdict.HEALTHY, Verdict.INCONCLUSIVE)
+
+
+class DecisionRows:
+    """Turns the decisions of one test into rows; they must be given in the order of their times."""
+
+    def __init__(self) -> None:
+        self._verdict = ""
+        self._held_since_s = 0.0
+
+    def row(self, time_s: float, decision: Decision) -> Array:
+        """Return a decision as a row, float64 (len(`rig.loop.decided.DECIDED`),), SI.
+
+        The row says that a fault is confirmed if the decision lists a leak as present now, or if
+        the verdict has been the same fault for 5 s. Probabilities, flow and interval that the
+        decision lacks are NaN.
+
+        Args:
+            time_s: time of the newest sample that the decision rests on, s.
+            decision: the decision.
+
+        Raises:
+            ValueError: the verdict is none of `VERDICT_CODES`.
+        """
+        if decision.verdict not in VERDICT_CODES:
+            known = f"a detector may decide on {', '.join(VERDICT_CODES)}"
+            raise ValueError(f"verdict {decision.verdict!r} is not known; {known}")
+        if decision.verdict != self._verdict:
+            self._verdict, self._held_since_s = decision.verdict, time_s
+        is_fault = decision.verdict not in _NO_FAULT
+        held = is_fault and time_s - self._held_since_s >= CONFIRMED_AFTER_S
+        flow = decision.leak_m3_per_s
+        return np.array(
+            [
+                time_s,
+                VERDICT_CODES.index(Verdict(decision.verdict)),
+                float(held or any(decision.present_leaks)),
+                *(decision.probabilities.get(name, np.nan) for name in PROBABLE),
+                np.nan if flow is None else flow,
+                *(decision.interval_m3_per_s or (np.nan, np.nan)),
+                *decision.present_leaks,
+            ],
+            np.float64,
+        )
 
 
 @dataclass(frozen=True)
@@ -44,6 +88,9 @@ class Reactions:
     Args:
         channels: names of the rows' columns.
         assumed: the parameters with which a leak's coefficient is converted to a flow.
+
+    Attributes:
+        actions: the loop's actions so far, in their order.
     """
 
     def __init__(self, channels: tuple[str, ...], assumed: Parameters) -> None:
@@ -51,12 +98,7 @@ class Reactions:
         self._present = [channels.index(name) for name in PRESENT]
         self._assumed = assumed
         self._doing = 0
-        self._actions: list[FaultAction] = []
-
-    @property
-    def actions(self) -> tuple[FaultAction, ...]:
-        """The loop's actions so far, in their order."""
-        return tuple(self._actions)
+        self.actions: list[FaultAction] = []
 
     def take(self, rows: Array) -> Iterator[tuple[float, str, str]]:
         """Process the next rows, and yield each change of action in them as an event.
@@ -75,13 +117,12 @@ class Reactions:
 
     def _change(self, row: Array) -> str:
         time_s, action = float(row[0]), int(row[self._action])
-        if self._actions and self._actions[-1].until_s is None:
-            last = self._actions[-1]
-            self._actions[-1] = FaultAction(last.at_s, time_s, last.what)
+        if self.actions and self.actions[-1].until_s is None:
+            self.actions[-1] = replace(self.actions[-1], until_s=time_s)
         if action == Reaction.IGNORE:
             return "back to proportional"
         what = _HOLDING if action == Reaction.HOLD else self._tolerating(row)
-        self._actions.append(FaultAction(time_s, None, what))
+        self.actions.append(FaultAction(time_s, None, what))
         return what
 
     def _tolerating(self, row: Array) -> str:

@@ -6,6 +6,7 @@ the same decisions as the run.
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
@@ -31,6 +32,8 @@ from .thresholds import Learning
 
 METADATA_VERSION: Final = 1
 _BASELINE: Final = ("normal", "thresholds")
+_UNREADABLE: Final = (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError)
+"""Errors by which metadata that cannot be read is recognized."""
 
 
 def metadata_of(
@@ -64,7 +67,9 @@ def metadata_of(
         "detector": {
             "filter": campaign.filter_name,
             "false_alarms_per_day": campaign.false_alarms_per_day,
-            "baseline_Pa": _plain_baseline(learning.baseline),
+            "baseline_Pa": None
+            if learning.baseline is None
+            else {key: getattr(learning.baseline, key).tolist() for key in _BASELINE},
             "baseline_from": learning.source,
             "baseline": None if campaign.baseline is None else content_of(campaign.baseline),
         },
@@ -80,19 +85,17 @@ def sensors_of(recording: Recording) -> SensorParameters:
     If it has none that can be read, those of the thesis's rig are returned.
     """
     saved = recording.metadata.get("sensors")
-    try:
+    with suppress(TypeError, ValueError):
         return SensorParameters(**{name: float(value) for name, value in dict(saved or {}).items()})
-    except (TypeError, ValueError):
-        return DATA_SHEET
+    return DATA_SHEET
 
 
 def spring_of(recording: Recording) -> Spring | None:
     """Return the spring load of a recorded test; None if the metadata names no readable one."""
-    try:
+    with suppress(KeyError, TypeError, ValueError):
         load = recording.metadata["test"]["load"]
         return Spring(float(load["stiffness"]), float(load["contact"]))
-    except (KeyError, TypeError, ValueError):
-        return None
+    return None
 
 
 def account_detector_of(
@@ -114,10 +117,9 @@ def account_detector_of(
         return OilAccountDetector(model, false_alarms_per_day)
     try:
         known = baseline_of(baseline)
-    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
+    except _UNREADABLE:
         return None
-    expected, model_error = known.nuisances, known.model_error
-    return OilAccountDetector(model, false_alarms_per_day, expected, model_error)
+    return OilAccountDetector(model, false_alarms_per_day, known.nuisances, known.model_error)
 
 
 def detector_of(
@@ -130,7 +132,7 @@ def detector_of(
     and the same rate of false alarms.
     """
     metadata = recording.metadata
-    try:
+    with suppress(*_UNREADABLE):
         saved = metadata["detector"]
         if metadata["provenance"]["model_sha256"] != model_sha256(model):
             return None
@@ -138,20 +140,11 @@ def detector_of(
             known = baseline_of(saved["baseline"])
             return known.detector(filter_name, model, false_alarms_per_day)
         normal, thresholds = (np.array(saved["baseline_Pa"][key], dtype=float) for key in _BASELINE)
-        fits = (
+        if (
             filter_name != DEFAULT_FILTER
             and saved["filter"] == filter_name
             and saved["false_alarms_per_day"] == false_alarms_per_day
             and normal.shape == thresholds.shape == (2,)
-        )
-    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
-        return None
-    if not fits:
-        return None
-    return PatternDetector(false_alarms_per_day, PatternBaseline(normal, thresholds))
-
-
-def _plain_baseline(baseline: PatternBaseline | None) -> dict[str, list[float]] | None:
-    if baseline is None:
-        return None
-    return {key: [float(value) for value in getattr(baseline, key)] for key in _BASELINE}
+        ):
+            return PatternDetector(false_alarms_per_day, PatternBaseline(normal, thresholds))
+    return None

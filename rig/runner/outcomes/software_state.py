@@ -5,6 +5,7 @@ import json
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -74,15 +75,13 @@ def git_state(folder: Path) -> Mapping[str, Any] | None:
 def _git(folder: Path, *arguments: str) -> str | None:
     # With optional locks, even reading the state would write to the repository.
     command = ["git", "--no-optional-locks", "-C", str(folder), *arguments]
-    try:
-        done = subprocess.run(
+    with suppress(OSError, subprocess.SubprocessError):
+        return subprocess.run(
             command,
             capture_output=True,
             text=True,
             stdin=subprocess.DEVNULL,
             timeout=_GIT_TIMEOUT_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout if done.returncode == 0 else None
+            check=True,
+        ).stdout
+    return None

@@ -5,11 +5,9 @@ thresholds. These are learnt from healthy tests with the same setpoint and load;
 the detector learns from the first 15 s of the test itself.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from control import Multisine, Pseudorandom, Setpoint
 from estimator.filters import DEFAULT_FILTER, THESIS_WINDOW, FilterRun
@@ -24,7 +22,7 @@ from estimator.leaks import (
 )
 from faults import Campaign, CampaignTest, Verdict
 
-Array = NDArray[np.float64]
+from .figures import Array
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ class HealthyReferences:
             return Learning(None, f"first {LEARNING_S:g} s of the test")
         innovations = [innovation for _, innovation in alike]
         baseline = learn_pattern(innovations, self.campaign.false_alarms_per_day)
-        return Learning(baseline, _listed(other.name for other, _ in alike))
+        return Learning(baseline, f"healthy tests: {', '.join(other.name for other, _ in alike)}")
 
     @property
     def _learns(self) -> bool:
@@ -123,12 +121,6 @@ def _are_alike(one: CampaignTest, other: CampaignTest) -> bool:
 
 def _unseeded(setpoint: Setpoint) -> Setpoint:
     """Return a setpoint with its seed set to zero, so that setpoints with other seeds are equal."""
-    if isinstance(setpoint, Pseudorandom):
-        return replace(setpoint, seed=0)
-    if isinstance(setpoint, Multisine) and setpoint.seed is not None:
+    if isinstance(setpoint, Pseudorandom | Multisine) and setpoint.seed is not None:
         return replace(setpoint, seed=0)
     return setpoint
-
-
-def _listed(names: Iterable[str]) -> str:
-    return f"healthy tests: {', '.join(names)}"

@@ -3,7 +3,9 @@ from .archive import (
     Run as Run,
     RunError as RunError,
     is_plain as is_plain,
+    prunable as prunable,
     read_run as read_run,
+    remove as remove,
     run_named as run_named,
     runs_below as runs_below,
 )
@@ -24,6 +26,7 @@ from .directory import (
     file_stem as file_stem,
     log_error as log_error,
     make_empty as make_empty,
+    new_path as new_path,
     prepare_directory as prepare_directory,
     recording_names as recording_names,
 )
@@ -36,9 +39,7 @@ from .journal import (
     read_journal as read_journal,
     sync as sync,
 )
-from .journal_state import JournalState as JournalState, changes_of as changes_of
 from .junit import write_junit as write_junit
-from .pruning import prunable as prunable, remove as remove
 from .results import (
     coefficient_unit as coefficient_unit,
     findings as findings,
@@ -46,7 +47,9 @@ from .results import (
     write_results as write_results,
 )
 from .resuming import (
+    JournalState as JournalState,
     begun_in as begun_in,
+    changes_of as changes_of,
     fingerprint as fingerprint,
     keep_attempt as keep_attempt,
     learn_again as learn_again,

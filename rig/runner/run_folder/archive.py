@@ -1,15 +1,25 @@
-"""Finds and reads past runs, each by its folder with results and journal; there is no database."""
+"""Finds, reads and removes past runs, each by its folder with its files; there is no database."""
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
 from .directory import RESULTS, SCHEMA, files_of_run
-from .journal import JOURNAL, JournalError, is_written, read_journal
+from .journal import (
+    JOURNAL,
+    Entry,
+    JournalError,
+    RunFolderError,
+    is_written,
+    read_journal,
+    reason_of,
+)
 
 RUNS: Final = Path("runs")
 """Folder in which runs are made, and looked for, unless another one is given."""
@@ -17,16 +27,8 @@ LARGEST_RESULTS: Final = 1 << 28
 """Largest `results.json` that is read, bytes; a larger file was not written by this software."""
 
 
-class RunError(ValueError):
-    """A run that is missing or cannot be read.
-
-    Attributes:
-        problems: the reasons, one line each.
-    """
-
-    def __init__(self, problem: str) -> None:
-        self.problems = [problem]
-        super().__init__(problem)
+class RunError(RunFolderError):
+    """A run that is missing or cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,8 @@ class Run:
         try:
             return sum(file.stat().st_size for file in files_of_run(self.folder))
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            where = error.filename or self.folder
-            raise RunError(f"{where}: cannot be read: {reason}; let this user read it") from None
+            line = f"{error.filename or self.folder}: cannot be read: {reason_of(error)}"
+            raise RunError(f"{line}; let this user read it") from None
 
 
 def read_run(folder: Path) -> Run:
@@ -113,11 +114,10 @@ def read_run(folder: Path) -> Run:
         run = Run(folder, results, "")
         _check(run)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise RunError(f"{folder}: holds no run: {RESULTS}: {reason}") from None
+        raise RunError(f"{folder}: holds no run: {RESULTS}: {reason_of(error)}") from None
+    except RunError:
+        raise
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        if isinstance(error, RunError):
-            raise
         raise RunError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
     return Run(folder, results, _state_of(folder, run))
 
@@ -143,10 +143,9 @@ def _check(run: Run) -> None:
 def _state_of(folder: Path, run: Run) -> str:
     if is_written(folder):
         return "running"
-    try:
+    last: list[Entry] = []
+    with suppress(JournalError):
         last = read_journal(folder / JOURNAL)[-1:]
-    except JournalError:
-        last = []
     unfinished = {"not_run", "aborted", "interrupted"} & {str(test["status"]) for test in run.tests}
     return "unfinished" if unfinished or (last and last[0].kind != "end") else "ended"
 
@@ -182,8 +181,51 @@ def runs_below(folder: Path) -> Iterator[Run]:
     for path, folders, files in os.walk(folder):
         if RESULTS in files:
             folders.clear()
-            try:
+            with suppress(RunError):
                 found.append(read_run(Path(path)))
-            except RunError:
-                continue
     yield from sorted(found, key=lambda run: (run.started, run.folder))
+
+
+def prunable(
+    runs: Iterable[Run], *, keep: int, older_than: timedelta | None, now: datetime
+) -> list[Run]:
+    """Return the runs that may be removed, oldest first.
+
+    A run that is running or unfinished is never returned.
+
+    Args:
+        runs: all runs.
+        keep: how many of the newest runs of each campaign on each rig stay, also counting runs that
+            are running or unfinished.
+        older_than: a run stays unless it began longer ago than this; None for no limit.
+        now: the present time, UTC.
+    """
+    by_kind: dict[tuple[str, str], list[Run]] = defaultdict(list)
+    for run in sorted(runs, key=lambda run: run.started):
+        by_kind[run.campaign, run.rig].append(run)
+    old = [run for kind in by_kind.values() for run in kind[: max(len(kind) - keep, 0)]]
+    return [
+        run
+        for run in sorted(old, key=lambda run: run.started)
+        if run.state == "ended" and (older_than is None or now - run.started > older_than)
+    ]
+
+
+def remove(run: Run) -> list[str]:
+    """Remove the files that a run wrote, and its folder if it is empty then.
+
+    A run that is running is not removed; a message that says so is returned.
+
+    Returns:
+        The names of other files in the folder, which stay; empty if the folder was removed.
+
+    Raises:
+        OSError: a file cannot be removed; some files may have been removed before.
+    """
+    if is_written(run.folder):
+        return [f"{run.folder}: is running"]
+    for file in files_of_run(run.folder):
+        file.unlink()
+    with suppress(OSError):
+        run.folder.rmdir()
+    return sorted(path.name for path in run.folder.iterdir()) if run.folder.exists() else []

@@ -6,7 +6,10 @@ from enum import StrEnum
 from math import hypot, inf
 from typing import Any, Final
 
+from rig.runner.outcomes import Figure
+
 from .archive import Run
+from .resuming import changes_of
 
 
 @dataclass(frozen=True)
@@ -90,9 +93,7 @@ class Compared:
     @property
     def difference(self) -> float | None:
         """Value of the candidate less that of the reference; None unless both are numbers."""
-        if isinstance(self.reference, str) or isinstance(self.candidate, str):
-            return None
-        if self.reference is None or self.candidate is None:
+        if isinstance(self.reference, str | None) or isinstance(self.candidate, str | None):
             return None
         return self.candidate - self.reference
 
@@ -159,74 +160,67 @@ def _compare_tests(
     candidate: Mapping[str, Any] | None,
     tolerances: Mapping[str, Tolerance],
 ) -> Iterator[Compared]:
-    words = {"status": str(reference["status"]), "verdict": _verdict(reference)}
-    for figure, value in words.items():
-        other = None
-        if candidate is not None:
-            other = str(candidate["status"]) if figure == "status" else _verdict(candidate)
+    for figure in ("status", "verdict"):
+        value, other = _word(reference, figure), _word(candidate, figure)
         alike = value == other or tolerance_of(figure, tolerances) == ANYTHING
         yield Compared(name, figure, value, other, Change.SAME if alike else Change.MOVED)
     if candidate is None:
         return
     theirs, ours = _numbers(reference), _numbers(candidate)
-    for figure in dict.fromkeys([*theirs, *ours]):
+    for figure, known in {**theirs, **ours, **theirs}.items():
+        old, new, tolerated = theirs.get(figure), ours.get(figure), None
         tolerance = tolerance_of(figure, tolerances)
-        yield _compared(name, figure, theirs.get(figure), ours.get(figure), tolerance)
+        if old is None:
+            change = Change.NEW
+        elif new is None:
+            change = Change.SAME if tolerance == ANYTHING else Change.MOVED
+        else:
+            tolerated = tolerance.of(old.value, _error(old, new))
+            alike = abs(new.value - old.value) <= tolerated
+            change = Change.SAME if alike else Change.MOVED
+        before = None if old is None else old.value
+        after = None if new is None else new.value
+        yield Compared(name, figure, before, after, change, tolerated, known.unit)
 
 
-def _compared(
-    test: str,
-    figure: str,
-    reference: tuple[float, float | None, str] | None,
-    candidate: tuple[float, float | None, str] | None,
-    tolerance: Tolerance,
-) -> Compared:
-    if reference is None or candidate is None:
-        known = reference or candidate
-        assert known is not None
-        gone = candidate is None and tolerance != ANYTHING
-        change = Change.NEW if reference is None else Change.SAME
-        return Compared(
-            test, figure, reference and reference[0], candidate and candidate[0],
-            Change.MOVED if gone else change, None, known[2],
-        )  # fmt: skip
-    error = 0.0
-    if reference[1] is not None and candidate[1] is not None:
-        error = hypot(reference[1], candidate[1])
-    tolerated = tolerance.of(reference[0], error)
-    moved = not abs(candidate[0] - reference[0]) <= tolerated
-    change = Change.MOVED if moved else Change.SAME
-    return Compared(test, figure, reference[0], candidate[0], change, tolerated, reference[2])
+def _error(old: Figure, new: Figure) -> float:
+    """Return the standard error of the difference of two figures; 0 if it is not known."""
+    if old.standard_error is None or new.standard_error is None:
+        return 0.0
+    return hypot(old.standard_error, new.standard_error)
 
 
-def _verdict(test: Mapping[str, Any]) -> str:
+def _word(test: Mapping[str, Any] | None, figure: str) -> str | None:
+    """Return the status or the verdict of a test; None without a test."""
+    if test is None:
+        return None
+    if figure == "status":
+        return str(test["status"])
     return str(test["found"]["verdict"]) if test["found"] else "none"
 
 
-def _numbers(test: Mapping[str, Any]) -> dict[str, tuple[float, float | None, str]]:
-    """Return the value, standard error (None if unknown) and unit of a test's figures, by name."""
-    found: dict[str, tuple[float, float | None, str]] = {}
-    for figure, key in (("onset", "onset_s"), ("latency", "latency_s")):
+def _numbers(test: Mapping[str, Any]) -> dict[str, Figure]:
+    """Return a test's figures by name, with onset and latency."""
+    found: dict[str, Figure] = {}
+    for name, key in (("onset", "onset_s"), ("latency", "latency_s")):
         value = test["found"][key] if test["found"] else None
         if value is not None:
-            found[figure] = (float(value), None, "s")
+            found[name] = Figure(float(value), None, "s")
     for name, figure in (test.get("figures") or {}).items():
         if figure["value"] is not None:
             error = figure["standard_error"]
-            value = float(figure["value"])
-            found[str(name)] = (value, None if error is None else float(error), figure["unit"])
+            known = None if error is None else float(error)
+            found[str(name)] = Figure(float(figure["value"]), known, figure["unit"])
     return found
 
 
 def _changes(reference: Run, candidate: Run) -> Iterator[str]:
-    for what in ("name", "rig", "model", "filter"):
-        old, new = reference.results.get(what), candidate.results.get(what)
-        if old != new:
-            yield f"{'campaign' if what == 'name' else what} {old} -> {new}"
+    keys = {"campaign": "name", "rig": "rig", "model": "model", "filter": "filter"}
+    theirs, ours = (
+        {what: run.results.get(key) for what, key in keys.items()} for run in (reference, candidate)
+    )
+    yield from changes_of(theirs, ours)
     before, after = (run.results.get("provenance") or {} for run in (reference, candidate))
     if before.get("model_sha256") != after.get("model_sha256"):
         yield "the model's parameters"
-    for name, version in (after.get("versions") or {}).items():
-        old = (before.get("versions") or {}).get(name)
-        if old != version:
-            yield f"{name} {old} -> {version}"
+    yield from changes_of(before.get("versions") or {}, after.get("versions") or {})

@@ -3,15 +3,17 @@
 import json
 import re
 import traceback
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Final
 
 from rig.control_socket import SOCKET
 
-from .journal import JOURNAL, JournalError, is_written, read_journal
+from .journal import JOURNAL, JournalError, RunFolderError, is_written, read_journal, reason_of
 
 RESULTS: Final = "results.json"
 JUNIT: Final = "junit.xml"
@@ -31,16 +33,8 @@ has it."""
 _LONGEST_NAME: Final = 100
 
 
-class DirectoryError(ValueError):
-    """A folder to which the results of a run cannot be written.
-
-    Attributes:
-        problems: the reasons, one line each.
-    """
-
-    def __init__(self, problems: Iterable[str]) -> None:
-        self.problems = list(problems)
-        super().__init__("\n".join(self.problems))
+class DirectoryError(RunFolderError):
+    """A folder to which the results of a run cannot be written."""
 
 
 def default_directory(name: str, started: datetime) -> Path:
@@ -48,13 +42,20 @@ def default_directory(name: str, started: datetime) -> Path:
 
     The folder is not made. A number is added to the name if that folder exists.
     """
-    stem = f"{file_stem(name)}-{started:%Y%m%dT%H%M%SZ}"
-    path = Path("runs") / stem
-    number = 2
-    while path.exists():
-        path = Path("runs") / f"{stem}-{number}"
-        number += 1
-    return path
+    return new_path(Path("runs"), name, started)
+
+
+def new_path(below: Path, name: str, at: datetime) -> Path:
+    """Return the path NAME-TIME of a new folder in another one, or NAME-TIME-2, if that exists."""
+    return below / first_free(
+        f"{file_stem(name)}-{at:%Y%m%dT%H%M%SZ}", lambda each: (below / each).exists()
+    )
+
+
+def first_free(stem: str, taken: Callable[[str], bool]) -> str:
+    """Return the first of the names STEM, STEM-2, STEM-3, ... that is not taken."""
+    numbered = (f"{stem}-{number}" for number in count(2))
+    return next(name for name in chain([stem], numbered) if not taken(name))
 
 
 def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
@@ -68,10 +69,10 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
         DirectoryError: the path is not a folder; a campaign is running in it; it cannot be written
             to; or it holds files but no earlier run, or other files with names that the run needs.
     """
-    try:
+    with _writing(path):
         if is_written(path):
             line = f"{path}: a campaign is running in it; choose another --out"
-            raise DirectoryError([f"{line}, or stop it: rig control {path} abort"])
+            raise DirectoryError(f"{line}, or stop it: rig control {path} abort")
         earlier = files_of_run(path)
         _refuse_others(path, earlier, recordings)
         for file in earlier:
@@ -79,10 +80,6 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
         path.mkdir(parents=True, exist_ok=True)
         with NamedTemporaryFile(dir=path):
             pass  # permissions alone do not show whether a file can be made
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        line = f"{path}: cannot be written: {reason}; choose another --out"
-        raise DirectoryError([line]) from error
 
 
 def make_empty(directory: Path) -> None:
@@ -92,15 +89,21 @@ def make_empty(directory: Path) -> None:
         DirectoryError: the path is a file, the folder is not empty, or it cannot be made.
     """
     if directory.exists() and not directory.is_dir():
-        raise DirectoryError([f"{directory}: is a file; give --out a folder"])
+        raise DirectoryError(f"{directory}: is a file; give --out a folder")
     if directory.is_dir() and any(directory.iterdir()):
-        raise DirectoryError([f"{directory}: is not empty; give --out a new or empty folder"])
-    try:
+        raise DirectoryError(f"{directory}: is not empty; give --out a new or empty folder")
+    with _writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Raise DirectoryError in place of an OSError, because the folder `path` cannot be written."""
+    try:
+        yield
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        line = f"{directory}: cannot be written: {reason}; choose another --out"
-        raise DirectoryError([line]) from error
+        line = f"{path}: cannot be written: {reason_of(error)}; choose another --out"
+        raise DirectoryError(line) from error
 
 
 def log_error(directory: Path, what: str) -> Path:
@@ -121,38 +124,16 @@ def recording_names(tests: Iterable[str]) -> list[str]:
 
     The names differ from each other by more than upper and lower case.
     """
-    names: list[str] = []
-    taken: set[str] = set()
+    names: dict[str, str] = {}
     for test in tests:
-        stem = file_stem(test)
-        unique, number = stem, 2
-        while unique.lower() in taken:
-            unique = f"{stem}-{number}"
-            number += 1
-        taken.add(unique.lower())
-        names.append(f"{unique}.mcap")
-    return names
+        name = first_free(file_stem(test), lambda each: each.lower() in names)
+        names[name.lower()] = f"{name}.mcap"
+    return list(names.values())
 
 
 def attempt_path(recording: Path, number: int) -> Path:
     """Return the path NAME~NUMBER.mcap for an earlier attempt's recording; NUMBER is from 1 on."""
     return recording.with_name(f"{recording.stem}{ATTEMPT}{number}{recording.suffix}")
-
-
-def attempts_of(recordings: Iterable[Path]) -> list[Path]:
-    """Return the existing recordings of earlier attempts, sorted.
-
-    Args:
-        recordings: paths of the tests' recordings, all in one folder.
-    """
-    stems = {recording.stem: recording.parent for recording in recordings}
-    found = []
-    for folder in {*stems.values()}:
-        for file in folder.glob(f"*{ATTEMPT}*.mcap"):
-            stem, _, number = file.stem.rpartition(ATTEMPT)
-            if stem in stems and number.isdigit():
-                found.append(file)
-    return sorted(found)
 
 
 def file_stem(name: str) -> str:
@@ -169,20 +150,18 @@ def _refuse_others(path: Path, earlier: list[Path], recordings: Iterable[str]) -
     if not path.exists():
         return
     if not path.is_dir():
-        raise DirectoryError([f"{path}: is a file; give --out a folder"])
+        raise DirectoryError(f"{path}: is a file; give --out a folder")
     others = sorted(set(path.iterdir()) - set(earlier))
     if others and not earlier:
         raise DirectoryError(
-            [
-                f"{path}: holds {others[0].name}, and no results of an earlier run that could be "
-                "replaced; give --out a new or empty folder"
-            ]
+            f"{path}: holds {others[0].name}, and no results of an earlier run that could be "
+            "replaced; give --out a new or empty folder"
         )
     names = {JOURNAL, RESULTS, JUNIT, REPORT, ERRORS, *recordings}
     in_the_way = [file for file in others if file.name in names]
     if in_the_way:
         raise DirectoryError(
-            [f"{file}: was not written by the earlier run; move it away" for file in in_the_way]
+            f"{file}: was not written by the earlier run; move it away" for file in in_the_way
         )
 
 
@@ -195,44 +174,42 @@ def files_of_run(path: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be read, so that it is not known whether the run wrote it.
     """
-    tests = _tests_of(path / RESULTS)
-    if tests is None:
-        tests = _tests_begun(path)
+    tests = _tests_of(path)
     if tests is None:
         return []
     # The tests' names also lead to recordings that a killed run could not list in its results.
     recordings = [path / name for name in recording_names(tests)]
-    attempts = attempts_of(recordings)
+    stems = {recording.stem for recording in recordings}
+    attempts = [
+        file
+        for file in sorted(path.glob(f"*{ATTEMPT}*.mcap"))
+        for stem, _, number in [file.stem.rpartition(ATTEMPT)]
+        if stem in stems and number.isdigit()
+    ]
     found = [path / JOURNAL] if (path / JOURNAL).is_file() else []
     found += [file for file in (*recordings, *attempts) if file.is_file() and _is_ours(file)]
     found += [file for pattern in _SESSION_FILES for file in sorted(path.glob(pattern))]
     return found + [path / name for name in _OTHERS if (path / name).exists()]
 
 
-def _tests_of(results: Path) -> list[str] | None:
-    """Return the names of the tests in `results.json`; None if it is missing or not a run's.
+def _tests_of(folder: Path) -> list[str] | None:
+    """Return the names of a run's tests by its results, or by its journal if it has no results.
+
+    Without either, or if both are not a run's, the result is None. It is empty if the journal has
+    no entry yet.
 
     Raises:
-        OSError: the file is there and cannot be read.
+        OSError: `results.json` is there and cannot be read.
     """
-    try:
-        content = json.loads(results.read_bytes())
+    with suppress(FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
+        content = json.loads((folder / RESULTS).read_bytes())
         names = [str(test["name"]) for test in content["tests"]]
-        return names if content["schema"] == SCHEMA else None
-    except (FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
-        return None
-
-
-def _tests_begun(folder: Path) -> list[str] | None:
-    """Return the names of the tests in a folder's journal; None if there is no usable journal.
-
-    The list is empty if the journal has no entry yet.
-    """
-    try:
+        if content["schema"] == SCHEMA:
+            return names
+    with suppress(JournalError, TypeError):
         entries = read_journal(folder / JOURNAL)
         return [str(test) for test in entries[0]["tests"]] if entries else []
-    except (JournalError, TypeError):
-        return None
+    return None
 
 
 def _is_ours(file: Path) -> bool:

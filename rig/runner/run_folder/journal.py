@@ -9,8 +9,8 @@ import fcntl
 import json
 import os
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -23,16 +23,25 @@ _CHECKED: Final = b', "crc": "'
 _TAIL: Final = len(_CHECKED) + len('00000000"}')
 
 
-class JournalError(ValueError):
-    """A journal that cannot be used.
+class RunFolderError(ValueError):
+    """A run's folder, or a file in it, that cannot be used.
 
     Attributes:
         problems: the reasons, one line each.
     """
 
-    def __init__(self, problem: str) -> None:
-        self.problems = [problem]
-        super().__init__(problem)
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        self.problems = [problems] if isinstance(problems, str) else list(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class JournalError(RunFolderError):
+    """A journal that cannot be used."""
+
+
+def reason_of(error: OSError) -> str:
+    """Return why a file cannot be used, in words of the system, in lower case."""
+    return (error.strerror or str(error)).lower()
 
 
 @dataclass(frozen=True)
@@ -63,8 +72,7 @@ def read_journal(path: Path) -> list[Entry]:
     Raises:
         JournalError: the journal cannot be read, or a valid line follows a damaged one.
     """
-    entries, _ = _read(path)
-    return entries
+    return _read(path)[0]
 
 
 def _read(path: Path) -> tuple[list[Entry], int]:
@@ -76,8 +84,8 @@ def _read(path: Path) -> tuple[list[Entry], int]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise JournalError(f"{path}: cannot be read: {reason}; give the folder of a run") from None
+        why = f"{path}: cannot be read: {reason_of(error)}; give the folder of a run"
+        raise JournalError(why) from None
     entries: list[Entry] = []
     whole = 0
     for line in content.splitlines(keepends=True):
@@ -86,12 +94,11 @@ def _read(path: Path) -> tuple[list[Entry], int]:
             break
         entries.append(entry)
         whole += len(line)
-    for line in content[whole:].splitlines(keepends=True):
-        if _entry(line) is not None:
-            raise JournalError(
-                f"{path}:{len(entries) + 1}: is damaged, and lines follow it, so that it was not a "
-                "kill; restore the file, or run anew with another --out"
-            )
+    if any(_entry(line) is not None for line in content[whole:].splitlines(keepends=True)):
+        raise JournalError(
+            f"{path}:{len(entries) + 1}: is damaged, and lines follow it, so that it was not a "
+            "kill; restore the file, or run anew with another --out"
+        )
     return entries, whole
 
 
@@ -109,24 +116,19 @@ def _entry(line: bytes) -> Entry | None:
         return None
 
 
-def _utc_now() -> datetime:
-    return datetime.now(UTC)
-
-
+@dataclass
 class Journal:
     """Writes a journal.
 
     It is a context manager: while it is entered, the file is locked against other processes.
 
-    Args:
+    Attributes:
         folder: folder of the run, which exists.
         resume: whether to append to the journal in the folder, without damaged lines at its end; if
             not, the file is emptied.
         now: returns the time of the wall clock, UTC.
         name: file name of the journal.
         busy: message of the error if another process writes the journal; a default if empty.
-
-    Attributes:
         entries: the entries that the journal had when it was entered, with `resume`; else empty.
 
     Raises:
@@ -135,37 +137,31 @@ class Journal:
         OSError: on entering, if the journal cannot be written.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        resume: bool = False,
-        now: Callable[[], datetime] = _utc_now,
-        name: str = JOURNAL,
-        busy: str = "",
-    ) -> None:
-        self._path = folder / name
-        self._busy = busy or (
-            f"{folder}: a campaign is running in it; wait for its end, or stop it: "
-            f"rig control {folder} abort"
-        )
-        self._resume = resume
-        self._now = now
-        self._number = 0
-        self.entries: list[Entry] = []
+    folder: Path
+    _: KW_ONLY
+    resume: bool = False
+    now: Callable[[], datetime] = lambda: datetime.now(UTC)
+    name: str = JOURNAL
+    busy: str = ""
+    entries: list[Entry] = field(default_factory=list, init=False)
+    _number: int = field(default=0, init=False)
 
     def __enter__(self) -> "Journal":
-        self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        self._file = os.open(self.folder / self.name, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
-            _lock(self._file, self._busy)
-            if self._resume:
-                self.entries, whole = _read(self._path)
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                why = f"{self.folder}: a campaign is running in it; wait for its end, or stop it: "
+                raise JournalError(self.busy or f"{why}rig control {self.folder} abort") from None
+            if self.resume:
+                self.entries, whole = _read(self.folder / self.name)
                 self._number = len(self.entries)
                 os.ftruncate(self._file, whole)
             else:
                 os.ftruncate(self._file, 0)
             os.fsync(self._file)
-            sync(self._path.parent)
+            sync(self.folder)
         except BaseException:
             os.close(self._file)
             raise
@@ -187,14 +183,14 @@ class Journal:
         Raises:
             OSError: the line cannot be written to the end, as on a full disk.
         """
-        at = self._now().isoformat(timespec="milliseconds")
+        at = self.now().isoformat(timespec="milliseconds")
         content = {"n": self._number, "at": at, "kind": kind, **details}
         written = json.dumps(content, allow_nan=False, ensure_ascii=False)
         # A lone surrogate, which a folder's name may have, is written as the JSON escape for it.
         text = written.encode(errors="backslashreplace")
         line = text[:-1] + _CHECKED + b'%08x"}\n' % zlib.crc32(text)
         if os.write(self._file, line) != len(line):
-            raise OSError(f"{self._path}: the disk is full")
+            raise OSError(f"{self.folder / self.name}: the disk is full")
         if durable:
             os.fsync(self._file)
         self._number += 1
@@ -229,10 +225,3 @@ def sync(path: Path) -> None:
         return
     finally:
         os.close(file)
-
-
-def _lock(file: int, busy: str) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        raise JournalError(busy) from None

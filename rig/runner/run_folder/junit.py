@@ -7,11 +7,8 @@ from typing import Final
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 from junitparser.junitparser import FinalResult
 
-from estimator.leaks import Decision
 from rig.recording import replacing
-from rig.runner.outcomes import CampaignOutcome, InjectedFault, Status, TestOutcome, in_passing
-
-from .results import litres_per_minute
+from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, in_passing, litres_per_minute
 
 _NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold, not even escaped."""
@@ -54,18 +51,13 @@ def _result(test: TestOutcome) -> FinalResult | None:
 
 
 def _injected_against_found(test: TestOutcome) -> str:
-    injected = ", ".join(_described_fault(fault) for fault in test.injected) or "nothing"
-    found = "nothing" if test.decision is None else _described_decision(test.decision)
+    faults = (f"{a.kind}{_flow(a.mean_flow_m3_per_s)} at {a.at_s:g} s" for a in test.injected)
+    injected, found = ", ".join(faults) or "nothing", "nothing"
+    if test.decision is not None:
+        onset_s = test.decision.onset_s
+        since = "" if onset_s is None else f" since {onset_s:.2f} s"
+        found = f"{test.decision.verdict}{_flow(test.decision.leak_m3_per_s)}{since}"
     return f"expected {test.expect}; injected {injected}; found {found}"
-
-
-def _described_fault(fault: InjectedFault) -> str:
-    return f"{fault.kind}{_flow(fault.mean_flow_m3_per_s)} at {fault.at_s:g} s"
-
-
-def _described_decision(decision: Decision) -> str:
-    since = "" if decision.onset_s is None else f" since {decision.onset_s:.2f} s"
-    return f"{decision.verdict}{_flow(decision.leak_m3_per_s)}{since}"
 
 
 def _flow(flow: float | None) -> str:

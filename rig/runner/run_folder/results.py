@@ -1,9 +1,7 @@
 """Writes `results.json`, the outcome of a campaign; the key of each figure names its unit."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from math import isfinite
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,7 +9,15 @@ from estimator.leaks import Decision, Found
 from faults import to_litres_per_minute
 from rig.plant import LEAKS
 from rig.recording import replacing
-from rig.runner.outcomes import CampaignOutcome, InjectedFault, TestOutcome, friction_figures
+from rig.runner.outcomes import (
+    CampaignOutcome,
+    InjectedFault,
+    TestOutcome,
+    friction_figures,
+    jsonable,
+    litres_per_minute,
+    named,
+)
 
 from .directory import SCHEMA
 
@@ -30,54 +36,32 @@ def results(outcome: CampaignOutcome) -> dict[str, Any]:
     content = {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
-        "name": outcome.name,
-        "description": outcome.description,
-        "rig": outcome.rig,
-        "model": outcome.model,
-        "filter": outcome.filter,
-        "false_alarms_per_day": outcome.false_alarms_per_day,
-        "started": outcome.started,
-        "exit_code": outcome.exit_code,
-        "counts": {str(status): count for status, count in outcome.counts.items()},
+        **named(outcome, "name", "description", "rig", "model", "filter", "false_alarms_per_day"),
+        **named(outcome, "started", "exit_code", "counts"),
         "tests": [_test(test) for test in outcome.tests],
-        "history": [asdict(each) for each in outcome.history],
-        "provenance": outcome.provenance,
+        **named(outcome, "history", "provenance"),
     }
-    return dict(_finite(content))
+    return dict(jsonable(content))
 
 
 def _test(test: TestOutcome) -> dict[str, Any]:
     return {
-        "name": test.name,
-        "expect": str(test.expect),
-        "status": str(test.status),
-        "message": test.message,
-        "seed": test.seed,
-        "duration_s": test.duration_s,
-        "recorded_s": test.recorded_s,
-        "wall_s": test.wall_s,
-        "recording": test.recording,
+        **named(test, "name", "expect", "status", "message", "seed"),
+        **named(test, "duration_s", "recorded_s", "wall_s", "recording"),
         "injected": [_fault(fault) for fault in test.injected],
         "found": None if test.decision is None else _decision(test, test.decision),
-        "on_fault": {
-            "asked": str(test.on_fault),
-            "actions": [asdict(each) for each in test.actions],
-        },
+        "on_fault": {"asked": test.on_fault, "actions": test.actions},
         "onset_error_s": test.onset_error_s,
         "leak_error_L_per_min": litres_per_minute(test.leak_error_m3_per_s),
         "thresholds_from": test.thresholds_from,
         "friction": None if test.friction is None else friction_figures(test.friction),
-        "attempts": [asdict(each) for each in test.attempts],
-        "figures": {name: asdict(figure) for name, figure in test.figures.items()},
+        **named(test, "attempts", "figures"),
     }
 
 
 def _fault(fault: InjectedFault) -> dict[str, Any]:
     return {
-        "kind": fault.kind,
-        "at_s": fault.at_s,
-        "until_s": fault.until_s,
-        "coefficient": fault.coefficient,
+        **named(fault, "kind", "at_s", "until_s", "coefficient"),
         "coefficient_unit": coefficient_unit(fault),
         "leak_L_per_min": litres_per_minute(fault.mean_flow_m3_per_s),
     }
@@ -85,17 +69,12 @@ def _fault(fault: InjectedFault) -> dict[str, Any]:
 
 def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
     return {
-        "verdict": str(decision.verdict),
-        "onset_s": decision.onset_s,
-        "detected_at_s": test.detected_at_s,
-        "latency_s": test.latency_s,
-        "ended_s": decision.ended_s,
-        "probabilities": decision.probabilities,
+        **named(decision, "verdict", "onset_s"),
+        **named(test, "detected_at_s", "latency_s"),
+        **named(decision, "ended_s", "probabilities"),
         "present_leaks": dict(zip(LEAKS, decision.present_leaks, strict=True)),
         **leak_figures(decision),
-        "statistic": decision.statistic,
-        "threshold": decision.threshold,
-        "details": decision.details,
+        **named(decision, "statistic", "threshold", "details"),
         "findings": findings(test.found),
     }
 
@@ -109,14 +88,11 @@ def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
     return [
         {
             "verdict": str(each.decision.verdict),
-            "confirmed": each.confirmed,
-            "active": each.active,
+            **named(each, "confirmed", "active"),
             "onset_s": each.decision.onset_s,
-            "detected_at_s": each.detected_at_s,
-            "ended_s": each.ended_s,
+            **named(each, "detected_at_s", "ended_s"),
             **leak_figures(each.decision),
-            "statistic": each.decision.statistic,
-            "threshold": each.decision.threshold,
+            **named(each.decision, "statistic", "threshold"),
         }
         for each in found
     ]
@@ -137,23 +113,8 @@ def leak_figures(decision: Decision) -> dict[str, Any]:
     }
 
 
-def litres_per_minute(flow: float | None) -> float | None:
-    """Return a flow in L/min that is given in m^3/s; None if it is None."""
-    return None if flow is None else to_litres_per_minute(flow)
-
-
 def coefficient_unit(fault: InjectedFault) -> str:
     """Return the SI unit of a fault's coefficient, which depends on kind and leak law."""
     if fault.kind == "return_blockage":
         return "Pa/(m^3/s)^2"
     return "m^3/(s Pa)" if fault.linear else "m^3/(s Pa^0.5)"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float):
-        return float(value) if isfinite(value) else None
-    return value

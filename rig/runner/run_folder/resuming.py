@@ -1,12 +1,14 @@
-"""Resumes a campaign that was stopped or killed, by its journal.
+"""Derives the state of a campaign from its journal, and resumes one that was stopped or killed.
 
-Fingerprints show that campaign, rig and model are the same as when the run began; if not, it cannot
-be resumed.
+The state tells finished tests, attempts, and requests. Fingerprints show that campaign, rig and
+model are the same as when the run began; if not, it cannot be resumed.
 """
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,14 +18,203 @@ from estimator.leaks import STARTED_S
 from faults import Campaign
 from rig.configuration import Rig, plain
 from rig.recording import RecordingError, read_mcap, read_recording, recover
-from rig.runner.outcomes import HealthyReferences, Status, model_sha256
+from rig.runner.outcomes import (
+    Attempt,
+    Happening,
+    HealthyReferences,
+    Status,
+    TestOutcome,
+    model_sha256,
+    outcome_of,
+)
 
 from .directory import attempt_path
 from .journal import JOURNAL, Entry, JournalError, read_journal
-from .journal_state import JournalState, standing_of, stands_unfinished
 
+CAMPAIGN: Final = "campaign"
+"""Name in place of an operator's for events that no operator asked for."""
 _INNOVATIONS: Final = ("innovation_pressure_1_Pa", "innovation_pressure_2_Pa")
 _YAML: Final = (".yaml", ".yml")
+
+
+@dataclass
+class JournalState:
+    """The state of a campaign according to its journal; `take` updates it entry by entry.
+
+    Attributes:
+        tests: names of the campaign's tests.
+        begun: the entry `begin`; None before it.
+        finished: outcomes of the tests that are finished, by the test's index.
+        attempts: earlier runs of a test that was run again, by the test's index, oldest first.
+        skipped: indices of the tests that an operator has asked to skip and that have had no
+            outcome since.
+        history: what happened outside the tests, oldest first: operators' requests, holds,
+            resumptions, refused requests, drives by another master, and a stop.
+    """
+
+    tests: Sequence[str] = ()
+    begun: Entry | None = None
+    finished: dict[int, TestOutcome] = field(default_factory=dict)
+    attempts: dict[int, list[Attempt]] = field(default_factory=dict)
+    skipped: set[int] = field(default_factory=set)
+    history: list[Happening] = field(default_factory=list)
+    _open: dict[int, Attempt] = field(default_factory=dict)
+    """Latest attempt of each test that is not finished; moved to `attempts` when it runs again."""
+    _partial: dict[int, TestOutcome] = field(default_factory=dict)
+    """Outcomes of the attempts in `_open`; there is none after a kill."""
+    _present: int | None = None
+    _phase: str = ""
+    _at: str = ""
+    _recording: str | None = None
+
+    def take(self, entry: Entry) -> None:
+        """Update the state by the next entry of the journal.
+
+        An entry of an unknown kind changes nothing.
+
+        Raises:
+            KeyError, TypeError, ValueError: the entry does not belong to a campaign's journal.
+        """
+        match entry.kind:
+            case "begin":
+                self.begun, self.tests = entry, tuple(entry["tests"])
+            case "resume":
+                self._interrupted(entry)
+            case "phase":
+                self._enters(entry)
+            case "outcome":
+                self._ends(entry["test"], outcome_of(entry["outcome"]))
+            case "operator":
+                self._asked(entry)
+            case "held":
+                self._happened(entry, CAMPAIGN, f"held: {'; '.join(entry['reasons'])}")
+            case "released":
+                self._happened(entry, CAMPAIGN, f"goes on after {entry['after_s']:.0f} s")
+            case "refused":
+                self._happened(entry, CAMPAIGN, f"refused a request: {entry['why']}")
+            case "driven":
+                self._happened(entry, CAMPAIGN, entry["what"])
+            case "overdue":
+                name = "" if self._present is None else f" {self.tests[self._present]}"
+                what = f"cleaning up after{name} took too long; ended at once"
+                self._happened(entry, CAMPAIGN, what)
+            case "end" if entry["reason"]:
+                self._happened(entry, CAMPAIGN, f"stopped by {entry['reason']}")
+
+    @property
+    def where(self) -> str:
+        """Name and phase of the test that runs, "NAME, PHASE"; empty if none runs."""
+        return "" if self._present is None else f"{self.tests[self._present]}, {self._phase}"
+
+    @property
+    def recording(self) -> str | None:
+        """File name of the recording of the test that runs; None if there is no recording yet."""
+        return None if self._present is None else self._recording
+
+    def number_of(self, index: int) -> int:
+        """Return the number of a test's next attempt, from 1."""
+        return len(self.attempts.get(index, [])) + (index in self._open) + 1
+
+    def outcome(self, index: int, not_run: TestOutcome) -> TestOutcome:
+        """Return the outcome of a test's latest ended attempt, also one that does not count.
+
+        A latest attempt that a kill ended gets the status `interrupted`; earlier attempts are
+        listed in `attempts`.
+
+        Args:
+            index: of the test.
+            not_run: the outcome to return if no attempt has ended, or if a further one runs now.
+        """
+        known = self.finished.get(index) or self._partial.get(index)
+        if known is None and index in self._open:
+            last = self._open[index]
+            known = replace(
+                not_run, status=last.status, message=last.message, recording=last.recording
+            )
+        return replace(known or not_run, attempts=tuple(self.attempts.get(index, ())))
+
+    def _enters(self, entry: Entry) -> None:
+        index = entry["test"]
+        if entry["phase"] == "setup":
+            last = self._open.pop(index, None)
+            self._partial.pop(index, None)
+            if last is not None:
+                kept = replace(last, recording=entry["kept"])
+                self.attempts.setdefault(index, []).append(kept)
+            self._present, self._at, self._recording = index, entry.at, None
+        self._phase = entry["phase"]
+        self._recording = entry["recording"] or self._recording
+
+    def _ends(self, index: int, outcome: TestOutcome) -> None:
+        self.skipped.discard(index)
+        if outcome.is_finished:
+            self._open.pop(index, None)
+            self._partial.pop(index, None)
+            self.finished[index] = outcome
+        else:
+            self._leave_open(index, outcome.status, outcome.message, outcome.recording)
+            self._partial[index] = outcome
+        self._present = None
+
+    def _leave_open(self, index: int, status: Status, message: str, recording: str | None) -> None:
+        number = self.number_of(index)
+        phase = self._phase if index == self._present else ""
+        self._open[index] = Attempt(number, status, phase, message, self._at, recording)
+
+    def _interrupted(self, entry: Entry) -> None:
+        """Note that the campaign is resumed; a test without an outcome counts as killed."""
+        what = "resumed"
+        if self._present is not None:
+            index, phase = self._present, self._phase
+            what += f" after a kill in {self.where}"
+            message = f"killed in the phase {phase}"
+            self._leave_open(index, Status.INTERRUPTED, message, self._recording)
+            self._present = None
+        if entry["versions_changed"]:
+            what += f"; other versions: {entry['versions_changed']}"
+        self._happened(entry, CAMPAIGN, what)
+
+    def _asked(self, entry: Entry) -> None:
+        request, text, index = entry["request"], entry["text"] or "", entry["test"]
+        if request == "skip":
+            self.skipped.add(index)
+        if request == "retry" and index in self.finished:
+            last = self._partial[index] = self.finished.pop(index)
+            self._leave_open(index, last.status, last.message, last.recording)
+        words = (
+            "" if request == "note" else request,
+            "" if index is None else self.tests[index],
+            "; ".join(entry["seen"] or ()),
+        )
+        sentence = " ".join(filter(None, words))
+        self._happened(entry, entry["who"], ": ".join(filter(None, (sentence, text))))
+
+    def _happened(self, entry: Entry, who: str, what: str) -> None:
+        self.history.append(Happening(entry.at, who, what))
+
+
+def standing_of(entries: Sequence[Entry]) -> JournalState:
+    """Return the state of a campaign after all entries of its journal.
+
+    Raises:
+        KeyError, TypeError, ValueError: the entries are not those of a campaign's journal.
+    """
+    state = JournalState()
+    for entry in entries:
+        state.take(entry)
+    return state
+
+
+def changes_of(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Return the values that differ, such as versions, as "NAME OLD -> NEW" each.
+
+    An entry of `old` that `new` lacks is left out; one that `old` lacks is "None".
+    """
+    return [
+        f"{name} {old.get(name)} -> {value}"
+        for name, value in new.items()
+        if old.get(name) != value
+    ]
 
 
 def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
@@ -32,29 +223,20 @@ def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
     YAML files are hashed by the values read from them, so that a change of a comment does not
     matter; other files (setpoints, baselines, calibrations) are hashed by their content.
     """
-    files = {
-        path: digest
-        for path, digest in campaign.source_files.items()
-        if Path(path).suffix not in _YAML
-    }
+    sources = campaign.source_files.items()
     meant = {
         "name": campaign.name,
         "tests": plain(campaign.tests),
         "filter": campaign.filter_name,
         "false_alarms_per_day": campaign.false_alarms_per_day,
         "conditions": plain(campaign.conditions),
-        "files": sorted(files.values()),
+        "files": sorted(digest for path, digest in sources if Path(path).suffix not in _YAML),
     }
     return {
         "campaign": _sha256(meant),
         "rig": _sha256(plain(rig)),
         "model": model_sha256(campaign.model),
     }
-
-
-def changed(kept: Mapping[str, Any], found: Mapping[str, str]) -> list[str]:
-    """Return the keys whose hash in the kept fingerprint is missing or is not that of `found`."""
-    return [part for part, digest in found.items() if kept.get(part) != digest]
 
 
 def _sha256(content: Any) -> str:
@@ -92,8 +274,8 @@ def unfinished_run(campaign: str, below: Path) -> Path:
             state = standing_of(read_journal(journal))
         except (JournalError, KeyError, TypeError, ValueError, AttributeError):
             continue
-        begun = state.begun
-        if begun is not None and begun["campaign"] == campaign and stands_unfinished(state):
+        begun, is_unfinished = state.begun, len(state.finished) < len(state.tests)
+        if begun is not None and begun["campaign"] == campaign and is_unfinished:
             found.append((begun.at, journal.parent))
     if not found:
         remedy = "give its folder: --out DIR"
@@ -119,7 +301,8 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
         begun = state.begun
         if begun is None:
             raise ValueError("no begin")
-        other = changed(begun["fingerprint"], fingerprint(campaign, rig))
+        known, now = begun["fingerprint"], fingerprint(campaign, rig)
+        other = [part for part, digest in now.items() if known.get(part) != digest]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise JournalError(f"{folder / JOURNAL}: is not a campaign's journal ({error})") from None
     names = [test.name for test in campaign.tests]
@@ -187,19 +370,15 @@ def keep_attempt(recording: Path, number: int) -> str | None:
         return kept.name if kept.exists() else None
     try:
         read_mcap(str(recording))
-        is_whole = True
+        is_replaced = False
     except RecordingError:
-        is_whole = False
-    if not is_whole and (kept.exists() or _is_recovered(recording, kept)):
+        is_replaced = kept.exists()
+        if not is_replaced:
+            with suppress(RecordingError, OSError):
+                recover(recording, kept)
+                is_replaced = True
+    if is_replaced:
         recording.unlink()
     else:
         recording.replace(kept)
     return kept.name
-
-
-def _is_recovered(recording: Path, kept: Path) -> bool:
-    try:
-        recover(recording, kept)
-    except (RecordingError, OSError):
-        return False
-    return True

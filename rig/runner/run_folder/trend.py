@@ -1,7 +1,7 @@
 """Computes trends of figures over runs, as slopes with intervals, so that wear shows early."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from math import sqrt
 from typing import Final
@@ -112,4 +112,4 @@ def _fitted(trend: Trend) -> Trend:
     residual = values - values.mean() - slope * across
     error = sqrt(float(residual @ residual) / (count - 2) / spread)
     half = student_quantile(0.5 * SURE, count - 2.0) * error
-    return Trend(trend.campaign, trend.test, trend.figure, trend.unit, trend.points, slope, half)
+    return replace(trend, slope=slope, half=half)

@@ -1,13 +1,14 @@
 """Runs the hook of a schedule after a run: a command given as an argument list, without a shell."""
 
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from typing import Final
 
 HOOK_S: Final = 60.0
 """How long a hook may take, s."""
-PLACES: Final = ("schedule", "entry", "campaign", "run", "exit_code", "verdicts", "report", "trend")
-"""Names that may stand in braces in a hook's arguments, to be replaced by values of the run."""
+_PLACE: Final = re.compile(r"\{(\w+)\}")
+"""A name in braces, in whose place a value of the run may be put."""
 
 
 def filled(words: Sequence[str], values: Mapping[str, str]) -> list[str]:
@@ -15,20 +16,7 @@ def filled(words: Sequence[str], values: Mapping[str, str]) -> list[str]:
 
     Values are not searched for names, and unknown names in braces stay as they are.
     """
-    return [_filled(word, values) for word in words]
-
-
-def _filled(word: str, values: Mapping[str, str]) -> str:
-    # One pass over the text, so that a value that holds braces is not replaced again.
-    found, rest = "", word
-    while "{" in rest:
-        before, _, after = rest.partition("{")
-        name, brace, tail = after.partition("}")
-        if brace and name in values:
-            found, rest = found + before + values[name], tail
-        else:
-            found, rest = found + before + "{", after
-    return found + rest
+    return [_PLACE.sub(lambda found: values.get(found[1], found[0]), word) for word in words]
 
 
 def run_hook(words: Sequence[str], values: Mapping[str, str], timeout_s: float = HOOK_S) -> str:

@@ -1,21 +1,155 @@
-"""Runs a schedule: one campaign after another at their times; a restart goes on by the journal."""
+"""Runs a schedule: one campaign after another at their times.
 
-from collections.abc import Callable
-from dataclasses import replace
+Its state follows from its journal: jobs that wait, runs that ended, and a halt. So a restart goes
+on where the schedule was.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timedelta
 from typing import Any, Final, Protocol
 
 from rig.configuration import Entry, Missed, Schedule
 from rig.runner.outcomes import EXIT_FAILED, EXIT_STOPPED
-from rig.runner.run_folder import Journal, file_stem
+from rig.runner.run_folder import Entry as JournalEntry, Journal, file_stem, new_path
 
 from .additions import asked_of
-from .state import Job, ScheduleState, details_of, state_of
 
 POLL_S: Final = 5.0
 """Longest time between two looks for requests while nothing runs, s."""
 MOST_RESUMES: Final = 3
 """How often a run is resumed at most after its process was killed."""
+JOURNAL: Final = "schedule.jsonl"
+"""Name of a schedule's journal in its folder."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run of a campaign that is due.
+
+    Attributes:
+        id: distinguishes the job from all others.
+        entry: name of the schedule's entry, or of the request that added the job.
+        campaign: the campaign, as an argument of `rig run`.
+        rig: the rig, as an argument of `rig run`; None for the campaign's own.
+        due: when it was to begin; for a job that a request added, when the request was taken.
+        attempt: number of the attempt, from 1; retries of a failed run count up.
+        not_before: earliest time at which it may begin; None for at once.
+        folder: folder of its run; None before it has begun.
+        resumes: how often the run was resumed after its process had ended early.
+    """
+
+    id: str
+    entry: str
+    campaign: str
+    rig: str | None
+    due: datetime
+    attempt: int = 1
+    not_before: datetime | None = None
+    folder: str | None = None
+    resumes: int = 0
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run that has ended.
+
+    Attributes:
+        job: the job.
+        exit_code: exit code of `rig run`; negative if a signal killed it.
+        at: when it ended, UTC.
+    """
+
+    job: Job
+    exit_code: int
+    at: datetime
+
+
+@dataclass
+class ScheduleState:
+    """The state of a schedule according to its journal; `take` updates it entry by entry.
+
+    Attributes:
+        collected: time up to which all due times have been put into the queue; None before the
+            first start.
+        queue: jobs that wait, in the order of running, except that a job whose `not_before` has not
+            come yet lets those after it pass.
+        present: the job that was begun and has not ended; None if there is none.
+        history: runs that have ended, oldest first.
+        missed: number of due times of each entry that were not run, by the entry's name.
+        taken: ids of the requests that were taken from the file of additions.
+        halted: why no job is begun; empty if the schedule is not halted.
+    """
+
+    collected: datetime | None = None
+    queue: list[Job] = field(default_factory=list)
+    present: Job | None = None
+    history: list[Ended] = field(default_factory=list)
+    missed: dict[str, int] = field(default_factory=dict)
+    taken: set[str] = field(default_factory=set)
+    halted: str = ""
+
+    def take(self, entry: JournalEntry) -> None:
+        """Update the state by the next entry of the journal.
+
+        An entry of an unknown kind changes nothing.
+        """
+        details = entry.details
+        match entry.kind:
+            case "collected":
+                self.collected = datetime.fromisoformat(details["upto"])
+                self.queue += [_job(job) for job in details.get("due", ())]
+                for name, count in details.get("missed", {}).items():
+                    self.missed[name] = self.missed.get(name, 0) + int(count)
+            case "added":
+                self.taken.add(details["id"])
+                self.queue.append(_job(details))
+            case "begun":
+                mine = next((job for job in self.queue if job.id == details["id"]), None)
+                if mine is not None:
+                    self.queue.remove(mine)
+                    self.present = replace(mine, folder=details["folder"])
+                elif self.present is not None:
+                    self.present = replace(self.present, resumes=self.present.resumes + 1)
+            case "ended" if self.present is not None:
+                at = datetime.fromisoformat(entry.at)
+                self.history.append(Ended(self.present, int(details["exit_code"]), at))
+                self.present = None
+                self.halted = str(details.get("halted") or "")
+                if details.get("retry"):
+                    self.queue.insert(0, _job(details["retry"]))
+            case "resumed":
+                self.taken.add(str(details.get("id", "")))
+                self.halted = ""
+
+
+def details_of(job: Job) -> dict[str, Any]:
+    """Return a job as the details of a journal's entry, JSON-able, without folder and resumes."""
+    later = None if job.not_before is None else job.not_before.isoformat()
+    details = asdict(job) | {"due": job.due.isoformat(), "not_before": later}
+    del details["folder"], details["resumes"]
+    return details
+
+
+def _job(details: Any) -> Job:
+    later = details.get("not_before")
+    return Job(
+        id=str(details["id"]),
+        entry=str(details["entry"]),
+        campaign=str(details["campaign"]),
+        rig=details["rig"],
+        due=datetime.fromisoformat(details["due"]),
+        attempt=int(details.get("attempt", 1)),
+        not_before=None if later is None else datetime.fromisoformat(later),
+    )
+
+
+def state_of(entries: Iterable[JournalEntry]) -> ScheduleState:
+    """Return the state of a schedule after all entries of its journal."""
+    state = ScheduleState()
+    for entry in entries:
+        state.take(entry)
+    return state
 
 
 class Hands(Protocol):
@@ -52,16 +186,12 @@ class Scheduler:
         schedule: the schedule to run.
         journal: the journal of the schedule's folder; its context has been entered.
         hands: carries out the scheduler's actions.
-        poll_s: longest time between two looks for requests while nothing runs, s.
 
     Attributes:
         state: the schedule's state by its journal.
     """
 
-    def __init__(
-        self, schedule: Schedule, journal: Journal, hands: Hands, poll_s: float = POLL_S
-    ) -> None:
-        self._poll_s = poll_s
+    def __init__(self, schedule: Schedule, journal: Journal, hands: Hands) -> None:
         self._schedule = schedule
         self._journal = journal
         self._hands = hands
@@ -92,7 +222,7 @@ class Scheduler:
 
         Returns:
             None if a job was run, also if its process was killed; else how long to wait until the
-            next call, s, at most `poll_s`.
+            next call, s, at most `POLL_S`.
         """
         self._collect()
         self._take_additions()
@@ -104,7 +234,7 @@ class Scheduler:
         times = [self._schedule.next_time(entry, now) for entry in self._schedule.entries]
         times += [job.not_before for job in self.state.queue]
         waits = [(time - now).total_seconds() for time in times if time is not None]
-        return max(0.0, min([*waits, self._poll_s]))
+        return max(0.0, min([*waits, POLL_S]))
 
     def _keep(self, kind: str, **details: Any) -> None:
         self.state.take(self._journal.write(kind, **details))
@@ -184,7 +314,7 @@ class Scheduler:
         return next(ready, None)
 
     def _run(self, job: Job, stopped: Callable[[], bool]) -> None:
-        folder = job.folder or self._folder_of(job)
+        folder = job.folder or str(new_path(self._schedule.folder, job.entry, self._hands.now()))
         again = " again" if job.folder else ""
         self._hands.say(f"{job.entry}: begun{again} in {folder}")
         self._keep("begun", id=job.id, folder=folder)
@@ -197,8 +327,12 @@ class Scheduler:
         if exit_code < 0 and present.resumes < MOST_RESUMES:
             self._hands.say(f"{job.entry}: killed by signal {-exit_code}; goes on")
             return
+        halted = ""
+        if self._schedule.halt and (exit_code == EXIT_STOPPED or exit_code < 0):
+            # It tripped, was stopped or was killed: somebody should look at the rig first.
+            halted = f"{job.entry} tripped or was stopped (exit code {exit_code})"
         # One entry holds all three: a kill between two entries would lose a retry or a halt.
-        retry, halted = self._retry(job, exit_code), self._halt(job, exit_code)
+        retry = self._retry(job, exit_code)
         self._keep("ended", id=job.id, exit_code=exit_code, retry=retry, halted=halted)
         self._hands.say(f"{job.entry}: ended with exit code {exit_code}")
         problem = self._hands.after(present, exit_code)
@@ -215,23 +349,4 @@ class Scheduler:
             return None
         later = self._hands.now() + timedelta(seconds=entry.retry_after_s)
         id_ = f"{job.id.partition('#')[0]}#{job.attempt + 1}"
-        return details_of(
-            replace(job, id=id_, attempt=job.attempt + 1, not_before=later, folder=None)
-        )
-
-    def _halt(self, job: Job, exit_code: int) -> str:
-        """Return why the schedule halts after a run; empty if it goes on.
-
-        It halts after a run that tripped, was stopped or was killed, unless the schedule's `halt`
-        is off, because somebody should look at the rig first.
-        """
-        if not self._schedule.halt or (exit_code != EXIT_STOPPED and exit_code >= 0):
-            return ""
-        return f"{job.entry} tripped or was stopped (exit code {exit_code})"
-
-    def _folder_of(self, job: Job) -> str:
-        stem = f"{file_stem(job.entry)}-{self._hands.now():%Y%m%dT%H%M%SZ}"
-        name, number = stem, 2
-        while (self._schedule.folder / name).exists():
-            name, number = f"{stem}-{number}", number + 1
-        return str(self._schedule.folder / name)
+        return details_of(replace(job, id=id_, attempt=job.attempt + 1, not_before=later))

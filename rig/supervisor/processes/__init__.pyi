@@ -9,8 +9,13 @@ from .field import (
     FollowMoves as FollowMoves,
     MakeSafe as MakeSafe,
     OpenField as OpenField,
-    Safety as Safety,
     WriteOutputs as WriteOutputs,
+)
+from .health import (
+    STEPS as STEPS,
+    loop_channel as loop_channel,
+    stage_times as stage_times,
+    trips_of as trips_of,
 )
 from .onlooker import Onlooker as Onlooker
 from .recorder import (
@@ -18,5 +23,5 @@ from .recorder import (
     FinishRecording as FinishRecording,
     NoteInRecording as NoteInRecording,
 )
-from .safety_thread import Parts as Parts, SafetyThread as SafetyThread, trips_of as trips_of
+from .safety_thread import Parts as Parts, SafetyThread as SafetyThread
 from .streaming import RowFeed as RowFeed, Stream as Stream

@@ -69,12 +69,7 @@ class Child:
     """
 
     def __init__(
-        self,
-        name: str,
-        module: str,
-        board: Board,
-        log: Path,
-        on_news: Callable[[News], None] = lambda news: None,
+        self, name: str, module: str, board: Board, log: Path, on_news: Callable[[News], None]
     ) -> None:
         self.name = name
         self._pipe, theirs = Pipe()
@@ -97,11 +92,6 @@ class Child:
             )
         self._reader = threading.Thread(target=self._read, name=f"from {name}", daemon=True)
         self._reader.start()
-
-    @property
-    def pid(self) -> int:
-        """The process id."""
-        return self._process.pid
 
     @property
     def exit_code(self) -> int | None:
@@ -153,6 +143,34 @@ class Child:
         self.send(order)
         return self.answer(timeout_s)
 
+    def ask_patiently(
+        self, order: object, timeout_s: float, look_s: float, look: Callable[[], None]
+    ) -> Any:
+        """Send an order, and wait up to `timeout_s` for its answer while the process lives.
+
+        Args:
+            order: the order.
+            timeout_s: longest time in s for which the answer is awaited.
+            look_s: time in s after which `look` is called, again and again, while it is awaited.
+            look: may raise an error, which ends the waiting.
+
+        Returns:
+            The answer.
+
+        Raises:
+            ChildError: the process has ended, did not answer in time, or its answer cannot be read.
+                An answer that is an exception is raised too.
+        """
+        self.send(order)
+        until = time.monotonic() + timeout_s
+        while True:
+            try:
+                return self.answer(look_s)
+            except NoAnswerError:
+                if self.ended or time.monotonic() > until:
+                    raise
+            look()
+
     def last_answer(self, order: object, kind: type[Last], timeout_s: float) -> Last:
         """Send the last order, wait for its answer, which is of a type of its own, and return it.
 
@@ -171,8 +189,8 @@ class Child:
             if isinstance(answer, kind):
                 return answer
 
-    def end(self) -> None:
-        """Close the pipe, and wait until the process has ended; kill it after 10 s.
+    def end(self, grace_s: float = _GRACE_S) -> None:
+        """Close the pipe, and wait until the process has ended; kill it after `grace_s` seconds.
 
         When the pipe is closed, the process brings its part of the rig to the safe state and ends.
         """
@@ -180,7 +198,7 @@ class Child:
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as end:
             end.shutdown(socket.SHUT_RDWR)
         try:
-            self._process.wait(_GRACE_S)
+            self._process.wait(grace_s)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

@@ -52,24 +52,17 @@ class Tally:
     Args:
         who: the part of the software that counts.
         report: is called with each report.
-        clock: returns CLOCK_MONOTONIC in ns.
     """
 
-    def __init__(
-        self,
-        who: str,
-        report: Callable[[Driven], None],
-        clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
+    def __init__(self, who: str, report: Callable[[Driven], None]) -> None:
         self._who = who
         self._report = report
-        self._clock = clock
         self._found: dict[str, Driven] = {}
         self._reported: dict[str, Driven] = {}
 
     def found(self, part: str, what: str) -> None:
         """Count that a part was found driven now; `what` says how."""
-        now, known = self._clock(), self._found.get(part)
+        now, known = time.monotonic_ns(), self._found.get(part)
         times, first_ns = (known.times + 1, known.first_ns) if known else (1, now)
         self.counted(part, what, times, first_ns, now)
 
@@ -83,7 +76,7 @@ class Tally:
             first_ns: when first, CLOCK_MONOTONIC in ns.
             last_ns: when last, CLOCK_MONOTONIC in ns.
         """
-        now = self._clock()
+        now = time.monotonic_ns()
         self._found[part] = Driven(now, self._who, what, part, times, first_ns, last_ns)
         reported = self._reported.get(part)
         if reported is None or (times != reported.times and now - reported.at_ns >= REPEAT_S * 1e9):
@@ -96,7 +89,7 @@ class Tally:
                 self._say(part)
 
     def _say(self, part: str) -> None:
-        self._reported[part] = replace(self._found[part], at_ns=self._clock())
+        self._reported[part] = replace(self._found[part], at_ns=time.monotonic_ns())
         self._report(self._reported[part])
 
 

@@ -9,7 +9,8 @@ safe state is reported as driven by another master, and brought back.
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from math import nan
 from multiprocessing.connection import Connection
 from typing import Final
@@ -19,6 +20,7 @@ from rig.loop import Board, Cause, Word
 
 from .child import News, child_ends, obeyed_next
 from .driven import Tally, departures
+from .health import trip
 
 CYCLE_S: Final = 0.01
 """Period in s at which moves, orders and drivers are looked after; drivers have their own rates."""
@@ -61,14 +63,10 @@ class FollowMoves:
 
 @dataclass(frozen=True)
 class MakeSafe:
-    """The order to bring every driver to its safe state and keep it there; answered by `Safety`."""
+    """The order to bring every driver to its safe state and keep it there.
 
-
-@dataclass(frozen=True)
-class Safety:
-    """The answer to `MakeSafe`: driver -> why it is not in its safe state; empty if all are."""
-
-    failures: Mapping[str, str] = field(default_factory=dict)
+    The answer is a dict: driver -> why it is not in its safe state; empty if all are.
+    """
 
 
 @dataclass
@@ -79,6 +77,11 @@ class _Served:
     failure: str = ""
     """Why the driver is not in its safe state although it should be; else empty."""
     tried_at: float = 0.0
+
+    @cached_property
+    def rank(self) -> int:
+        """The driver's place in the order of a trip; see `rank_of`."""
+        return rank_of(self.driver.outputs)
 
 
 class FieldProcess:
@@ -163,10 +166,9 @@ class FieldProcess:
             if not mine:
                 continue
             self._safe, served.failure = False, ""
-            word = _CONFIRMED.get(rank_of(served.driver.outputs))
-            if word is not None:
+            if served.rank in _CONFIRMED:
                 # The confirmation of the safe state is void once the driver moves again.
-                self._words[word] = 0
+                self._words[_CONFIRMED[served.rank]] = 0
             try:
                 served.driver.write(mine)
             except DriverError as error:
@@ -207,7 +209,7 @@ class FieldProcess:
         served.failure = ""
         if failed_before:
             self._report(News(time.monotonic_ns(), served.driver.name, "is in its safe state now"))
-        word = _CONFIRMED.get(rank_of(served.driver.outputs))
+        word = _CONFIRMED.get(served.rank)
         if word is not None and not self._words[word]:
             # Only the first confirmation counts: the part has been safe since then.
             self._words[word] = time.monotonic_ns()
@@ -221,23 +223,20 @@ class FieldProcess:
 
     def _complain(self, served: _Served, error: DriverError) -> None:
         """Report a driver's error to the supervisor; trip if the driver has outputs."""
-        moves = bool(served.driver.outputs)
-        if moves and not self._words[Word.FIELD_TRIP]:
-            self._trip(_cause_of(served.driver, error))
+        if served.driver.outputs:
+            # An error may name something else, such as a register, which is no fault of a valve.
+            channels = {*served.driver.inputs, *served.driver.outputs}
+            is_faulty = not channels.isdisjoint(error.channel.split(", "))
+            trip(self._words, "field", _CAUSES[served.rank][is_faulty])
         self._report_error(served, error)
 
     def _report_error(self, served: _Served, error: DriverError) -> None:
         what = f"{error.channel}: {error.state}" if error.channel else error.state
         self._report(News(time.monotonic_ns(), served.driver.name, f"{what}; {error.action}"))
 
-    def _trip(self, cause: Cause) -> None:
-        self._words[Word.FIELD_TRIP_AT] = time.monotonic_ns()
-        self._words[Word.FIELD_TRIP] = cause
-
     def _must_be_safe(self) -> bool:
         words, settings, now = self._words, self._settings, time.monotonic_ns()
-        tripped = (Word.LOOP_TRIP, Word.FIELD_TRIP, Word.SUPERVISOR_TRIP)
-        if any(words[word] for word in tripped):
+        if any(words[word] for word in (Word.LOOP_TRIP, Word.FIELD_TRIP, Word.SUPERVISOR_TRIP)):
             return True
         for word, silence_s, cause in (
             (Word.LOOP_BEAT, settings.loop_silence, Cause.LOOP_LOST),
@@ -245,16 +244,16 @@ class FieldProcess:
         ):
             # A part that has never beaten has not started yet.
             if words[word] and now - words[word] > silence_s * 1e9:
-                self._trip(cause)
+                trip(self._words, "field", cause)
                 return True
         return False
 
-    def _make_safe(self) -> Safety:
+    def _make_safe(self) -> dict[str, str]:
         """Bring the drivers to their safe state in the order of a trip; return each failure."""
         self._safe = True
         self._moves = []
         self._wait_for_null()
-        for served in sorted(self._served, key=lambda served: rank_of(served.driver.outputs)):
+        for served in sorted(self._served, key=lambda served: served.rank):
             if served.failure and time.monotonic() - served.tried_at < _REPEAT_S:
                 continue
             self._bring_to_safe_state(served)
@@ -266,9 +265,7 @@ class FieldProcess:
                     # A driver may raise this only once, and it may be the reason of the trip.
                     self._report_error(served, error)
             self._words[Word.FIELD_BEAT] = time.monotonic_ns()
-        return Safety(
-            {served.driver.name: served.failure for served in self._served if served.failure}
-        )
+        return {served.driver.name: served.failure for served in self._served if served.failure}
 
     def _wait_for_null(self) -> None:
         if not self._words[Word.LOOP_TRIP] and not self._words[Word.SUPERVISOR_TRIP]:
@@ -306,16 +303,7 @@ _CAUSES: Final = {
     _PUMP_RANK: (Cause.PUMP_LOST, Cause.PUMP_FAULT),
     _OTHER_RANK: (Cause.FIELD_LOST, Cause.FIELD_LOST),
 }
-
-
-def _cause_of(driver: Driver, error: DriverError) -> Cause:
-    """Return the cause of a trip for a driver's error: the driver is lost, or a channel is faulty.
-
-    A channel is faulty if the error names a channel of the driver.
-    """
-    # An error may name something else, such as a register, which is no fault of a valve.
-    channels = {*driver.inputs, *driver.outputs}
-    return _CAUSES[rank_of(driver.outputs)][not channels.isdisjoint(error.channel.split(", "))]
+"""The causes of a trip by rank: for a driver that is lost, and for a channel that is faulty."""
 
 
 def main() -> None:

@@ -1,16 +1,13 @@
-"""The health of the loop and of the session's parts is read from the board for the live stream."""
+"""The health of the loop and of the session's parts, with their trips, as the board has it."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.io import FAST_INPUTS
-from rig.loop import NO_CHANNEL, Action, Board, Cause, Word, explain
-
-from .safety_thread import trips_of
+from rig.loop import Action, Board, Cause, Word, channel_name, explain
 
 Array = NDArray[np.float64]
 
@@ -27,40 +24,99 @@ STEPS: Final = {
     "bypass shut": Word.BYPASS_SHUT_AT,
     "pump unloaded": Word.PUMP_UNLOADED_AT,
 }
+"""The steps of a trip, with the word of the time at which the device confirmed it."""
+TRIPS: Final = {
+    "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),
+    "field": (Word.FIELD_TRIP, Word.FIELD_TRIP_AT),
+    "supervisor": (Word.SUPERVISOR_TRIP, Word.SUPERVISOR_TRIP_AT),
+}
+"""The parts that may trip, with the words of the cause and the time of their trip."""
+
+
+def trip(words: NDArray[np.int64], who: str, cause: Cause) -> None:
+    """Write on the board's words that a part trips now, and why, unless it has tripped already.
+
+    Args:
+        words: the board's words.
+        who: the part, one of `TRIPS`.
+        cause: the cause.
+    """
+    word, at = TRIPS[who]
+    if not words[word]:
+        words[at] = time.monotonic_ns()
+        words[word] = cause
+
+
+def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
+    """Return part -> (cause, time) for each part that has tripped, the first one first.
+
+    Times are CLOCK_MONOTONIC in ns.
+    """
+    found = {
+        who: (Cause(int(board.words[word])), int(board.words[at]))
+        for who, (word, at) in TRIPS.items()
+        if board.words[word]
+    }
+    return dict(sorted(found.items(), key=lambda trip: trip[1][1]))
+
+
+def loop_channel(board: Board) -> str:
+    """Return the name of the channel that the loop's action concerns; empty if it concerns none."""
+    return channel_name(int(board.words[Word.ACTION_CHANNEL]))
+
+
+def stage_times(rows: Array, channels: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return name in `TIMED` -> median (p50), 99th percentile (p99) and maximum (max), in s.
+
+    Timings that the rows, float64 (n, channels), do not hold, or hold only as NaN, are left out.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for name in (name for name in TIMED if name in channels):
+        times = rows[:, channels.index(name)]
+        times = times[np.isfinite(times)]
+        if times.size:
+            figures = np.percentile(times, (50.0, 99.0, 100.0)).tolist()
+            found[name] = dict(zip(("p50", "p99", "max"), figures, strict=True))
+    return found
 
 
 class Health:
     """A collector of the rows between two messages `health`, whose content it makes.
 
     docs/stream.md describes that content.
+
+    Args:
+        board: the board.
+        channels: names of the rows' columns.
     """
 
-    def __init__(self, board: Board) -> None:
+    def __init__(self, board: Board, channels: Sequence[str]) -> None:
         self._board, self._words = board, board.words
+        self._channels = channels
         self._rows: list[Array] = []
-        self._timed: dict[str, int] = {}
         self._since = time.monotonic()
 
-    def take(self, rows: Array, channels: Sequence[str]) -> None:
-        """Add the next rows, float64 (n, channels), SI; the first `channels` hold for all calls."""
-        if not self._timed:
-            self._timed = {name: channels.index(name) for name in TIMED if name in channels}
+    def take(self, rows: Array) -> None:
+        """Add the next rows, float64 (n, channels), SI."""
         self._rows.append(rows)
 
     def content(self) -> dict[str, Any]:
         """Return a message's content: the present state, and the timings since the last call."""
         words, now = self._words, time.monotonic()
-        rows = np.concatenate(self._rows) if self._rows else None
+        rows = np.concatenate([np.empty((0, len(self._channels))), *self._rows])
         self._rows, since, self._since = [], self._since, now
         cause = Cause(int(words[Word.ACTION_CAUSE]))
         return {
-            "rate_hz": 0.0 if rows is None else len(rows) / max(now - since, 1e-3),
+            "rate_hz": len(rows) / max(now - since, 1e-3),
             "rows": int(words[Word.ROWS]),
             "recorded": int(words[Word.RECORDED]),
             "missed": int(words[Word.MISSED]),
             "exchange_errors": int(words[Word.EXCHANGE_ERRORS]),
             "homed": bool(words[Word.HOMED]),
-            "timing": {} if rows is None else self._timing(rows),
+            "timing": {
+                name.removesuffix("_s"): {f"{figure}_s": value for figure, value in stage.items()}
+                for name, stage in stage_times(rows, self._channels).items()
+            },
             "silent_s": {
                 name: 1e-9 * (time.monotonic_ns() - int(words[word]))
                 for name, word in BEATS.items()
@@ -68,24 +124,9 @@ class Health:
             },
             "action": Action(int(words[Word.ACTION])).name.lower(),
             "cause": cause.name,
-            "sentence": explain(cause, self._channel).sentence if cause else "",
+            "sentence": explain(cause, loop_channel(self._board)).sentence if cause else "",
             "trips": self._trips(),
         }
-
-    def _timing(self, rows: Array) -> dict[str, dict[str, float]]:
-        found = {}
-        for name, column in self._timed.items():
-            times = rows[:, column]
-            times = times[np.isfinite(times)]
-            if times.size:
-                p50, p99, most = np.percentile(times, (50.0, 99.0, 100.0))
-                found[name.removesuffix("_s")] = {"p50_s": p50, "p99_s": p99, "max_s": most}
-        return found
-
-    @property
-    def _channel(self) -> str:
-        index = int(self._words[Word.ACTION_CHANNEL])
-        return "" if index == NO_CHANNEL else FAST_INPUTS[index]
 
     def _trips(self) -> dict[str, Any]:
         """Return who tripped and why, in order of time, and which steps of the trip were confirmed.
@@ -93,23 +134,21 @@ class Health:
         Times are in s after the first trip; the time of an unconfirmed step is None. {} if nobody
         tripped.
         """
-        found = [
-            (at_ns, who, cause) for who, (cause, at_ns) in trips_of(self._board).items()
-        ]  # fmt: skip
+        found = trips_of(self._board)
         if not found:
             return {}
-        found.sort()
-        first_ns = found[0][0]
+        channel = loop_channel(self._board)
+        first_ns = next(iter(found.values()))[1]
         return {
             "first_out": [
                 {
                     "by": who,
                     "cause": cause.name,
-                    "sentence": explain(cause, self._channel).sentence,
-                    "remedy": explain(cause, self._channel).remedy,
+                    "sentence": explain(cause, channel).sentence,
+                    "remedy": explain(cause, channel).remedy,
                     "after_s": 1e-9 * (at_ns - first_ns),
                 }
-                for at_ns, who, cause in found
+                for who, (cause, at_ns) in found.items()
             ],
             "confirmed": {
                 what: 1e-9 * (int(self._words[word]) - first_ns) if self._words[word] else None

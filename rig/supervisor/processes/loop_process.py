@@ -12,6 +12,7 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -39,13 +40,13 @@ from rig.loop import (
     course,
     interlock,
     pace,
-    shared_memory,
     wire_memory,
     wire_ticks,
 )
 
 from .child import News, child_ends
 from .driven import Tally
+from .health import trip
 
 _POLL_S: Final = 0.05
 """Period in s at which the main thread looks for signals and for the end of the loop's thread."""
@@ -83,7 +84,6 @@ class LoopProcess:
         self._thread: threading.Thread | None = None
         self._running = threading.Event()
         self._grants: tuple[Grant, ...] = ()
-        self._left = Left.ASKED
         self._terminated = False
         self._tally = Tally("loop", self._send)
         self._nulled_at = -_REPEAT_S
@@ -166,13 +166,11 @@ class LoopProcess:
             with RealTime(cpu, priority) as real_time:
                 self._grants = real_time.grants
                 self._running.set()
-                self._left = Left.SWITCHED
-                while self._left == Left.SWITCHED:
+                left = Left.SWITCHED
+                while left == Left.SWITCHED:
                     number = int(self._words[Word.SWITCH])
-                    segment = self._segments.pop(number)
-                    self._left = self._run_segment(number, segment)
+                    left = self._run_segment(number, self._segments.pop(number))
         except Exception:
-            self._left = Left.UNCONFIRMED
             self._report(traceback.format_exc())
         finally:
             self._running.set()
@@ -190,22 +188,9 @@ class LoopProcess:
         self._offset_m = segment.offset_m
         if segment.homed is not None:
             self._words[Word.HOMED] = segment.homed
-        planned = course(
-            number,
-            segment.setpoint,
-            segment.drive,
-            open_loop=segment.open_loop,
-            gain=segment.gain,
-            limit=segment.limit,
-            on_fault=segment.on_fault,
-            offset=segment.offset_m,
-            valve_enable=segment.valve_enable,
-            reset_lamp=segment.reset_lamp,
-            rearm=segment.rearm,
-        )
         return Left(
             wire_ticks(
-                planned,
+                course(replace(segment, number=number)),
                 compiled_filter(segment.memory, segment.assumed),
                 self._interlock,
                 self._pace,
@@ -213,7 +198,7 @@ class LoopProcess:
                 self._driver.plan(),
                 self._driver.look_plan(),
                 self._memory,
-                shared_memory(self._board),
+                self._board,
             )
         )
 
@@ -222,7 +207,7 @@ class LoopProcess:
 
         Return the cause for which the process ends then.
         """
-        self._trip(Cause.CRASH)
+        trip(self._words, "loop", Cause.CRASH)
         self._tend_null()
         failure = self._safe_state()
         self._report(
@@ -287,7 +272,7 @@ class LoopProcess:
         is NONE.
         """
         if cause != Cause.NONE:
-            self._trip(cause)
+            trip(self._words, "loop", cause)
         self._memory.counts[Count.LEAVE] = 1
         if self._thread is not None:
             self._thread.join()
@@ -307,11 +292,6 @@ class LoopProcess:
         if self._words[Word.LOOP_TRIP] and not self._words[Word.VALVE_NULL_AT]:
             self._words[Word.VALVE_NULL_AT] = time.monotonic_ns()
         return ""
-
-    def _trip(self, cause: Cause) -> None:
-        if not self._words[Word.LOOP_TRIP]:
-            self._words[Word.LOOP_TRIP_AT] = time.monotonic_ns()
-            self._words[Word.LOOP_TRIP] = cause
 
     def _report(self, text: str) -> None:
         self._send(News(time.monotonic_ns(), "loop", text))
@@ -338,7 +318,3 @@ def main() -> None:
     process = LoopProcess(*child_ends())
     signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
     process.run()
-
-
-if __name__ == "__main__":
-    main()

@@ -27,7 +27,6 @@ from rig.stream import (
     LARGEST_COMMAND,
     Batches,
     Command,
-    Gate,
     Refused,
     Samples,
     StreamSender,
@@ -41,7 +40,7 @@ from rig.stream import (
 )
 from rig.surviving import Surviving
 
-from .child import News, child_ends
+from .child import News, child_ends, obeyed_next
 from .health import Health
 
 POLL_S: Final = 0.005
@@ -115,60 +114,40 @@ class Asked(News):
     command: Command
 
 
-@dataclass
-class _Waiting:
-    """A command for which the supervisor's answer is awaited, until a monotonic time in s."""
-
-    query: zenoh.Query
-    command: Command
-    until: float
-
-
 class Publisher:
-    """The publisher of one stream, which works until its pipe is closed."""
+    """The publisher of one stream.
 
-    def __init__(self, board: Board, pipe: Connection) -> None:
+    Args:
+        board: the board with the ring of rows.
+        pipe: this end of the pipe to the supervisor.
+        order: the order to open the stream.
+        session: an open session of the order's profile.
+    """
+
+    def __init__(self, board: Board, pipe: Connection, order: Open, session: zenoh.Session) -> None:
         self._board = board
         self._pipe = pipe
         self._ring = RingReader(board)
         self._ring.go_on_from(int(board.words[Word.PUBLISHED]))
-        self._health = Health(board)
+        self._health = Health(board, order.channels)
+        self._settings = order.settings
+        self._default = Columns(-1, order.channels, 0)
         self._columns: dict[int, Columns] = {}
+        self._segment_column = order.channels.index("segment")
         self._segment: int | None = None
+        self._batches = Batches(order.settings.batch, order.settings.channels)
         self._commands: queue.Queue[zenoh.Query] = queue.Queue(COMMANDS_WAITING)
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting: dict[int, tuple[zenoh.Query, Command, float]] = {}
+        """By number, commands for whose answers the supervisor has until a monotonic time in s."""
         self._overrun = 0
         self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._survives = Surviving("the publisher", self._failures.put)
         self._refused: list[float] = []
         self._refused_silently = 0
         self._heartbeat_at = self._health_at = self._flushed_at = 0.0
-
-    def run(self) -> None:
-        """Wait for the order `Open`, open the stream, and publish until the pipe is closed."""
-        order = self._pipe.recv()
-        assert isinstance(order, Open)
-        try:
-            session = publisher_session(order.settings)
-            with session:
-                self._open(order, session)
-                self._pipe.send(None)
-                self._serve()
-                self._sender.close()
-        except ValueError as error:
-            self._pipe.send(error)
-
-    def _open(self, order: Open, session: zenoh.Session) -> None:
-        self._settings = order.settings
-        self._default = Columns(-1, order.channels, 0)
-        self._has_numbers = "row" in order.channels
-        self._row_column = order.channels.index("row") if self._has_numbers else 0
-        self._segment_column = order.channels.index("segment")
-        self._batches = Batches(order.settings.batch, order.settings.channels)
-        self._sender = StreamSender(
-            session, order.rig, order.settings.history_s, on_failure=self._failures.put
-        )
-        self._gate: Gate = gate_of(order.settings, order.rig, self._sender.name)
+        history_s = order.settings.history_s
+        self._sender = StreamSender(session, order.rig, history_s, self._failures.put)
+        self._gate = gate_of(order.settings, order.rig, self._sender.name)
         keys = command_key(order.rig, "*")
         self._queryable = session.declare_queryable(keys, self._command_came)
         self._puts = session.declare_subscriber(keys, self._put_came)
@@ -176,39 +155,35 @@ class Publisher:
         if order.note:
             self._event("stream", order.note)
 
-    def _serve(self) -> None:
-        while self._take_orders():
+    def serve(self) -> None:
+        """Publish until the supervisor closes its end of the pipe; then end the stream."""
+        while obeyed_next(self._pipe, POLL_S, self._obey_all):
             self._take_rows()
             self._take_commands()
             self._send_due()
             self._board.words[Word.PUBLISHER_BEAT] = time.monotonic_ns()
+        self._sender.close()
 
-    def _take_orders(self) -> bool:
-        try:
-            wait = POLL_S
-            while self._pipe.poll(wait):
-                order = self._pipe.recv()
-                with self._survives:
-                    self._obey(order)
-                wait = 0.0
-        except (EOFError, ConnectionError):
-            return False
-        return True
+    def _obey_all(self, order: object) -> None:
+        """Obey an order, and all others that have come."""
+        self._obey(order)
+        while self._pipe.poll():
+            self._obey(self._pipe.recv())
 
     def _obey(self, order: object) -> None:
-        if isinstance(order, Columns):
-            self._columns[order.segment] = order
-            # A session may last for weeks, and only the last segments are still needed.
-            while len(self._columns) > 100:
-                del self._columns[min(self._columns)]
-        elif isinstance(order, Send):
-            self._sender.send(order.kind, finite(order.content))
-        elif isinstance(order, Obeyed):
-            waiting = self._waiting.pop(order.number, None)
-            if waiting is not None:
-                self._reply(waiting.query, order.refusal)
+        with self._survives:
+            if isinstance(order, Columns):
+                self._columns[order.segment] = order
+                # A session may last for weeks, and only the last segments are still needed.
+                while len(self._columns) > 100:
+                    del self._columns[min(self._columns)]
+            elif isinstance(order, Send):
+                self._sender.send(order.kind, finite(order.content))
+            elif isinstance(order, Obeyed) and order.number in self._waiting:
+                query, command, _ = self._waiting.pop(order.number)
+                self._reply(query, order.refusal)
                 state = f"not obeyed: {order.refusal}" if order.refusal else "obeyed"
-                self._event("command", self._described(waiting.command, state))
+                self._event("command", self._described(command, state))
 
     def _take_rows(self) -> None:
         if self._ring.waiting > MOST_WAITING:
@@ -218,24 +193,19 @@ class Publisher:
         self._board.words[Word.PUBLISHED] = self._ring.next_row
         if not len(rows):
             return
-        newest_ns = self._newest_ns()
-        self._health.take(rows, self._default.channels)
-        if self._has_numbers:
-            numbers = rows[:, self._row_column]
-        else:
-            numbers = np.arange(self._ring.next_row - len(rows), self._ring.next_row, dtype=float)
+        # The loop's beat shows when the newest row was written.
+        beat_ns = int(self._board.words[Word.LOOP_BEAT])
+        newest_ns = time.time_ns() - (time.monotonic_ns() - beat_ns if beat_ns else 0)
+        self._health.take(rows)
+        numbers = np.arange(self._ring.next_row - len(rows), self._ring.next_row, dtype=float)
+        if "row" in self._default.channels:
+            numbers = rows[:, self._default.channels.index("row")]
         segments = rows[:, self._segment_column]
         breaks = np.flatnonzero((np.diff(segments) != 0.0) | (np.diff(numbers) != 1)) + 1
         for begin, end in itertools.pairwise((0, *breaks.tolist(), len(rows))):
             if segments[begin] != self._segment:
                 self._begin_segment(float(segments[begin]))
             self._send(self._batches.add(int(numbers[begin]), rows[begin:end], newest_ns))
-
-    def _newest_ns(self) -> int:
-        """Return the wall clock of the newest row, ns since 1970, which the loop's beat shows."""
-        beat = int(self._board.words[Word.LOOP_BEAT])
-        now_ns = time.time_ns()
-        return now_ns if not beat else now_ns - (time.monotonic_ns() - beat)
 
     def _begin_segment(self, segment: float) -> None:
         self._send(self._batches.flush())
@@ -258,24 +228,25 @@ class Publisher:
         if now - self._health_at >= HEALTH_S:
             self._health_at = now
             self._sender.send("health", finite(self._health.content()))
-            self._report_silent_refusals()
-            self._report_failures()
+            if self._refused_silently:
+                count, self._refused_silently = self._refused_silently, 0
+                self._event("refused", f"{count} more commands refused")
+            while not self._failures.empty():
+                self._report("error", self._failures.get())
         if now - self._heartbeat_at >= self._settings.heartbeat_s:
             self._heartbeat_at = now
-            self._sender.send(
-                "heartbeat",
-                {
-                    "heartbeat_s": self._settings.heartbeat_s,
-                    "up_s": now - self._started,
-                    "rows": self._ring.next_row,
-                    "sequences": dict(self._sender.sequences),
-                    "commands": bool(self._settings.operators),
-                },
-            )
-        for number, waiting in list(self._waiting.items()):
-            if now > waiting.until:
+            content = {
+                "heartbeat_s": self._settings.heartbeat_s,
+                "up_s": now - self._started,
+                "rows": self._ring.next_row,
+                "sequences": dict(self._sender.sequences),
+                "commands": bool(self._settings.operators),
+            }
+            self._sender.send("heartbeat", content)
+        for number, (query, _, until) in list(self._waiting.items()):
+            if now > until:
                 del self._waiting[number]
-                self._reply(waiting.query, "the supervisor does not answer")
+                self._reply(query, "the supervisor does not answer")
 
     def _command_came(self, query: zenoh.Query) -> None:
         """Queue a command, or count it if too many wait; a thread of Zenoh calls this."""
@@ -292,13 +263,9 @@ class Publisher:
         if self._overrun:
             count, self._overrun = self._overrun, 0
             self._refuse(f"unanswerable: {count} that are too many, or no queries", "", b"")
-        for _ in range(COMMANDS_WAITING):
-            try:
-                query = self._commands.get_nowait()
-            except queue.Empty:
-                return
+        for _ in range(self._commands.qsize()):
             with self._survives:
-                self._judge(query)
+                self._judge(self._commands.get_nowait())
 
     def _judge(self, query: zenoh.Query) -> None:
         name = str(query.key_expr).rpartition("/")[2]
@@ -313,19 +280,17 @@ class Publisher:
             self._refuse(str(refused), refused.by, payload)
             self._reply(query, str(refused))
             return
-        until = time.monotonic() + ANSWER_S
-        self._waiting[command.number] = _Waiting(query, command, until)
+        self._waiting[command.number] = (query, command, time.monotonic() + ANSWER_S)
         self._event("command", self._described(command, "accepted"))
-        self._pipe.send(
-            Asked(time.monotonic_ns(), "stream", self._described(command, "asked for"), command)
-        )
+        asked_for = self._described(command, "asked for")
+        self._pipe.send(Asked(time.monotonic_ns(), "stream", asked_for, command))
 
     def _described(self, command: Command, state: str) -> str:
         said = f": {command.text}" if command.text else ""
         return f"{command.name} by {command.by} {state}{said}"
 
     def _refuse(self, text: str, by: str, payload: bytes) -> None:
-        """Report a refusal in the session's log and as an event; after too many, only count it."""
+        """Report a refusal; after too many within a second, only count it."""
         now = time.monotonic()
         self._refused = [at for at in self._refused if now - at < 1.0]
         if len(self._refused) >= REFUSALS_REPORTED:
@@ -334,22 +299,11 @@ class Publisher:
         self._refused.append(now)
         claimed = "".join(c if c.isprintable() else "?" for c in by) or "unknown"
         line = f"command refused, {text} (from {claimed}, {fingerprint(payload)})"
-        self._event("refused", line)
-        self._log(line)
+        self._report("refused", line)
 
-    def _report_silent_refusals(self) -> None:
-        if self._refused_silently:
-            count, self._refused_silently = self._refused_silently, 0
-            self._event("refused", f"{count} more commands refused")
-
-    def _report_failures(self) -> None:
-        """Report errors that the publisher survived, in the session's log and as events."""
-        while not self._failures.empty():
-            line = self._failures.get()
-            self._event("error", line)
-            self._log(line)
-
-    def _log(self, line: str) -> None:
+    def _report(self, kind: str, line: str) -> None:
+        """Report a line in the session's log and as an event."""
+        self._event(kind, line)
         with suppress(OSError):
             stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
             os.write(sys.stderr.fileno(), f"{stamp} stream: {line}\n".encode(errors="replace"))
@@ -361,13 +315,24 @@ class Publisher:
             query.reply(key, pack({"accepted": not refusal, "reason": refusal}))
 
     def _event(self, kind: str, text: str) -> None:
-        content = {"at_ns": time.time_ns(), "time_s": None, "who": "stream", "kind": kind}
-        self._sender.send("event", {**content, "text": text})
+        self._sender.send("event", event_content("stream", kind, text))
+
+
+def event_content(who: str, kind: str, text: str, time_s: float | None = None) -> dict[str, Any]:
+    """Return the content of a message `event`, at the present time; see `Stream.event`."""
+    return {"at_ns": time.time_ns(), "time_s": time_s, "who": who, "kind": kind, "text": text}
 
 
 def main() -> None:
-    """Run as the publisher of a session."""
+    """Run as the publisher of a session: await the order `Open`, and publish until the end."""
     board, pipe = child_ends()
     # The recorder has precedence, however much this process's readers ask of it.
     os.nice(NICENESS)
-    Publisher(board, pipe).run()
+    order: Open = pipe.recv()
+    try:
+        with publisher_session(order.settings) as session:
+            publisher = Publisher(board, pipe, order, session)
+            pipe.send(None)
+            publisher.serve()
+    except ValueError as error:
+        pipe.send(error)

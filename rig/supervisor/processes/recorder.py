@@ -15,16 +15,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rig.loop import Board, RingReader, Word, explain
 from rig.recording import McapWriter
 
 from .child import child_ends, obeyed_next
-from .safety_thread import trips_of
-
-Array = NDArray[np.float64]
+from .health import trips_of
 
 POLL_S: Final = 0.02
 FLUSH_S: Final = 0.5
@@ -97,8 +92,7 @@ class Recorder:
             while obeyed_next(self._pipe, POLL_S, self._obey):
                 self._take_rows()
                 self._flush_if_due()
-            self._drain()
-            self._note_trip()
+            self._end_alone()
         finally:
             self._close()
 
@@ -115,9 +109,8 @@ class Recorder:
         self._ring.skip_to_end()
         self._segment, self._written, self._due = order.segment, 0, -1
         self._segment_column = order.channels.index("segment")
-        self._writer = McapWriter(
-            order.path, order.channels, order.metadata, start_ns=order.start_ns
-        )
+        metadata = {**order.metadata, "start_ns": order.start_ns}
+        self._writer = McapWriter(order.path, order.channels, metadata)
         # A file that is cut off right after this has at least the metadata of its test.
         self._writer.flush()
         self._pipe.send(order.segment)
@@ -145,17 +138,18 @@ class Recorder:
             self._pipe.send(self._written)
         self._board.words[Word.RECORDER_BEAT] = time.monotonic_ns()
 
-    def _drain(self) -> None:
+    def _end_alone(self) -> None:
+        """Take the last rows for an open file, and add the first-out cause to it.
+
+        Nobody else reports the cause, as the supervisor is gone.
+        """
         until = time.monotonic() + _DRAIN_S
         while self._writer is not None and time.monotonic() < until:
             time.sleep(POLL_S)
             self._take_rows()
-
-    def _note_trip(self) -> None:
-        """Add the first-out cause to a file that is not finished, as nobody else reports it."""
-        trips = trips_of(self._board).values()
+        trips = trips_of(self._board)
         if self._writer is not None and trips:
-            cause, _ = min(trips, key=lambda trip: trip[1])
+            cause, _ = next(iter(trips.values()))
             self._writer.event(self._last_s, "trip", f"{cause.name}: {explain(cause).sentence}")
 
     def _close(self) -> None:

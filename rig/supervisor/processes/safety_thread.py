@@ -7,18 +7,20 @@ which it repeats for as long as it lives.
 
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import Final
 
-from rig.io import DriverError, DriverSpec, FastDriver, LoopSettings
+from rig.configuration import Rig
+from rig.io import DriverError, DriverSpec, FastDriver
 from rig.loop import FULL, Board, Cause, Word
 from rig.surviving import Surviving, failure
 
 from .child import Child
 from .driven import REPEAT_S, Driven, Tally, departures
 from .field import rank_of
+from .health import TRIPS, trip
 
 POLL_S: Final = 0.01
 MAIN_SILENCE_S: Final = 5.0
@@ -30,13 +32,6 @@ NULL_WAIT_S: Final = 0.5
 FIELD_WAIT_S: Final = 10.0
 """Time in s within which the field process must confirm bypasses shut and pump unloaded."""
 
-TRIPS: Final = {
-    "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),
-    "field": (Word.FIELD_TRIP, Word.FIELD_TRIP_AT),
-    "supervisor": (Word.SUPERVISOR_TRIP, Word.SUPERVISOR_TRIP_AT),
-}
-
-NS: Final = 1e9
 Report = Callable[[str, str], None]
 
 
@@ -55,25 +50,24 @@ class SafetyThread:
     Args:
         board: the memory that all parts share.
         parts: the processes.
-        settings: gives the silences after which a part counts as lost.
-        drivers: the rig's drivers, by which the thread makes connections of its own.
+        rig: gives the silences after which a part counts as lost, and the drivers by which the
+            thread makes connections of its own.
         report: is called, from the safety thread, with who did what, for the trip report.
         found: is called, from the safety thread, with each report on another master.
     """
 
     def __init__(
-        self,
-        board: Board,
-        parts: Parts,
-        settings: LoopSettings,
-        drivers: tuple[DriverSpec, ...],
-        report: Report,
-        found: Callable[[Driven], None] = lambda driven: None,
+        self, board: Board, parts: Parts, rig: Rig, report: Report, found: Callable[[Driven], None]
     ) -> None:
+        settings = rig.loop
         self._words = board.words
-        self._parts = parts
-        self._settings = settings
-        self._drivers = drivers
+        self._loop, self._field = parts.loop, parts.field
+        self._watched = (
+            (parts.loop, Word.LOOP_BEAT, settings.loop_silence, Cause.LOOP_LOST),
+            (parts.field, Word.FIELD_BEAT, settings.field_silence, Cause.FIELD_LOST),
+            (parts.recorder, Word.RECORDER_BEAT, settings.recorder_silence, Cause.RECORDER_LOST),
+        )
+        self._drivers = rig.drivers
         self._report = report
         self._survives = Surviving("the safety thread", self._failed)
         self._tally = Tally("supervisor", found)
@@ -106,9 +100,7 @@ class SafetyThread:
 
     def trip(self, cause: Cause) -> None:
         """Trip in the name of the supervisor, unless the supervisor has tripped already."""
-        if not self._words[Word.SUPERVISOR_TRIP]:
-            self._words[Word.SUPERVISOR_TRIP_AT] = time.monotonic_ns()
-            self._words[Word.SUPERVISOR_TRIP] = cause
+        trip(self._words, "supervisor", cause)
 
     def wait_until_safe(self, timeout_s: float = 2.0 * FIELD_WAIT_S) -> bool:
         """Wait, after a trip, until the thread has made safe what it can; return whether in time.
@@ -153,48 +145,31 @@ class SafetyThread:
     def _look(self) -> None:
         if self.tripped:
             return
-        for part, lost in (
-            (self._parts.loop, Cause.LOOP_LOST),
-            (self._parts.field, Cause.FIELD_LOST),
-            (self._parts.recorder, Cause.RECORDER_LOST),
-        ):
+        for part, _, _, lost in self._watched:
             if part.ended:
-                full = part.exit_code in FULL
                 self._say(part.name, part.ended)
-                self.trip(Cause.DISK_FULL if full else lost)
+                self.trip(Cause.DISK_FULL if part.exit_code in FULL else lost)
                 return
-        for word, silence_s, lost in self._silences:
+        for _, word, silence_s, lost in self._watched:
             if self._is_silent(word, silence_s):
                 self.trip(lost)
                 return
 
-    @property
-    def _silences(self) -> tuple[tuple[Word, float, Cause], ...]:
-        settings = self._settings
-        return (
-            (Word.LOOP_BEAT, settings.loop_silence, Cause.LOOP_LOST),
-            (Word.FIELD_BEAT, settings.field_silence, Cause.FIELD_LOST),
-            (Word.RECORDER_BEAT, settings.recorder_silence, Cause.RECORDER_LOST),
-        )
-
     def _is_silent(self, word: Word, silence_s: float) -> bool:
         # A part that has never beaten has not started yet.
         beat = int(self._words[word])
-        return beat != 0 and time.monotonic_ns() - beat > silence_s * NS
+        return beat != 0 and time.monotonic_ns() - beat > silence_s * 1e9
 
     def _make_safe(self) -> None:
         """Ensure that valve, bypasses and pump are safe, in this order.
 
         The loop and the field process do it if they are alive, else this thread does.
         """
-        loop, field = self._parts.loop, self._parts.field
-        if not self._confirmed((Word.VALVE_NULL_AT,), loop, Cause.LOOP_LOST, NULL_WAIT_S):
-            fast = [spec for spec in self._drivers if spec.kind == "fast"]
-            self._by_own_connection(fast)
+        if not self._confirmed((Word.VALVE_NULL_AT,), self._loop, Cause.LOOP_LOST, NULL_WAIT_S):
+            self._by_own_connection("fast")
         words = (Word.BYPASS_SHUT_AT, Word.PUMP_UNLOADED_AT)
-        if not self._confirmed(words, field, Cause.FIELD_LOST, FIELD_WAIT_S):
-            slow = [spec for spec in self._drivers if spec.kind == "slow"]
-            self._by_own_connection(sorted(slow, key=lambda spec: rank_of(spec.outputs)))
+        if not self._confirmed(words, self._field, Cause.FIELD_LOST, FIELD_WAIT_S):
+            self._by_own_connection("slow")
 
     def _confirmed(self, words: tuple[Word, ...], part: Child, lost: Cause, wait_s: float) -> bool:
         """Wait up to `wait_s` until a part has confirmed steps; return whether all are confirmed.
@@ -209,33 +184,32 @@ class SafetyThread:
             time.sleep(POLL_S)
         return all(bool(self._words[word]) for word in words)
 
-    def _by_own_connection(self, drivers: list[DriverSpec]) -> None:
-        for spec in drivers:
-            if not spec.outputs:
-                continue
+    def _by_own_connection(self, kind: str) -> None:
+        """Bring all devices of a kind that move something to their safe state, and keep them."""
+        drivers = [spec for spec in self._drivers if spec.kind == kind and spec.outputs]
+        for spec in sorted(drivers, key=lambda spec: rank_of(spec.outputs)):
             self._kept[spec.name] = spec
-            if self._is_made_safe(spec):
-                self._say(spec.name, "made safe by the supervisor's own connection")
+            self._make_one_safe(spec, is_news=True)
 
-    def _is_made_safe(self, spec: DriverSpec) -> bool:
-        """Bring a device to its safe state by a new connection; return whether that succeeded.
+    def _make_one_safe(self, spec: DriverSpec, is_news: bool) -> None:
+        """Bring a device to its safe state by a new connection.
 
-        The reason of a failure is reported, unless the device was unsafe already.
+        The reason of a failure is reported, unless the device was unsafe already; a success only if
+        it was, or `is_news`.
         """
         self._beat()
         try:
-            driver = spec.create()
-            try:
+            with closing(spec.create()) as driver:
                 driver.safe_state()
-            finally:
-                driver.close()
         except Exception as error:  # after any error the next drivers must still be made safe
             if spec.name not in self._unsafe:
                 why = str(error) if isinstance(error, DriverError) else failure(error)
                 self._say(spec.name, f"not confirmed safe: {why}")
             self._unsafe.add(spec.name)
-            return False
-        return True
+            return
+        if is_news or spec.name in self._unsafe:
+            self._say(spec.name, "made safe by the supervisor's own connection")
+        self._unsafe.discard(spec.name)
 
     def _keep_safe(self) -> None:
         """Check the devices that this thread made safe itself, and make each of them safe again.
@@ -250,9 +224,7 @@ class SafetyThread:
                     # An error of the report must not keep the device from being made safe.
                     with suppress(Exception):
                         self._tally.found(part, what)
-            if self._is_made_safe(spec) and spec.name in self._unsafe:
-                self._unsafe.remove(spec.name)
-                self._say(spec.name, "made safe by the supervisor's own connection")
+            self._make_one_safe(spec, is_news=False)
 
 
 def _found_driven(spec: DriverSpec) -> dict[str, str]:
@@ -261,23 +233,11 @@ def _found_driven(spec: DriverSpec) -> dict[str, str]:
     {} if nothing is driven, or the device cannot be read.
     """
     try:
-        driver = spec.create()
-        try:
+        with closing(spec.create()) as driver:
             if isinstance(driver, FastDriver):
                 driven = driver.driven()
                 return {"valve": driven} if driven else {}
             driver.open()
             return departures(driver.read())
-        finally:
-            driver.close()
     except Exception:  # the caller makes a device safe even if it cannot be read
         return {}
-
-
-def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
-    """Return part -> (cause, time) for each part that has tripped, CLOCK_MONOTONIC in ns."""
-    return {
-        who: (Cause(int(board.words[word])), int(board.words[at]))
-        for who, (word, at) in TRIPS.items()
-        if board.words[word]
-    }

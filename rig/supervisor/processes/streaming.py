@@ -5,7 +5,6 @@ through shared memory. If the publisher dies or hangs, it is killed and started 
 """
 
 import os
-import signal
 import threading
 import time
 from collections import deque
@@ -21,10 +20,8 @@ from rig.loop import RING_ROWS, Board, Word
 from rig.stream import LASTING, Command, StreamSettings, UnreachableError
 from rig.surviving import Surviving, failure
 
-from .child import Child, ChildError, News, NoAnswerError
-from .publisher import Asked, Columns, Obeyed, Open, Send
-
-Array = NDArray[np.float64]
+from .child import Child, ChildError, News
+from .publisher import Asked, Columns, Obeyed, Open, Send, event_content
 
 OPEN_S: Final = 30.0
 """Time in s within which the publisher must open its stream."""
@@ -40,9 +37,10 @@ WORKED_S: Final = 60.0
 ORDERS_KEPT: Final = 2000
 """Most orders that may wait for the publisher; if there are more, the oldest are dropped."""
 END_S: Final = 1.0
-"""Time in s within which the last messages must be sent at the end."""
+"""Time in s within which the last messages must be sent at the end, and then the publisher end.
 
-OnCommand = Callable[[Command], str]
+It is killed afterwards, as nothing is lost with it.
+"""
 
 
 class Stream:
@@ -60,13 +58,16 @@ class Stream:
             returns why it is not obeyed, or an empty text if it is.
     """
 
+    _board: Board
+    _channels: tuple[str, ...]
+
     def __init__(
         self,
         settings: StreamSettings,
         rig: str,
         log: Path,
         say: Callable[[str], None],
-        on_command: OnCommand,
+        on_command: Callable[[Command], str],
     ) -> None:
         self._settings = settings
         self._rig = rig
@@ -74,8 +75,6 @@ class Stream:
         self._say = say
         self._on_command = on_command
         self._survives = Surviving("the live stream", say)
-        self._board: Board | None = None
-        self._channels: tuple[str, ...] = ()
         self._orders: deque[object] = deque(maxlen=ORDERS_KEPT)
         self._wanted = threading.Event()
         self._columns: deque[Columns] = deque(maxlen=20)
@@ -83,15 +82,7 @@ class Stream:
         self._lock = threading.Lock()
         self._child: Child | None = None
         self._closing = threading.Event()
-        self._sender: threading.Thread | None = None
-        self._watch: threading.Thread | None = None
-        self._starts = 0
-
-    @property
-    def pid(self) -> int | None:
-        """The process id of the publisher; None while no publisher works."""
-        child = self._child
-        return None if child is None else child.pid
+        self._threads: list[threading.Thread] = []
 
     def attach(self, board: Board, channels: tuple[str, ...]) -> None:
         """Start the publisher, and publish the rows that are written to a board from now on.
@@ -103,10 +94,9 @@ class Stream:
         self._board = Board.attach(os.dup(board.fd))
         self._channels = channels
         self._board.words[Word.PUBLISHED] = self._board.words[Word.ROWS]
-        self._watch = threading.Thread(target=self._keep_running, name="stream watch", daemon=True)
-        self._sender = threading.Thread(target=self._send_orders, name="stream", daemon=True)
-        self._watch.start()
-        self._sender.start()
+        for work, name in ((self._keep_running, "stream watch"), (self._send_orders, "stream")):
+            self._threads.append(threading.Thread(target=work, name=name, daemon=True))
+            self._threads[-1].start()
 
     def columns(self, segment: int, channels: tuple[str, ...], test: int) -> None:
         """Set the names of the columns of a segment's rows, and the number of their test."""
@@ -134,8 +124,7 @@ class Stream:
             text: what happened.
             time_s: time within the present test, s; None if it has none.
         """
-        content = {"at_ns": time.time_ns(), "time_s": time_s, "who": who, "kind": kind}
-        self.send("event", {**content, "text": text})
+        self.send("event", event_content(who, kind, text, time_s))
 
     def close(self) -> None:
         """Send the orders that still wait, for at most a second, and end the publisher."""
@@ -144,14 +133,9 @@ class Stream:
             time.sleep(POLL_S / 10)
         self._closing.set()
         self._wanted.set()
-        if self._watch is not None:
-            self._watch.join()
-        child, self._child = self._child, None
-        if child is not None:
-            _end(child)
-        if self._sender is not None:
-            self._sender.join()
-        if self._board is not None:
+        for thread in self._threads:
+            thread.join()
+        if self._threads:
             os.close(self._board.fd)
 
     def _order(self, order: object) -> None:
@@ -177,7 +161,7 @@ class Stream:
         while not self._closing.is_set():
             started = time.monotonic()
             try:
-                child = self._start(note)
+                ended = self._publish(note)
             except (ChildError, OSError, UnreachableError) as error:
                 ended = str(error)
             except ValueError as error:
@@ -186,8 +170,6 @@ class Stream:
                 return
             except Exception as error:  # any other error may not occur at the next attempt
                 ended = failure(error)
-            else:
-                ended = self._until_ended(child)
             if self._closing.is_set():
                 return
             failures = 0 if time.monotonic() - started > WORKED_S else failures + 1
@@ -197,92 +179,62 @@ class Stream:
                 self._say(f"stream: {ended}; to be started again in {wait_s:g} s")
             self._closing.wait(wait_s)
 
-    def _start(self, note: str) -> Child:
-        """Start a publisher, and return it once its stream is open.
+    def _publish(self, note: str) -> str:
+        """Start a publisher, and wait until it ends or hangs, or the stream is closed; then end it.
 
         A publisher that is started again first gets the columns and the lasting messages so far.
 
         Args:
             note: text of an event that it sends at once; empty at the first start.
 
+        Returns:
+            A text on how it ended; empty if the stream was closed before.
+
         Raises:
             ChildError: the publisher ended, did not open its stream in time, or its answer cannot
                 be read.
             ValueError: the stream cannot be opened as configured.
         """
-        assert self._board is not None
         self._board.words[Word.PUBLISHER_BEAT] = 0
         child = Child(
             "stream", "rig.supervisor.processes.publisher", self._board, self._log, self._news
         )
         try:
-            child.send(Open(self._settings, self._rig, self._channels, note))
-            until = time.monotonic() + OPEN_S
-            while True:
-                try:
-                    child.answer(POLL_S)
-                    break
-                except NoAnswerError:
-                    if child.ended or self._closing.is_set() or time.monotonic() > until:
-                        raise
+            order = Open(self._settings, self._rig, self._channels, note)
+            child.ask_patiently(order, OPEN_S, POLL_S, self._heed_close)
             with self._lock:
                 before = [*self._columns, *self._lasting.values()]
-            if note:
-                for order in before:
-                    child.send(order)
-        except BaseException:
-            _end(child)
-            raise
-        self._child = child
-        self._wanted.set()
-        return child
+            for earlier in before if note else []:
+                child.send(earlier)
+            self._child = child
+            self._wanted.set()
+            ended = ""
+            while not ended and not self._closing.wait(POLL_S):
+                beat = int(self._board.words[Word.PUBLISHER_BEAT])
+                if child.ended:
+                    ended = f"publisher {child.ended}"
+                elif beat and time.monotonic_ns() - beat > 1e9 * SILENCE_S:
+                    ended = f"publisher hung for {SILENCE_S:g} s"
+            return ended
+        finally:
+            self._child = None
+            child.end(END_S)
 
-    def _until_ended(self, child: Child) -> str:
-        """Wait until a publisher ends or hangs; end it, and return a text on how it ended.
-
-        The text is empty if the stream is closed before.
-        """
-        assert self._board is not None
-        while not self._closing.wait(POLL_S):
-            beat = int(self._board.words[Word.PUBLISHER_BEAT])
-            ended = f"publisher {child.ended}" if child.ended else ""
-            if not ended and beat and time.monotonic_ns() - beat > 1e9 * SILENCE_S:
-                ended = f"publisher hung for {SILENCE_S:g} s"
-            if ended:
-                self._child = None
-                _end(child)
-                return ended
-        return ""
+    def _heed_close(self) -> None:
+        """Raise `ChildError` if the stream is closed, so that no publisher is awaited any more."""
+        if self._closing.is_set():
+            raise ChildError("the stream is closed")
 
     def _news(self, news: News) -> None:
+        """Show news of the publisher; a command is obeyed and answered before."""
         if isinstance(news, Asked):
-            self._order(Obeyed(news.command.number, self._refusal_of(news.command)))
+            try:
+                refusal = self._on_command(news.command)
+            except Exception as error:
+                self._survives.note(error)
+                refusal = f"it failed: {failure(error)}"
+            self._order(Obeyed(news.command.number, refusal))
         self._say(f"{news.who}: {news.text}")
-
-    def _refusal_of(self, command: Command) -> str:
-        """Pass a command to `on_command`; return why it is not obeyed, or "" if it is."""
-        try:
-            return self._on_command(command)
-        except Exception as error:
-            self._survives.note(error)
-            return f"it failed: {failure(error)}"
-
-
-def _end(child: Child) -> None:
-    """End a publisher; kill it after `END_S`, as nothing is lost with it."""
-    if not child.ended:
-        patience = threading.Timer(END_S, _kill, (child.pid,))
-        patience.start()
-        child.end()
-        patience.cancel()
-        patience.join()
-    else:
-        child.end()
-
-
-def _kill(pid: int) -> None:
-    with suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGKILL)
 
 
 class RowFeed:
@@ -311,7 +263,7 @@ class RowFeed:
         """Close this feed's handle of the ring's memory; the stream has a handle of its own."""
         os.close(self._board.fd)
 
-    def add(self, rows: Array, segment: int) -> None:
+    def add(self, rows: NDArray[np.float64], segment: int) -> None:
         """Add rows, float64 (n, channels), of a segment; if not live, some may be left out.
 
         Rows with another number of columns than the feed's channels are dropped.
@@ -325,12 +277,9 @@ class RowFeed:
             rows = rows[-self.MOST :]
         self._given_at = now
         words, ring = self._board.words, self._board.ring
-        count = len(rows)
-        if rows.shape[1] != ring.shape[1] - 2:
-            return
-        at = int(words[Word.ROWS])
-        places = np.arange(at, at + count) % RING_ROWS
-        ring[places, :-2] = rows
-        ring[places, -2] = segment
-        ring[places, -1] = np.arange(first, first + count)
-        words[Word.ROWS] = at + count
+        numbers = np.arange(first, first + len(rows))
+        table = np.column_stack([rows, np.full(len(rows), segment), numbers])
+        if table.shape[1] == ring.shape[1]:
+            at = int(words[Word.ROWS])
+            ring[np.arange(at, at + len(rows)) % RING_ROWS] = table
+            words[Word.ROWS] = at + len(rows)

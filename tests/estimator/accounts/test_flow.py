@@ -24,6 +24,8 @@ Motion = dict[str, Array]
 
 NAMES = [nuisance.name for nuisance in NUISANCES]
 TICKS = 8 * BLOCK_TICKS + 1
+ESTIMATED = ("spool", "pressure_1", "pressure_2", "position")
+UNMEASURED = np.full(TICKS, np.nan)
 COMMAND = 3.0 * np.sin(2.0 * np.pi * 0.7 * np.arange(TICKS) * 1e-3) + np.sin(
     2.0 * np.pi * 1.9 * np.arange(TICKS) * 1e-3
 )
@@ -36,18 +38,11 @@ def moved(parameters: Parameters) -> Motion:
 def accounts(motion: Motion, null_bias: float = 0.0, parts: int = 1) -> list[AccountBlock]:
     account = FlowAccount(NOMINAL)
     time_s = np.arange(TICKS) * 1e-3
-    columns = (
-        time_s,
-        motion["spool"],
-        motion["pressure_1"],
-        motion["pressure_2"],
-        motion["position"],
-        np.ones(TICKS),
-    )
+    states = [motion[name] for name in ESTIMATED]
+    rows = np.array([time_s, *states, np.ones(TICKS), UNMEASURED])
     blocks = []
-    for piece in np.array_split(np.arange(TICKS), parts):
-        part = (np.ascontiguousarray(column[piece]) for column in columns)
-        blocks += account.add(*part, null_bias=null_bias)
+    for piece in np.array_split(rows, parts, axis=1):
+        blocks += account.add(np.ascontiguousarray(piece), (null_bias, 0.0))
     return blocks
 
 
@@ -151,15 +146,8 @@ def test_the_supply_droops_by_the_flow_that_its_account_says() -> None:
     droop = 2e12
     motion = moved(NOMINAL._replace(supply_droop=droop))
     account = FlowAccount(NOMINAL)
-    blocks = account.add(
-        1e-3 * np.arange(TICKS, dtype=np.float64),
-        motion["spool"],
-        motion["pressure_1"],
-        motion["pressure_2"],
-        motion["position"],
-        np.ones(TICKS),
-        supply=motion["supply_pressure"],
-    )
+    time_s, states = 1e-3 * np.arange(TICKS), [motion[name] for name in ESTIMATED]
+    blocks = account.add(np.array([time_s, *states, np.ones(TICKS), motion["supply_pressure"]]))
     for block in blocks:
         lost = NOMINAL.supply_pressure - block.supply_pressure
         flow, square = block.supply_flow
@@ -197,9 +185,8 @@ def test_no_block_begins_or_ends_while_a_chamber_is_dry(sound: Motion) -> None:
 def complete(sound: Motion, fresh: NDArray[np.bool_]) -> list[bool]:
     """Return which of the first three blocks count, if only some samples were measured."""
     time_s = np.arange(TICKS, dtype=np.float64) * 1e-3
-    p1, p2, position = sound["pressure_1"], sound["pressure_2"], sound["position"]
-    columns = time_s, sound["spool"], p1, p2, position, fresh.astype(np.float64)
-    return [block.complete for block in FlowAccount(NOMINAL).add(*columns)[:3]]
+    rows = np.array([time_s, *(sound[name] for name in ESTIMATED), fresh, UNMEASURED])
+    return [block.complete for block in FlowAccount(NOMINAL).add(rows)[:3]]
 
 
 @pytest.mark.parametrize(("lost", "counts"), [(50, True), (51, False), (70, False)])
@@ -244,9 +231,9 @@ def at_rest(noise: float, opening: float = 0.0) -> list[AccountBlock]:
     spool = np.zeros(count)
     for k in range(1, count):
         spool[k] = 0.5 * spool[k - 1] + 0.75**0.5 * noise * shocks[k]
-    held = (np.full(count, value) for value in (12e6, 2.7e6, 0.3, 1.0))
+    held = (np.full(count, value) for value in (12e6, 2.7e6, 0.3, 1.0, np.nan))
     time_s = np.arange(count, dtype=np.float64) * 1e-3
-    return FlowAccount(NOMINAL).add(time_s, spool + opening, *held)
+    return FlowAccount(NOMINAL).add(np.array([time_s, spool + opening, *held]))
 
 
 def test_noise_about_null_lets_no_oil_through() -> None:

@@ -9,18 +9,18 @@ from hypothesis import given, strategies as st
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.filters import thesis
-from estimator.filters.thesis import (
-    initial_state,
-    thesis6_jacobian,
-    thesis6_predict,
-    thesis6_step,
-    thesis7_jacobian,
-    thesis7_predict,
-    thesis7_step,
-)
+from estimator.filters import covariance, thesis, thesis_model
+from estimator.filters.covariance import COLUMNS
+from estimator.filters.fused import _c_fma
+from estimator.filters.thesis import initial_state, thesis6_step, thesis7_step
 from rig.plant import NOMINAL, Model
 from rig.plant.simulation import simulate
+from tools.thesis_linearised import (
+    thesis6_jacobian,
+    thesis6_predict,
+    thesis7_jacobian,
+    thesis7_predict,
+)
 
 Array = NDArray[np.float64]
 
@@ -131,6 +131,38 @@ def test_the_straight_line_step_is_the_textbook_filter(
         state, covariance, expected_out = textbook_step(reference, state, covariance, u, z)
         worst = max(worst, apart((x, P, out), (state, covariance, expected_out)))
     assert worst < 1e-9
+
+
+def test_the_columns_are_those_of_the_printed_jacobians() -> None:
+    """Number of entries that are not zero, row by row in eqs. 4.19 and 6.20."""
+    counts = {n: [len({i, *row}) for i, row in enumerate(rows)] for n, rows in COLUMNS.items()}
+    assert counts == {6: [2, 4, 4, 2, 3, 2], 7: [2, 4, 4, 2, 4, 2, 1]}
+
+
+@pytest.mark.parametrize("reference", FILTERS)
+def test_the_compiled_step_rounds_as_plain_python_does(
+    reference: Reference, record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its functions write the code that is compiled, and compute by themselves without it."""
+    n = reference.size
+    linearised = thesis_model.linearised_6 if n == 6 else thesis_model.linearised_7
+    monkeypatch.setattr(covariance, "fma", _c_fma())
+    monkeypatch.setattr(covariance, "_propagated", covariance._propagate)
+    monkeypatch.setattr(covariance, "_corrected", covariance._correct)
+    monkeypatch.setattr(covariance, "_stored", covariance._store)
+    x, P = initial_state(n == 7)
+    plain_x, plain_covariance = x.copy(), P.copy()
+    out, plain_out = np.empty(9), np.empty(9)
+    for k in range(1, 50):
+        u, z = record.command[k - 1], record.measured[k]
+        reference.step(x, P, u, *z, NOMINAL, out)
+        covariance.kalman_step.py_func(
+            linearised(tuple(plain_x), u, NOMINAL), plain_x, plain_covariance,
+            (np.diag(reference.Q), np.diag(reference.R)), z, plain_out,
+        )  # fmt: skip
+        assert out.tobytes() == plain_out.tobytes()
+        assert x.tobytes() == plain_x.tobytes()
+        assert P.tobytes() == plain_covariance.tobytes()
 
 
 def compiled_loop(reference: Reference) -> Callable[..., None]:

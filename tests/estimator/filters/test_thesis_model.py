@@ -12,15 +12,15 @@ from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
 from estimator.filters import thesis_model
-from estimator.filters.covariance import THESIS6_ENTRIES, THESIS7_ENTRIES
-from estimator.filters.thesis import (
+from rig.plant import KARNOPP, NO_FAULT, NOMINAL, Parameters, quantities
+from rig.plant.dynamics import rates
+from tools.thesis_linearised import (
+    ENTRIES,
     thesis6_jacobian,
     thesis6_predict,
     thesis7_jacobian,
     thesis7_predict,
 )
-from rig.plant import KARNOPP, NO_FAULT, NOMINAL, Parameters, quantities
-from rig.plant.dynamics import rates
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,6 @@ COMPLEX_STEP = 1e-30
 DIRECTIONS = {"extending": 1.0, "retracting": -1.0}
 REGIMES = ("sliding", "stuck", "breaking away")
 BREAKAWAY = NOMINAL.stiction / NOMINAL.piston_area
-ENTRIES = {6: THESIS6_ENTRIES, 7: THESIS7_ENTRIES}
 STATE_UNITS = ("m", "Pa", "Pa", "m", "m/s", "m/s", "N")
 
 

@@ -24,7 +24,7 @@ from estimator.friction.samples import (
     friction_samples,
     load_lag,
 )
-from estimator.leaks.replaying import filter_recording, samples_of
+from estimator.leaks.replaying import filter_recording, part_of, samples_of, stretch
 from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
@@ -120,13 +120,7 @@ def test_blocks_do_not_depend_on_how_a_recording_arrives() -> None:
     whole.take(samples, run)
     for start, end in ((0, 501), (501, 508), (508, 6000), (6000, None)):
         part = slice(start, end)
-        names = samples.__dataclass_fields__
-        piece = replace(samples, **{name: getattr(samples, name)[part] for name in names})
-        pieces.take(
-            piece,
-            replace(run, time_s=run.time_s[part], states=run.states[part],
-                    outputs=run.outputs[part]),
-        )  # fmt: skip
+        pieces.take(stretch(samples, part), part_of(run, part))
     for name in MotionBlocks.__dataclass_fields__:
         one, other = getattr(whole.blocks, name), getattr(pieces.blocks, name)
         assert np.array_equal(one, other, equal_nan=one.dtype == float)

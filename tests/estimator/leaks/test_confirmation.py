@@ -1,8 +1,5 @@
 """A leak is confirmed and gone by what the accounts show, not by what they cannot show."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import pytest
 
 from estimator.leaks.confirmation import CONFIRMED_AFTER_S, PresentLeaks
@@ -15,7 +12,7 @@ HEALTHY = {"healthy": 1.0}
 
 
 def finding(fault: int, coefficient: float = 5e-9) -> Finding:
-    return Finding(fault, 0, 0.0, coefficient, 1e-10, 20.0, 400.0, 8.0, 1.0)
+    return Finding(fault, 0, coefficient, 1e-10, 20.0, 400.0, 8.0, 1.0)
 
 
 class Confirmation:
@@ -24,8 +21,7 @@ class Confirmation:
     def __init__(self) -> None:
         self.left: dict[int, float] = {}
         self.time_s = 10.0
-        verdicts: Any = SimpleNamespace(present=lambda f: self.left.get(f.fault, f.coefficient))
-        self.leaks = PresentLeaks(verdicts)
+        self.leaks = PresentLeaks(lambda f: self.left.get(f.fault, f.coefficient))
 
     def after(
         self, seconds: float, faults: tuple[int, ...] = (), probabilities: dict[str, float] = SURE

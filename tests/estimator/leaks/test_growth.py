@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estimator.leaks.growth import LEAST_BLOCKS, STRETCHES, stretches
+from estimator.leaks.fault_size import LEAST_BLOCKS, STRETCHES, stretches
 from estimator.leaks.leak_statistic import LeakTest
-from estimator.leaks.leak_verdicts import LeakVerdicts
+from estimator.leaks.leak_verdicts import present_coefficient
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .test_leak_statistic import ROOT, blocks
@@ -32,7 +32,7 @@ def test_a_leak_that_grows_is_named_and_followed(fault: int, rate: float) -> Non
     found = test.search()
     assert [finding.fault for finding in found] == [fault]
     size = FLOW if fault < 2 else 0.6 * FLOW
-    assert LeakVerdicts(test).present(found[0]) * size == pytest.approx(256 * rate, rel=0.25)
+    assert present_coefficient(test, found[0]) * size == pytest.approx(256 * rate, rel=0.25)
 
 
 def test_health_is_not_taken_for_growth() -> None:

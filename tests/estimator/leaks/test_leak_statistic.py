@@ -16,7 +16,7 @@ from estimator.accounts.sums import MARKS
 from estimator.leaks.fault_scores import WITNESSES
 from estimator.leaks.finding import Finding
 from estimator.leaks.leak_statistic import MINIMUM_BLOCKS, LeakTest
-from estimator.leaks.leak_verdicts import LeakVerdicts
+from estimator.leaks.leak_verdicts import smallest_found
 from rig.plant import FAULTS
 from rig.plant.parameters import LITRE_PER_MINUTE
 
@@ -240,14 +240,14 @@ def test_fewer_false_alarms_cost_a_higher_threshold() -> None:
         strict.add(block)
         loose.add(block)
     assert strict.threshold(80.0) > loose.threshold(80.0) + 1.0
-    assert np.all(LeakVerdicts(strict).smallest()[:3] > LeakVerdicts(loose).smallest()[:3])
+    assert np.all(smallest_found(strict)[:3] > smallest_found(loose)[:3])
 
 
 def test_the_smallest_leak_it_claims_to_see_it_sees() -> None:
     test = LeakTest(1.0)
     for block in blocks(60, 9):
         test.add(block)
-    smallest = LeakVerdicts(test).smallest()[0] * ROOT / LITRE_PER_MINUTE
+    smallest = smallest_found(test)[0] * ROOT / LITRE_PER_MINUTE
     assert 0.02 < smallest < 0.15
     assert searched(blocks(60, 9, flow=1.5 * smallest, onset=30))[-1]
 

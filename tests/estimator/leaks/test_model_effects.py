@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from estimator.filters.product_lanes import ProductLanes
 from estimator.filters.product_model import DYNAMIC, STATE_COUNT, predict_product
-from estimator.leaks.detection import draw_up
 from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, replay, samples_of
@@ -73,7 +72,7 @@ class Worth:
 def worth(recording: Recording, model: Model) -> Worth:
     run = filter_recording(recording, model)
     account = OilAccount(model.parameters, LeakTest(1.0))
-    missing = [block.missing for block in draw_up(account, samples_of(recording), run)]
+    missing = [block.missing for block in account.add(samples_of(recording), run)]
     settled = slice(3000, None)
     errors = [
         (run.state(f"pressure_{i}_Pa") - recording[f"true_pressure_{i}_Pa"])[settled]

@@ -14,7 +14,7 @@ from estimator.accounts.noise import sensor_noise
 from estimator.accounts.nuisances import NUISANCES
 from estimator.accounts.sums import MARKS
 from estimator.filters.registry import FilterRun
-from estimator.leaks.detection import Decision, OilAccountDetector, draw_up
+from estimator.leaks.detection import Decision, OilAccountDetector
 from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, part_of, samples_of, stretch
@@ -46,7 +46,7 @@ def at_rest(seed: int, seconds: float = 30.0) -> Recording:
 
 def blocks_of(recording: Recording, run: FilterRun) -> list[AccountBlock]:
     account = OilAccount(NOMINAL, LeakTest(1.0))
-    return list(draw_up(account, samples_of(recording), run))
+    return list(account.add(samples_of(recording), run))
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_the_null_bias_is_learnt_as_well_as_is_said(bias: float) -> None:
     test = LeakTest(1.0)
     account = OilAccount(NOMINAL, test)
     assert test.null_bias() == (0.0, NUISANCES[0].sigma)
-    for _ in draw_up(account, samples_of(recording), filter_recording(recording, Model())):
+    for _ in account.add(samples_of(recording), filter_recording(recording, Model())):
         pass
     found, spread = test.null_bias()
     assert spread < 1e-6
@@ -74,7 +74,7 @@ def test_a_null_that_the_model_knows_opens_the_right_edges() -> None:
     recording = in_steps(truth)
     test = LeakTest(1.0)
     run = filter_recording(recording, Model(parameters=truth))
-    blocks = draw_up(OilAccount(truth, test), samples_of(recording), run)
+    blocks = OilAccount(truth, test).add(samples_of(recording), run)
     missing = np.array([block.missing for block in blocks])[4:] / LITRE_PER_MINUTE
     assert np.sqrt((missing**2).mean()) < 0.01
     found, spread = test.null_bias()
@@ -121,7 +121,7 @@ def test_a_leak_that_the_model_has_is_none() -> None:
     model = Model(parameters=truth)
     account = OilAccount(truth, LeakTest(1.0))
     run = filter_recording(recording, model)
-    missing = np.array([b.missing for b in draw_up(account, samples_of(recording), run)])
+    missing = np.array([b.missing for b in account.add(samples_of(recording), run)])
     assert np.abs(missing[4:]).mean() / LITRE_PER_MINUTE < 0.01
     unaware = np.array([b.missing for b in blocks_of(recording, run)])
     assert np.abs(unaware[4:]).mean() / LITRE_PER_MINUTE > 0.1

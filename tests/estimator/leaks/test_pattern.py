@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.filters.registry import FILTERS, FilterRun
-from estimator.leaks.detection import Decision, Samples
+from estimator.leaks.detection import Decision
+from estimator.leaks.oil_account import Samples
 from estimator.leaks.pattern import LEARNING_S, PatternDetector, healthy_level, learn_pattern
 
 Array = NDArray[np.float64]

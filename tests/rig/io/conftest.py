@@ -88,7 +88,7 @@ class BypassBench:
     def __init__(self, thread: DeviceThread, folder: Path) -> None:
         self.clock = ManualClock()
         self.record = Record(clock=self.clock)
-        self.device = BypassIo(self.record, self.clock, ball_travel_s=0.5, needle_travel_s=2.0)
+        self.device = BypassIo(self.record, self.clock)
         self.port = thread.run(self.device.open("127.0.0.1", 0))
         self._thread = thread
         self._folder = folder

@@ -17,7 +17,7 @@ from rig.configuration.reading.lookup import shipped_config_dir
 from rig.configuration.reading.options import read_options
 from rig.io.driver import ExchangeStatus
 from rig.io.modbus_daq.compiled_exchange import ExchangePlan
-from rig.io.modbus_daq.plan import exchange_plan
+from rig.io.modbus_daq.plan import exchange_plans
 from rig.io.modbus_daq.register_map import ExchangeMode, Register, RegisterMap
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from tests.rig.io.conftest import DeviceThread
@@ -30,7 +30,7 @@ def shipped_map(name: str) -> RegisterMap:
     """Return the register map of that name in `config/maps`."""
     sources = Sources()
     path = shipped_config_dir() / "maps" / f"{name}.yaml"
-    found = read_options(RegisterMap, sources.read_yaml(path), sources)
+    found = read_options(RegisterMap, sources.read_yaml(path))
     assert found is not None, sources.problems
     return found
 
@@ -57,7 +57,7 @@ class Line:
     def __init__(
         self, register_map: RegisterMap, mode: ExchangeMode = "fc23", unit: int = UNIT
     ) -> None:
-        self.plan: ExchangePlan = exchange_plan(register_map, mode, unit)
+        self.plan: ExchangePlan = exchange_plans(register_map, mode, unit)[0]
         self.inputs = np.zeros(len(FAST_INPUTS))
         self._host, self.device = socket.socketpair()
         self.device.setblocking(False)

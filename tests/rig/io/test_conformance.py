@@ -32,7 +32,8 @@ from rig.io.conformance import (
 )
 from rig.io.driver import DriverError
 from rig.io.flow_meters.driver import FlowMeterOptions, FlowMeters
-from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
+from rig.io.modbus_daq.driver import ModbusDaq
+from rig.io.modbus_daq.link import ModbusDaqOptions
 from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_types
 from rig.plant import Model
@@ -54,7 +55,7 @@ def _bypass_specimen(folder: Path, *, serial: bool) -> Iterator[Specimen]:
     bench = BypassBench(thread, folder)
 
     def is_safe() -> bool:
-        positions = bench.device.positions()
+        positions = bench.device.valves.positions()
         shut = all(positions[bypass][0] == 0.0 for bypass in BYPASSES[:-1])
         return shut and positions["return_blockage"][1] <= 0.02
 
@@ -66,7 +67,12 @@ def _bypass_specimen(folder: Path, *, serial: bool) -> Iterator[Specimen]:
     driver = bench.serial_driver(baud=115_200) if serial else bench.driver()
     try:
         yield Specimen(
-            driver, bench.power_off, bench.device.positions, is_safe, moves, bench.clock.advance
+            driver,
+            bench.power_off,
+            bench.device.valves.positions,
+            is_safe,
+            moves,
+            bench.clock.advance,
         )
     finally:
         bench.end()
@@ -163,7 +169,10 @@ def modbus_daq(_: Path) -> Iterator[Specimen]:
 
         thread.call(press)
 
-    register_map = read_map(shipped_config_dir() / "maps" / "io_node.yaml", Sources())
+    path = shipped_config_dir() / "maps" / "io_node.yaml"
+    root = Sources().read_yaml(path)
+    assert root is not None
+    register_map = read_map(root)
     assert isinstance(register_map, RegisterMap)
     options = ModbusDaqOptions("127.0.0.1", register_map, port, watchdog=0.1, timeout=PATIENCE_S)
     driver = ModbusDaq("daq", options)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from rig.io.can.ds408_valve import CanValveOptions
 from rig.io.can.pump import CanPumpOptions
-from rig.io.can.valve_options import CanValveOptions
 from rig.io.device_lock import connection_of, exclusive
 from rig.io.driver import DriverError
 from rig.io.registry import DriverSpec

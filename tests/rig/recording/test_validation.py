@@ -128,11 +128,11 @@ def test_a_jitter_of_a_third_of_a_step_is_no_gap(healthy: Recording) -> None:
 def problems_of_channels(
     healthy: Recording, changed: dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]
 ) -> list[RecordingProblem]:
-    from rig.recording.recording import REPLAY_CHANNELS
-    from rig.recording.table import Table
+    from rig.recording.recording import REPLAY_CHANNELS, Table
     from rig.recording.validation import problems_of
 
-    return problems_of(Table("run.csv", healthy.channels | changed), REPLAY_CHANNELS)
+    table = Table("run.csv", healthy.channels | changed)
+    return problems_of(table, REPLAY_CHANNELS, of_rig=True, longest_s=None)
 
 
 def test_time_that_goes_back_is_refused_at_the_line_where_it_does(

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from rig.report.traces import POINTS, Trace, band, envelope, line, packed, steps
+from rig.report.panel import POINTS, Trace, band, envelope, line, packed, steps
 
 Array = NDArray[np.float64]
 

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from estimator.filters.registry import FilterRun
-from estimator.leaks.detection import Decision, Samples
+from estimator.leaks.detection import Decision
+from estimator.leaks.oil_account import Samples
 from faults.campaign import Campaign, CampaignTest
 from faults.verdict import Verdict
 from rig.configuration.rigs.rig import Rig
-from rig.loop.decided import DECIDED, verdict_of
+from rig.loop.decided import DECIDED, VERDICT_CODES
 from rig.recording import read_recording
 from rig.runner import run_campaign
 
@@ -43,4 +44,4 @@ def test_what_was_decided_after_a_block_stands_in_every_row_of_the_next(
         assert np.isnan(values[:501]).all()
     assert decided["probability_healthy"][501:].tolist() == [1.0] * 500 + [2.0] * 500 + [3.0] * 199
     assert decided["decided_at_s"][501::500].tolist() == [0.5, 1.0, 1.5]
-    assert recording.metadata["verdict_codes"][int(decided["verdict_code"][-1])] == verdict_of(3.0)
+    assert recording.metadata["verdict_codes"][int(decided["verdict_code"][-1])] == VERDICT_CODES[3]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from control.setpoints import Sine
 from estimator.filters.registry import FilterRun
-from estimator.leaks.detection import Decision, Samples
+from estimator.leaks.detection import Decision
+from estimator.leaks.oil_account import Samples
 from faults.campaign import Campaign, CampaignTest, OnFault
 from faults.verdict import Verdict
 from rig.configuration.rigs.rig import Rig

@@ -18,8 +18,8 @@ from rig.stream.commands import (
     Refused,
     Sender,
     gate_of,
-    local_key,
     make_key,
+    own_key,
     read_key,
     seal,
 )
@@ -36,27 +36,29 @@ class Clock:
     def __init__(self) -> None:
         self.now_ns = NOW
 
-    def __call__(self) -> int:
+    def time_ns(self) -> int:
         return self.now_ns
 
 
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr("rig.stream.commands.time", clock)
+    return clock
 
 
 @pytest.fixture
-def gate(clock: Clock) -> Gate:
-    return Gate("bench", "s1", {"ann": (ANN, frozenset({"abort", "hold"}))}, clock)
+def gate() -> Gate:
+    return Gate("bench", "s1", {"ann": (ANN, frozenset({"abort", "hold"}))})
 
 
 @pytest.fixture
-def ann(clock: Clock) -> Sender:
-    return Sender(ANN, clock)
+def ann() -> Sender:
+    return Sender(ANN)
 
 
-def test_a_command_may_name_the_test_that_it_is_about(clock: Clock, ann: Sender) -> None:
-    gate = Gate("bench", "s1", {"ann": (ANN, frozenset({"skip"}))}, clock)
+def test_a_command_may_name_the_test_that_it_is_about(ann: Sender) -> None:
+    gate = Gate("bench", "s1", {"ann": (ANN, frozenset({"skip"}))})
     assert gate.judge("skip", ann.sign("bench", "s1", "skip", "worn", "second")).test == "second"
     assert gate.judge("skip", ann.sign("bench", "s1", "skip")).test == ""
 
@@ -99,14 +101,14 @@ def test_a_changed_sequence_breaks_the_signature(gate: Gate, ann: Sender) -> Non
     assert why(gate, msgpack.packb({**envelope, "body": body})) == "forged"
 
 
-def test_a_signature_by_another_key_is_forged(gate: Gate, clock: Clock) -> None:
-    mallory = Sender(Credentials("ann", bytes(KEY_BYTES)), clock)
+def test_a_signature_by_another_key_is_forged(gate: Gate) -> None:
+    mallory = Sender(Credentials("ann", bytes(KEY_BYTES)))
     assert why(gate, mallory.sign("bench", "s1", "abort")) == "forged"
 
 
-def test_a_sender_that_nobody_knows_is_unauthenticated(gate: Gate, clock: Clock) -> None:
+def test_a_sender_that_nobody_knows_is_unauthenticated(gate: Gate) -> None:
     # The key of one who is not known is not all zeros, though that is what it is compared with.
-    bob = Sender(Credentials("bob", bytes(KEY_BYTES)), clock)
+    bob = Sender(Credentials("bob", bytes(KEY_BYTES)))
     assert why(gate, bob.sign("bench", "s1", "abort")) == "unauthenticated"
 
 
@@ -146,7 +148,7 @@ def test_an_oversized_payload_is_refused_unread(gate: Gate) -> None:
 
 @given(st.binary(max_size=200))
 def test_bytes_that_are_no_command_are_refused(payload: bytes) -> None:
-    gate = Gate("bench", "s1", {"ann": (ANN, frozenset({"abort"}))}, Clock())
+    gate = Gate("bench", "s1", {"ann": (ANN, frozenset({"abort"}))})
     assert why(gate, payload) == "malformed"
 
 
@@ -202,7 +204,7 @@ def test_a_key_that_is_there_is_not_made_anew(tmp_path: Path) -> None:
 
 def test_this_users_own_key_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert local_key() == local_key()
+    assert own_key("stream.key") == own_key("stream.key")
     (path,) = tmp_path.rglob("*.key")
     assert os.stat(path).st_mode & 0o777 == 0o600
 

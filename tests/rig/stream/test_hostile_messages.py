@@ -13,7 +13,7 @@ import zenoh
 from hypothesis import given, settings, strategies as st
 from rich.console import Console
 
-from rig.cli.live.monitor_view import document, line, screen
+from rig.cli.live.monitor import document, line, screen
 from rig.console.curves import CHANNELS, Curves
 from rig.console.snapshot_sections import sections
 from rig.stream.client import StreamClient
@@ -186,7 +186,7 @@ class Rig:
     @contextmanager
     def published(self) -> Iterator["Rig"]:
         with publisher_session(self.settings) as session:
-            self.sender = StreamSender(session, "bench", 10.0)
+            self.sender = StreamSender(session, "bench", 10.0, print)
             self.sender.send("channels", good("channels"))
             yield self
             self.sender.close()
@@ -315,15 +315,15 @@ def test_a_late_joiner_whose_answer_fails_costs_the_next_one_nothing(
     failures: list[str] = []
     settings_ = Rig(port).settings
     with publisher_session(settings_) as session, subscriber_session(settings_) as asking:
-        sender = StreamSender(session, "bench", 10.0, on_failure=failures.append)
+        sender = StreamSender(session, "bench", 10.0, failures.append)
         sender.send("state", {"state": "armed"})
-        reply = sender._reply
+        asked_for = sender._asked_for
 
-        def fails_once(query: zenoh.Query) -> None:
-            monkeypatch.setattr(sender, "_reply", reply)
+        def fails_once(query: zenoh.Query) -> dict[str, list[bytes]]:
+            monkeypatch.setattr(sender, "_asked_for", asked_for)
             raise OverflowError("of an answer")
 
-        monkeypatch.setattr(sender, "_reply", fails_once)
+        monkeypatch.setattr(sender, "_asked_for", fails_once)
         answers: list[Any] = []
         until(
             lambda: answers,

@@ -63,7 +63,7 @@ class Published:
 
     def __init__(self, settings: StreamSettings, rig: str = "bench") -> None:
         self.session = publisher_session(settings)
-        self.sender = StreamSender(self.session, rig, 10.0)
+        self.sender = StreamSender(self.session, rig, 10.0, print)
         self.gate: Gate = gate_of(settings, rig, self.sender.name)
         self.obeyed: list[str] = []
         self.commands = self.session.declare_queryable(command_key(rig, "*"), self.answer)

@@ -52,7 +52,7 @@ def view() -> RigView:
 def publisher(view: RigView) -> Publisher:
     publisher = Publisher(view)
     publisher.send("channels", CHANNELS)
-    view.token(present=True)
+    view.has_token = True
     return publisher
 
 
@@ -133,7 +133,7 @@ def test_a_silent_stream_is_dead_with_its_age(view: RigView, publisher: Publishe
 
 def test_a_stream_whose_token_went_is_dead_at_once(view: RigView, publisher: Publisher) -> None:
     publisher.heartbeat(at_ns=S)
-    view.token(present=False)
+    view.has_token = False
     assert not view.snapshot(S).alive
 
 
@@ -143,7 +143,7 @@ def test_a_rig_that_said_goodbye_has_ended_and_one_that_went_silent_is_dead(
     assert view.snapshot(S).life == "live"
     publisher.send("campaign", {"status": "ended"}, at_ns=S)
     assert view.snapshot(S).life == "live"
-    view.token(present=False)
+    view.has_token = False
     assert view.snapshot(S).life == "ended"
     again = Publisher(view, "s2")
     again.heartbeat(at_ns=2 * S)

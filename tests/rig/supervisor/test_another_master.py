@@ -5,6 +5,7 @@ import struct
 from collections.abc import Iterator
 from math import nan
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,8 @@ from rig.configuration.rigs.rig import load_rig
 from rig.io.can.ds408 import DriveState
 from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
-from rig.supervisor.event_log import EventLog
 from rig.supervisor.processes.driven import Driven, Tally, departures
-from rig.supervisor.trip_report import TripReport, write_trip_report
+from rig.supervisor.trip_report import EventLog, TripReport, write_trip_report
 from tests.rig.supervisor.processes.test_loop_process import Rig, connected
 from tests.waiting import until
 
@@ -106,10 +106,12 @@ def test_the_loop_that_was_rescued_goes_on_to_null_the_valve(tmp_path: Path) -> 
 class Told:
     """Keeps what a tally tells, under a clock of its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_ns = 0
+        clock = SimpleNamespace(monotonic_ns=lambda: self.now_ns)
+        monkeypatch.setattr("rig.supervisor.processes.driven.time", clock)
         self.news: list[Driven] = []
-        self.tally = Tally("field", self.news.append, lambda: self.now_ns)
+        self.tally = Tally("field", self.news.append)
 
     def go_on(self, seconds: float, part: str = "pump") -> None:
         """Find a part driven every 10 ms, for so long."""
@@ -118,8 +120,12 @@ class Told:
             self.tally.found(part, "loaded")
 
 
-def test_a_master_that_goes_on_is_reported_at_once_and_then_once_a_second() -> None:
-    told = Told()
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    return Told(monkeypatch)
+
+
+def test_a_master_that_goes_on_is_reported_at_once_and_then_once_a_second(told: Told) -> None:
     told.go_on(3.5)
     assert [news.times for news in told.news] == [1, 101, 201, 301]
     assert told.news[-1].sentence == "pump driven by another master: loaded, 301 times"
@@ -130,8 +136,7 @@ def test_a_master_that_goes_on_is_reported_at_once_and_then_once_a_second() -> N
     assert len(told.news) == 5
 
 
-def test_each_part_is_reported_for_itself() -> None:
-    told = Told()
+def test_each_part_is_reported_for_itself(told: Told) -> None:
     told.go_on(0.01)
     told.go_on(0.01, "valve drive")
     assert [news.sentence for news in told.news] == [
@@ -168,8 +173,8 @@ def test_what_comes_after_the_report_was_written_is_added_and_kept_in_the_journa
     said: list[str] = []
     event_log = EventLog(load_rig("emulated"), tmp_path, said.append, kept.append)
     trips = {"loop": (Cause.LIMIT_HIGH, 1_000_000)}
-    event_log._report = TripReport(trips, (), (), (), np.empty((0, 0)))
-    event_log._reported = write_trip_report(event_log._report, tmp_path)
+    event_log.report = TripReport(trips, {}, (), (), np.empty((0, 0)))
+    event_log._reported = write_trip_report(event_log.report, tmp_path)
     found = Driven(3_000_000, "loop", "enabled", "valve", 2, 2_000_000, 3_000_000)
     event_log.take(found)
     event_log.complete_report()

@@ -15,14 +15,7 @@ from rig.loop.wire.layout import Drive
 from rig.loop.wire.orders import Segment
 from rig.plant import Model
 from rig.supervisor import arming
-from rig.supervisor.states import (
-    Conditions,
-    Event,
-    IllegalTransition,
-    SessionState,
-    State,
-    next_state,
-)
+from rig.supervisor.states import Conditions, Event, IllegalTransition, State, next_state
 
 RIG = load_rig("emulated")
 COUNT_M = RIG.sensors.position_resolution
@@ -75,17 +68,13 @@ class ConnectedRig:
         self._present = self.segment(Drive.NULL)
         self.said: list[str] = []
         self._ram = ram
-        self._states = SessionState()
+        self.state = State.OFF
         for event in (Event.CONNECT, Event.CONNECTED):
             self.handle(event)
 
-    @property
-    def state(self) -> State:
-        return self._states.state
-
     def handle(self, event: Event) -> None:
         homed = bool(self.board.words[Word.HOMED])
-        self._states.handle(event, Conditions(True, True, homed))
+        self.state = next_state(self.state, event, Conditions(True, True, homed))
 
     def say(self, text: str) -> None:
         self.said.append(text)
@@ -112,7 +101,8 @@ class ConnectedRig:
         segment = Segment(0, drive, cast(Any, None), self.model.parameters, offset_m=self.offset_m)
         return replace(segment, **changes)
 
-    def switch_to(self, segment: Segment) -> None:
+    def switch_to(self, drive: Drive, **changes: Any) -> None:
+        segment = self.segment(drive, **changes)
         self.ordered.append(segment)
         self._present = segment
         if segment.homed is not None:

@@ -15,11 +15,12 @@ from rig.supervisor.calibration import (
     BATCH_TICKS,
     TRIES,
     WAYS,
+    Samples,
+    Strokes,
     calibratable,
     calibrate,
     measure_needle,
 )
-from rig.supervisor.strokes import Samples
 
 KINDS = tuple(WAYS)
 OPENINGS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -31,7 +32,7 @@ STROKE_TICKS = 12 * BATCH_TICKS
 DAY = date(2026, 3, 2)
 
 
-class ReckonedRig:
+class ReckonedRig(Strokes):
     """Motions of a rig with the nominal bypasses, in no time; keeps what it was asked.
 
     Attributes:

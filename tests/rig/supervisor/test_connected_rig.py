@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
@@ -14,24 +14,26 @@ from rig.supervisor.processes.child import Child, ChildError, NoAnswerError
 from tests.waiting import PATIENCE_S
 
 
-class Part:
+class Part(Child):
     """A part that takes every order, and answers it at the third time of asking.
 
     Args:
         answer: the answer, or an error that is raised in its place.
     """
 
-    ended = ""
-
     def __init__(self, answer: object) -> None:
         late = NoAnswerError("part process: did not answer")
-        self._answers: Iterator[object] = iter([late, late, answer])
+        self._told: Iterator[object] = iter([late, late, answer])
+
+    @property
+    def ended(self) -> str:
+        return ""
 
     def send(self, order: object) -> None:
         """Take an order."""
 
     def answer(self, timeout_s: float) -> object:
-        answer = next(self._answers)
+        answer = next(self._told)
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -42,24 +44,24 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ConnectedRig:
     stop = SimpleNamespace(requested=False, reason="")
     rig = ConnectedRig(load_rig("emulated"), "product", Model(), tmp_path, stop, lambda line: None)
     safety = SimpleNamespace(alive=lambda: None)
-    monkeypatch.setattr(rig, "_safety", safety, raising=False)
+    monkeypatch.setattr(rig, "safety", safety, raising=False)
     return rig
 
 
 Ask = Callable[[ConnectedRig, Child], Any]
 WAYS: dict[str, Ask] = {
     "ask": lambda rig, part: rig.ask(part, "order", PATIENCE_S),
-    "open": lambda rig, part: rig._opened(part, "order"),
+    "open": lambda rig, part: part.ask_patiently("order", PATIENCE_S, 3.0, rig._heed_stop),
 }
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_late_answer_is_waited_for(rig: ConnectedRig, way: str) -> None:
-    assert WAYS[way](rig, cast("Child", Part("done"))) == "done"
+    assert WAYS[way](rig, Part("done")) == "done"
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_an_answer_that_cannot_be_read_is_an_error_at_once(rig: ConnectedRig, way: str) -> None:
     unreadable = ChildError("part process: sent what cannot be read: LookupError")
     with pytest.raises(ChildError, match="sent what cannot be read"):
-        WAYS[way](rig, cast("Child", Part(unreadable)))
+        WAYS[way](rig, Part(unreadable))

@@ -1,5 +1,8 @@
 """A test on the hardware ends with the ram held, or else with the motion brought to rest."""
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -7,23 +10,38 @@ import pytest
 from rig.loop.interlocks.ladder import Action, Cause
 from rig.loop.interlocks.trip import LoopStoppedError, TripError
 from rig.supervisor.session import HardwareTest
+from rig.supervisor.states import Event, State
 
 
-class Session:
-    """What a test asks of the session at its end; keeps it.
+class ConnectedRig:
+    """What a test asks of the rig at its end; keeps it.
 
     Attributes:
-        ends: whether the test was completed, for each end.
+        ends: events for the state machine, and "ramp down" for a motion that is brought to rest.
     """
 
+    configured = SimpleNamespace(injectable=())
+    safety = SimpleNamespace(tripped=False)
+    state = State.RUNNING
+
     def __init__(self) -> None:
-        self.ends: list[bool] = []
+        self.ends: list[Event | str] = []
 
-    def end_test(self, *, completed: bool) -> None:
-        self.ends.append(completed)
+    def write(self, outputs: Mapping[str, float]) -> None:
+        """Have the valves where they shall be."""
 
-    def stopped(self, error: LoopStoppedError) -> TripError:
-        return TripError(f"stopped: {error}")
+    def handle(self, event: Event) -> None:
+        self.ends.append(event)
+
+    def ramp_down(self) -> None:
+        self.ends.append("ramp down")
+
+    @contextmanager
+    def reporting_stops(self) -> Iterator[None]:
+        try:
+            yield
+        except LoopStoppedError as error:
+            raise TripError(f"stopped: {error}") from None
 
 
 class Wire:
@@ -37,18 +55,18 @@ class Wire:
             raise self.fails
 
 
-def ended_early(session: Session, wire: Wire) -> HardwareTest:
-    test = HardwareTest(cast("Any", session), cast("Any", wire), cast("Any", None))
+def ended_early(rig: ConnectedRig, wire: Wire) -> HardwareTest:
+    test = HardwareTest(cast("Any", rig), cast("Any", wire), cast("Any", None))
     test.end_early()
     return test
 
 
 def test_a_test_whose_ram_is_held_is_completed() -> None:
-    session = Session()
-    test = ended_early(session, Wire())
+    rig = ConnectedRig()
+    test = ended_early(rig, Wire())
     test.safe_state()
     test.safe_state()
-    assert session.ends == [True]
+    assert rig.ends == [Event.DONE]
 
 
 @pytest.mark.parametrize(
@@ -59,8 +77,8 @@ def test_a_test_whose_ram_is_held_is_completed() -> None:
     ],
 )
 def test_a_ram_that_the_loop_does_not_hold_is_brought_to_rest(failure: Exception, why: str) -> None:
-    session, wire = Session(), Wire()
+    rig, wire = ConnectedRig(), Wire()
     wire.fails = failure
     with pytest.raises(TripError, match=why):
-        ended_early(session, wire).safe_state()
-    assert session.ends == [False]
+        ended_early(rig, wire).safe_state()
+    assert rig.ends == ["ramp down"]

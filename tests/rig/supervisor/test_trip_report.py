@@ -1,4 +1,5 @@
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -6,10 +7,13 @@ import numpy as np
 import pytest
 
 from rig.io.limits import ChannelLimit
+from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
 from rig.recording.reading import read_recording
+from rig.supervisor.processes.child import News
 from rig.supervisor.processes.driven import Driven
-from rig.supervisor.trip_report import Confirmation, Note, TripReport, write_trip_report
+from rig.supervisor.processes.health import trips_of
+from rig.supervisor.trip_report import TripReport, write_trip_report
 
 MS = 1_000_000
 AT = 10_000 * MS
@@ -31,16 +35,16 @@ def rows() -> np.ndarray:
 
 REPORT = TripReport(
     trips={
-        "supervisor": (Cause.LOOP_LOST, AT + 200 * MS),
         "loop": (Cause.LIMIT_HIGH, AT),
         "field": (Cause.BYPASS_STUCK, AT + 12 * MS),
+        "supervisor": (Cause.LOOP_LOST, AT + 200 * MS),
     },
-    confirmations=(
-        Confirmation("valve null", AT + 3 * MS),
-        Confirmation("bypass shut", AT + 412 * MS),
-        Confirmation("pump unloaded", 0),
-    ),
-    notes=(Note(AT - 1200 * MS, "campaign", "run test healthy"), Note(AT, "loop", "trip")),
+    confirmations={
+        "valve null": AT + 3 * MS,
+        "bypass shut": AT + 412 * MS,
+        "pump unloaded": 0,
+    },
+    notes=(News(AT - 1200 * MS, "campaign", "run test healthy"), News(AT, "loop", "trip")),
     channels=CHANNELS,
     rows=rows(),
     channel="pressure_1_Pa",
@@ -53,9 +57,15 @@ REPORT = TripReport(
 
 
 def test_the_earliest_trip_is_the_cause_whoever_reported_it() -> None:
-    assert REPORT.first == ("loop", Cause.LIMIT_HIGH, AT)
-    earlier = {**REPORT.trips, "field": (Cause.PUMP_FAULT, AT - MS)}
-    assert replace(REPORT, trips=earlier).first == ("field", Cause.PUMP_FAULT, AT - MS)
+    board = Board.create(1)
+    words = board.words
+    words[Word.SUPERVISOR_TRIP], words[Word.SUPERVISOR_TRIP_AT] = Cause.LOOP_LOST, AT + 200 * MS
+    words[Word.LOOP_TRIP], words[Word.LOOP_TRIP_AT] = Cause.LIMIT_HIGH, AT
+    report = replace(REPORT, trips=trips_of(board))
+    assert report.first == ("loop", Cause.LIMIT_HIGH, AT)
+    words[Word.FIELD_TRIP], words[Word.FIELD_TRIP_AT] = Cause.PUMP_FAULT, AT - MS
+    assert replace(REPORT, trips=trips_of(board)).first == ("field", Cause.PUMP_FAULT, AT - MS)
+    os.close(board.fd)
 
 
 def test_the_cause_is_reported_in_words_with_value_and_limit() -> None:

@@ -83,7 +83,7 @@ def test_every_case_is_in_one_chunk_beside_cases_like_it(sweep: Sweep) -> None:
     chunks = list(drawn_chunks(sweep, chunks_of(sweep)))
     numbers = np.concatenate([chunk.numbers for chunk in chunks])
     assert sorted(numbers) == list(range(sweep.cases))
-    assert [chunk.count for chunk in chunks] == list(chunks_of(sweep).values())
+    assert [chunk.numbers.size for chunk in chunks] == list(chunks_of(sweep).values())
     alike = [np.unique(chunk.columns["motion"].values).size == 1 for chunk in chunks]
     assert np.mean(alike) > 0.8
 

@@ -8,8 +8,7 @@ from control.setpoints import Chirp, Constant, Multisine, Pseudorandom, Setpoint
 from rig.configuration.sweeps.distributions import Distribution
 from rig.configuration.sweeps.sweep_plan import MotionType, SweptMotion
 from rig.lanes import LANES
-from rig.sweep.drawing import Streams
-from rig.sweep.motions import Motions, drawn_motions
+from rig.sweep.motions import Motions, Streams, drawn_motions
 from rig.sweep.ticks import scale_sines, setpoint_ticks
 
 Array = NDArray[np.float64]

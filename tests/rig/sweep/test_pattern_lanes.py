@@ -6,14 +6,13 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
-from estimator.leaks.detection import Samples
+from estimator.leaks.oil_account import Samples
 from estimator.leaks.pattern import PatternDetector
 from rig.configuration.sweeps.sweep import load_sweep
 from rig.lanes import LANES
 from rig.sweep.drawing import Cases, draw
-from rig.sweep.group import Group
-from rig.sweep.pattern_lanes import judged_by_pattern
-from rig.sweep.setting import Setting, setting_of
+from rig.sweep.group import Group, Setting, setting_of
+from rig.sweep.run_cases import judged_by_pattern
 from rig.sweep.ticks import BLOCK, SUMS
 
 Array = NDArray[np.float64]
@@ -76,7 +75,7 @@ def alone(found: Array, lane: int) -> tuple[str, float | None, float]:
 def test_lanes_are_judged_as_by_the_detector_of_one_rig(setting: Setting, cases: Cases) -> None:
     found = innovations(setting)
     group = Group(setting, cases, np.arange(LANES))
-    figures = judged_by_pattern(sums_of(found, setting), group, setting)
+    figures = judged_by_pattern(sums_of(found, setting), group)
     verdicts = set()
     for lane in range(LANES):
         verdict, detected_s, statistic = alone(found, lane)
@@ -98,5 +97,5 @@ def test_a_filter_that_ran_away_is_reported(setting: Setting, cases: Cases) -> N
     found[30_000:, 0, 0] = np.nan
     found[30_000:, 1, 1] = 1e7
     group = Group(setting, cases, np.arange(LANES))
-    lost = judged_by_pattern(sums_of(found, setting), group, setting)["lost"]
+    lost = judged_by_pattern(sums_of(found, setting), group)["lost"]
     assert lost.tolist() == [True, True, *[False] * (LANES - 2)]

@@ -10,9 +10,8 @@ from rig.lanes import LANES
 from rig.plant import FaultInput, Parameters
 from rig.plant.integrator import LONGEST_STEP, TICK
 from rig.sweep.drawing import Cases, draw
-from rig.sweep.group import Group
+from rig.sweep.group import Group, Setting, setting_of
 from rig.sweep.run_cases import judge_cases, run_thesis7
-from rig.sweep.setting import Setting, setting_of
 from rig.sweep.ticks import BLOCK, SUMS, setpoint_ticks
 from tools.simulated.lanes import SimulatedLanes
 

@@ -137,12 +137,7 @@ def test_the_inflows_of_the_weaknesses_are_those_that_the_oil_accounts_expect(
 ) -> None:
     states = sine.states[500:1001]
     blocks = FlowAccount(sine.parameters).add(
-        np.arange(501.0) * TICK,
-        states[:, 0],
-        states[:, 2],
-        states[:, 3],
-        states[:, 4],
-        np.ones(501),
+        np.array([np.arange(501.0) * TICK, *states.T[[0, 2, 3, 4]], np.ones(501), [np.nan] * 501])
     )
     expected = inflows(sine)
     for index, nuisance in enumerate(NUISANCES):

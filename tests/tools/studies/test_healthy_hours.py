@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
-from estimator.leaks.detection import Decision, Samples
+from estimator.leaks.detection import Decision
+from estimator.leaks.oil_account import Samples
 from rig.lanes import LANES
 from tools.studies import healthy_hours
 from tools.studies.healthy_hours import (

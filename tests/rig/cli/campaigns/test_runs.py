@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from rig.runner.run_folder.archive import RunError, read_run, run_named, runs_below
+from rig.runner.run_folder.archive import RunError, prunable, read_run, run_named, runs_below
 from rig.runner.run_folder.comparing import ANYTHING, Tolerance, compare, tolerance_of
-from rig.runner.run_folder.pruning import prunable
 
 Invoke = Callable[..., Any]
 

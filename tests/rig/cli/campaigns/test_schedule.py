@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rig.configuration.reading.lookup import shipped_config_dir
-from rig.runner.campaign.phases import CLEANUP_S
+from rig.runner.campaign.campaign_test_run import CLEANUP_S
 
 Invoke = Callable[..., Any]
 

@@ -14,8 +14,7 @@ from rig.configuration import load_rig
 from rig.io.driver import DriverError
 from rig.io.signals import METERS
 from rig.loop.interlocks.trip import TripError
-from rig.supervisor.calibration import WAYS
-from rig.supervisor.strokes import Samples
+from rig.supervisor.calibration import WAYS, Samples
 from tests.rig.cli.conftest import Invoke
 
 ARGUMENTS = ("calibrate", "valves", "--rig", "emulated", "--points", 3)

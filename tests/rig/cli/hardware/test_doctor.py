@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.cli.hardware.machine import Finding, machine
-from rig.loop.idle import wakeup_lateness
+from rig.cli.hardware.doctor import Finding, machine
+from rig.loop.clock import wakeup_lateness
 
 pytestmark = pytest.mark.usefixtures("no_memory_locked")
 

@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from rig.cli import main
-from rig.cli.live.monitor_view import document, line, screen
+from rig.cli.live.monitor import document, line, screen
 from rig.recording import read_recording
 from rig.stream.view import Snapshot
 from tests.waiting import COMPILE_S, PATIENCE_S, until

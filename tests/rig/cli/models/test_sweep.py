@@ -14,8 +14,8 @@ from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED, main as rig_main
 from rig.cli.models.sweep import command
 from rig.sweep import local, running
 from rig.sweep.drawing import Cases
+from rig.sweep.group import Setting
 from rig.sweep.run_cases import Judged, run_chunk
-from rig.sweep.setting import Setting
 
 TEXT = """\
 name: tiny
@@ -113,7 +113,7 @@ def test_a_cluster_without_its_extra_is_bad_input(
 def test_a_failing_case_is_reported_and_the_others_are_kept(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from rig.sweep.setting import SweepError
+    from rig.sweep.group import SweepError
 
     def fails(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
         yield run_chunk(setting, next(chunks))

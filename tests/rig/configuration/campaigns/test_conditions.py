@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from faults.conditions import Condition, WhenUnmet
+from faults.campaign import Condition, WhenUnmet
 from rig.configuration import ConfigError, load_campaign
 from rig.configuration.campaigns.conditions import measured_by
 from rig.configuration.rigs.rig import load_rig

@@ -19,8 +19,7 @@ from rig.plant.added_terms import (
     fields_of,
     terms_of,
 )
-from rig.plant.effects import CATALOGUE, PlantEffect
-from rig.plant.model import Model
+from rig.plant.effects import CATALOGUE, Model, PlantEffect
 from rig.plant.parameters import (
     FRICTION_LAWS,
     KARNOPP,

@@ -8,7 +8,7 @@ from rig.configuration import ConfigError
 from rig.configuration.checking import check
 from rig.configuration.reading.document import Sources
 from rig.configuration.reading.lookup import copy_shipped, shipped_config_dir
-from rig.configuration.rigs.register_maps import read_map
+from rig.configuration.rigs.register_maps import Map, read_map
 from rig.configuration.rigs.rig import load_rig
 from rig.io.bypass_valves.registers import BypassRegisters
 from rig.io.modbus_daq.register_map import RegisterMap
@@ -29,6 +29,12 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
+def map_in(path: Path) -> Map | None:
+    root = Sources().read_yaml(path)
+    assert root is not None
+    return read_map(root)
+
+
 def problems_of(text: str, folder: Path) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         check(write(folder, text))
@@ -36,7 +42,7 @@ def problems_of(text: str, folder: Path) -> list[str]:
 
 
 def test_a_map_is_read_into_what_its_driver_works_by(tmp_path: Path) -> None:
-    device_map = read_map(write(tmp_path, SMALL), Sources())
+    device_map = map_in(write(tmp_path, SMALL))
     assert isinstance(device_map, RegisterMap)
     assert device_map.rate == 500.0
     (position,) = device_map.read
@@ -46,7 +52,7 @@ def test_a_map_is_read_into_what_its_driver_works_by(tmp_path: Path) -> None:
 
 def test_the_map_of_a_bypass_device_is_distinguished_from_that_of_a_daq(tmp_path: Path) -> None:
     path = write(tmp_path, "coils: 16\nswitches: 32\nidentity: 200\n")
-    assert read_map(path, Sources()) == BypassRegisters(coils=16, switches=32, identity=200)
+    assert map_in(path) == BypassRegisters(coils=16, switches=32, identity=200)
     assert "coils 16, switches 32" in str(check(path))
 
 

@@ -24,8 +24,9 @@ CLASSES = [
 
 def section(**keys: object) -> Located:
     """Return a section of a rig file with these keys."""
-    place = Place(PAGE, 1, 1)
-    return Located({key: Located(value, place, key) for key, value in keys.items()}, place, "loop")
+    place, sources = Place(PAGE, 1, 1), Sources()
+    entries = {key: Located(value, place, key, sources) for key, value in keys.items()}
+    return Located(entries, place, "loop", sources)
 
 
 @pytest.mark.parametrize("options", CLASSES, ids=lambda options: options.__name__)
@@ -50,7 +51,7 @@ def test_every_option_has_a_meaning(name: str) -> None:
 @given(st.integers(1, 10_000))
 def test_a_time_is_the_same_in_every_unit(milliseconds: int) -> None:
     times = [
-        read_options(LoopSettings, section(stale_limit=text), Sources())
+        read_options(LoopSettings, section(stale_limit=text))
         for text in (f"{milliseconds} ms", f"{milliseconds}e-3 s", f"{milliseconds}e3 us")
     ]
     assert {settings.stale_limit for settings in times if settings} == {milliseconds / 1000}
@@ -58,8 +59,8 @@ def test_a_time_is_the_same_in_every_unit(milliseconds: int) -> None:
 
 @given(st.integers(-1000, 1000))
 def test_a_number_is_taken_exactly_if_it_is_within_its_limits(priority: int) -> None:
-    sources = Sources()
-    settings = read_options(LoopSettings, section(priority=priority), sources)
+    item = section(priority=priority)
+    settings = read_options(LoopSettings, item)
     allowed = 0 <= priority <= 99
     assert (settings == LoopSettings(priority=priority)) == allowed
-    assert bool(sources.problems.found) != allowed
+    assert bool(item.sources.problems.found) != allowed

@@ -76,7 +76,7 @@ def test_all_coils_can_be_written_at_once_and_the_throttles_does_nothing(served:
     served.client.write_coils(0, [True] * 5)
     served.clock.advance(1.0)
 
-    assert [ball for ball, _ in served.device.positions().values()] == [1.0] * 5
+    assert [ball for ball, _ in served.device.valves.positions().values()] == [1.0] * 5
     assert [event["bypass"] for event in served.events("ball_ordered")] == list(BYPASSES[:4])
 
 

@@ -10,19 +10,17 @@ Clock = Any
 
 
 class Noted:
-    """Effects that only take note of what begins and ends."""
+    """An emulated rig whose only part is an emergency stop, which takes note of who presses it."""
 
     def __init__(self) -> None:
         self.acting: list[Any] = []
+        self.node: Any = self
 
-    def require(self, *faults: Any) -> None:
-        pass
-
-    def apply(self, fault: Any, begins: bool) -> None:
-        if begins:
-            self.acting.append(fault)
+    def press_estop(self, pressed: bool) -> None:
+        if pressed:
+            self.acting.append("estop")
         else:
-            self.acting.remove(fault)
+            self.acting.remove("estop")
 
 
 @pytest.fixture
@@ -31,7 +29,7 @@ def effects() -> Noted:
 
 
 @pytest.fixture
-def injection(effects: Noted, clock: Clock) -> Injection:
+def injection(effects: Any, clock: Clock) -> Injection:
     return Injection(effects, Record(clock=clock), clock)
 
 
@@ -91,7 +89,7 @@ def test_clearing_all_takes_those_that_wait_along(
     injection: Injection, effects: Noted, clock: Clock
 ) -> None:
     injection.inject(fault_from({"fault": "estop"}))
-    injection.inject(fault_from({"fault": "garbage", "at": "1 s"}))
+    injection.inject(fault_from({"fault": "estop", "at": "1 s"}))
     assert injection.clear() == 2
     after(clock, injection, 2.0)
     assert effects.acting == []

@@ -8,8 +8,8 @@ from rig.configuration.rigs.rig import Rig
 from rig.emulator.addresses import HOST, Address, Endpoints
 from rig.emulator.application import Emulator
 from rig.emulator.record import Record
-from rig.emulator.script.effects import NotServedError
 from rig.emulator.script.fault_script import ATTENTIVE, Script, fault_from, read_script
+from rig.emulator.script.injection import NotServedError
 from rig.emulator.script.wire_faults import KINDS
 
 NEEDED = {"sensor": {"target": "pressure_1_Pa"}, "stuck_bypass": {"target": "internal_leakage"}}

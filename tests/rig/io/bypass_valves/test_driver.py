@@ -210,7 +210,7 @@ def test_the_safe_state_shuts_every_ball_and_frees_the_throttle(bypass: BypassBe
 
     driver.safe_state()
 
-    positions = bypass.device.positions()
+    positions = bypass.device.valves.positions()
     assert {name: ball for name, (ball, _) in positions.items() if name in BYPASSES[:-1]} == (
         dict.fromkeys(BYPASSES[:-1], 0.0)
     )
@@ -229,7 +229,7 @@ def test_the_safe_state_needs_no_open_and_no_connection_of_before(bypass: Bypass
     never_opened.safe_state()
     cut_off.safe_state()
 
-    assert bypass.device.positions()["supply_leakage"][0] == 0.0
+    assert bypass.device.valves.positions()["supply_leakage"][0] == 0.0
 
 
 def test_the_safe_state_trusts_no_connection_that_it_finds(bypass: BypassBench) -> None:
@@ -256,7 +256,7 @@ def test_a_safe_state_that_is_not_reached_names_the_valves_that_are_not(
 
     assert caught.value.channel == "supply_leakage_ball"
     assert caught.value.state == "not shut, stands at 1"
-    balls = [ball for ball, _ in bypass.device.positions().values()]
+    balls = [ball for ball, _ in bypass.device.valves.positions().values()]
     assert balls[:4] == [0.0, 0.0, 0.0, 1.0]
 
 
@@ -284,7 +284,7 @@ def test_the_balls_of_a_device_that_hears_but_does_not_answer_are_shut_unconfirm
     # What the device was sent it may still have to hear.
     until(lambda: [event["opened"] for event in events(bypass, "ball_ordered")].count(False) == 4)
     bypass.clock.advance(1.0)
-    assert [ball for ball, _ in bypass.device.positions().values()][:4] == [0.0] * 4
+    assert [ball for ball, _ in bypass.device.valves.positions().values()][:4] == [0.0] * 4
 
 
 def test_the_safe_state_outlasts_a_device_that_refuses_for_a_while(bypass: BypassBench) -> None:
@@ -304,7 +304,7 @@ def test_the_safe_state_outlasts_a_device_that_refuses_for_a_while(bypass: Bypas
     driver.safe_state()
 
     assert slept
-    assert bypass.device.positions()["internal_leakage"][0] == 0.0
+    assert bypass.device.valves.positions()["internal_leakage"][0] == 0.0
 
 
 def test_the_devices_own_watchdog_shuts_the_valves_of_a_driver_that_falls_silent(
@@ -319,7 +319,7 @@ def test_the_devices_own_watchdog_shuts_the_valves_of_a_driver_that_falls_silent
 
     bypass.clock.advance(4.0)
 
-    positions = bypass.device.positions()
+    positions = bypass.device.valves.positions()
     assert positions["internal_leakage"][0] == 0.0
     assert positions["return_blockage"][1] == 0.0
     (trip,) = events(bypass, "bypass_watchdog_trip")

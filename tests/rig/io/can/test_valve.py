@@ -9,10 +9,9 @@ from rig.emulator.can.valve_node import ValveNode
 from rig.emulator.record import Record
 from rig.io.can.canopen import DEVICE_TYPE, HEARTBEAT, TPDO1, read_request
 from rig.io.can.ds408 import WALK, DriveState
-from rig.io.can.ds408_valve import Ds408Valve
+from rig.io.can.ds408_valve import CanValveOptions, Ds408Valve
 from rig.io.can.libraries import python_can as can
 from rig.io.can.valve import CanValve
-from rig.io.can.valve_options import CanValveOptions
 from rig.io.driver import Driver, DriverError
 
 NODE = 5

@@ -13,7 +13,7 @@ from hypothesis import example, given, strategies as st
 from pymodbus.client import ModbusTcpClient
 
 from rig.io.driver import ExchangeStatus
-from rig.io.modbus_daq.compiled_exchange import Tally, exception_text
+from rig.io.modbus_daq.compiled_exchange import Tally, exception_name
 from rig.io.modbus_daq.register_map import WORDS, ExchangeMode, Register, RegisterMap, RegisterType
 from rig.io.signals import FAST_INPUTS
 from tests.rig.io.modbus_bench import UNIT, Line, framed, map_of, registers_of, shipped_map
@@ -144,7 +144,7 @@ def test_an_exception_is_kept_with_its_name(line: Line) -> None:
     line.send(framed(1, bytes((23 | 0x80, 3))))
 
     assert line.exchange(1) is ExchangeStatus.EXCEPTION
-    assert exception_text(line.plan) == "exception 3 (illegal value)"
+    assert exception_name(int(line.plan.tally[Tally.EXCEPTION])) == "exception 3 (illegal value)"
     line.send(reply(2))
     assert line.exchange(2) is ExchangeStatus.OK
     assert line.plan.tally[Tally.LATE] == 0

@@ -12,8 +12,8 @@ import pytest
 
 from rig.io.driver import Driver, DriverError
 from rig.io.modbus_daq.compiled_exchange import Tally
-from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
-from rig.io.modbus_daq.link import RefusedError
+from rig.io.modbus_daq.driver import ModbusDaq
+from rig.io.modbus_daq.link import ModbusDaqOptions, RefusedError
 from rig.io.modbus_daq.register_map import RegisterMap, RegisterValue, Watchdog
 from tests.rig.io.conftest import DeviceThread, ManualClock
 from tests.rig.io.modbus_bench import UNIT, PymodbusDevice, shipped_map
@@ -278,7 +278,7 @@ def test_null_that_the_device_does_not_confirm_is_an_error(
     device.write(address, values)
     clock = ManualClock()
     time = SimpleNamespace(monotonic=lambda: 1e-9 * clock(), sleep=lambda _: clock.advance(1.0))
-    monkeypatch.setattr("rig.io.modbus_daq.null.time", time)
+    monkeypatch.setattr("rig.io.modbus_daq.link.time", time)
 
     with pytest.raises(DriverError, match=left):
         daq_of(device).safe_state()
@@ -331,6 +331,6 @@ def test_diagnostics_tell_what_the_device_says_of_itself(device: PymodbusDevice)
 
 
 def test_a_refusal_survives_the_way_to_another_process() -> None:
-    error = RefusedError("daq", "generic I/O node", "register 514", 3)
+    error = RefusedError("daq", "the node refuses", "check the map", "register 514")
 
     assert str(pickle.loads(pickle.dumps(error))) == str(error)

@@ -90,7 +90,7 @@ def test_a_feedback_reply_is_its_function_and_the_values_read() -> None:
 
 @pytest.mark.parametrize("name", ["labjack_t7", "labjack_t8"])
 def test_a_labjack_writes_before_it_reads_and_samples_ain0_before_captures(name: str) -> None:
-    (request,) = exchange_requests(shipped_map(name), "fc76", 1)
+    (request,), _ = exchange_requests(shipped_map(name), "fc76", 1)
 
     at, kinds, read = 8, [], []
     while at < len(request.frame):
@@ -103,7 +103,7 @@ def test_a_labjack_writes_before_it_reads_and_samples_ain0_before_captures(name:
 
 
 def test_two_transactions_write_before_they_read() -> None:
-    write, read = exchange_requests(shipped_map("io_node"), "fc16_fc3", 1)
+    (write, read), _ = exchange_requests(shipped_map("io_node"), "fc16_fc3", 1)
 
     assert (write.frame[7], read.frame[7]) == (16, 3)
     assert write.returned == read.written == {}

@@ -49,7 +49,9 @@ def test_the_io_node_s_map_takes_in_what_a_node_carries_line_by_line(tmp_path: P
     shipped = (shipped_config_dir() / "maps" / "io_node.yaml").read_text()
     path = tmp_path / "my_node.yaml"
     path.write_text(shipped.replace("  # - {signal", "  - {signal"))
-    found = read_map(path, Sources())
+    root = Sources().read_yaml(path)
+    assert root is not None
+    found = read_map(root)
 
     assert isinstance(found, RegisterMap)
     carried = found.registers[len(shipped_map("io_node").registers) :]

@@ -39,7 +39,7 @@ class Interlock:
     def __init__(self, *, driving: bool = True, homed: bool = True) -> None:
         self.driving, self.homed = driving, homed
         self.limits = limit_table(LADDER, TICK)
-        self.memory = interlock_memory(self.limits)
+        self.memory = interlock_memory(self.limits.channel.size)
         self.tick = self.age = 0
         self.noise = np.random.default_rng(1)
 

@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from control.position_loop import proportional_command
+from faults.schedule import FaultSchedule
 from rig.configuration.campaigns.campaign import load_campaign
 from rig.configuration.rigs.rig import load_rig
 from rig.io.limits import ChannelLimit
@@ -31,7 +32,6 @@ from rig.plant.dynamics import leak_flows, spring_force
 from rig.plant.integrator import TICK, advance
 from rig.plant.sensors import DATA_SHEET, READING_COUNT, SensorParameters, read_sensors
 from rig.plant.transducer_effects import TRANSDUCERS_SIZE
-from rig.runner.campaign.simulated_bench import motion_of, truth_of
 
 Array = NDArray[np.float64]
 
@@ -221,7 +221,7 @@ def run(
     tick, cause, channel = _interlocked(
         motion.setpoint, motion.open_loop, faults, every, exchange, stall, in_exchange,
         FAULTS.index(fault), at, rig.state, par or rig.parameters, rig.sensors, rig.noise(ticks),
-        limits, tol, interlock_memory(limits), peak,
+        limits, tol, interlock_memory(limits.channel.size), peak,
     )  # fmt: skip
     return Outcome(
         tick, Cause(cause), FAST_INPUTS[channel] if channel >= 0 else "", Evidence(*peak)
@@ -239,10 +239,14 @@ CAMPAIGNS = sorted((Path(__file__).parents[4] / "config/campaigns").glob("*.yaml
 def test_no_shipped_campaign_trips_whatever_leak_it_injects(path: Path) -> None:
     campaign, rig = load_campaign(path)
     for test in campaign.tests:
-        asked = motion_of(test)
-        motion = Motion(asked.setpoint, asked.open_loop, asked.start_position)
-        par = truth_of(rig, test).parameters
-        outcome = run(motion, par=par, faults=asked.faults, seed=test.seed)
+        ticks = round(test.duration_s / TICK)
+        setpoint = np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK))
+        motion = Motion(setpoint, test.setpoint.quantity == "command", test.start_position_m)
+        plant, load = rig.plant, test.load
+        if load is not None:
+            plant = plant.with_effect("spring_load", stiffness=load.stiffness, contact=load.contact)
+        faults = FaultSchedule(test.faults).table(ticks, TICK)
+        outcome = run(motion, par=plant.parameters, faults=faults, seed=test.seed)
         assert outcome.cause is Cause.NONE, test.name
 
 

@@ -19,24 +19,14 @@ from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.loop.board import DECISIONS_KEPT, Board, Word
 from rig.loop.decided import DECIDED, Decided
-from rig.loop.decision_post import DecisionPost
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
 from rig.loop.reaction import Reaction
 from rig.loop.wire import cycle as wire_cycle, null_check
-from rig.loop.wire.layout import (
-    Count,
-    Course,
-    Drive,
-    Found,
-    Left,
-    course,
-    pace,
-    shared_memory,
-    wire_channels,
-    wire_memory,
-)
+from rig.loop.wire.layout import Count, Course, Drive, Found, Left, pace, wire_channels, wire_memory
+from rig.loop.wire.loop import post_decision
+from rig.loop.wire.orders import Segment, course
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
@@ -164,7 +154,7 @@ class World:
         left = wire_cycle.wire_ticks(
             planned, compiled_filter(memory, MODEL.parameters),
             interlock(limit_table([], TICK), tol), pace(settings, device_rate_hz), fd,
-            self.plan, self.look, self.memory, shared_memory(self.board),
+            self.plan, self.look, self.memory, self.board,
         )  # fmt: skip
         rows = self.board.ring[: int(words[Word.ROWS])]
         return {
@@ -192,10 +182,16 @@ def _replays(rows: Any) -> bool:
     )
 
 
+def following(setpoint: Any, **options: Any) -> Course:
+    """Return a segment that follows setpoints."""
+    options = {"valve_enable": True, "setpoint": setpoint} | options
+    return course(Segment(1, Drive.TRACK, MEMORY, MODEL.parameters, **options))
+
+
 def tracking(ticks: int = 30, **options: Any) -> Course:
     """Return a segment that follows a ramp of setpoints."""
     setpoint = 0.3 + 1e-4 * np.arange(ticks, dtype=np.float64)
-    return course(1, setpoint, Drive.TRACK, valve_enable=True, **options)
+    return following(setpoint, **options)
 
 
 def say(word: Word, value: int) -> Callable[[Board], None]:
@@ -208,7 +204,7 @@ def posted(segment: int, *values: float) -> Callable[[Board], None]:
 
     def post(board: Board) -> None:
         for value in values:
-            DecisionPost(board).post(segment, np.full(len(DECIDED), value))
+            post_decision(board, segment, np.full(len(DECIDED), value))
 
     return post
 
@@ -217,7 +213,7 @@ def found(at_s: float, segment: int = 1) -> Callable[[Board], None]:
     """Return a function that posts the decision that a leak is confirmed at a time."""
     row = np.zeros(len(DECIDED))
     row[Decided.AT_S], row[Decided.CONFIRMED], row[Decided.PRESENT] = at_s, 1.0, 5e-9
-    return lambda board: DecisionPost(board).post(segment, row)
+    return lambda board: post_decision(board, segment, row)
 
 
 class Overtaken:
@@ -234,7 +230,7 @@ class Overtaken:
 def _overtaken(meanwhile: int) -> dict[str, Any]:
     world = World()
     posted(1, 0.5)(world.board)
-    shared = shared_memory(world.board)._replace(words=Overtaken(meanwhile))  # type: ignore[arg-type]
+    shared = world.board._replace(words=Overtaken(meanwhile))  # type: ignore[arg-type]
     wire_cycle._take_decision(1, world.memory.counts, world.memory, shared)
     return {"taken": float(world.memory.decided[0]) == 0.5}
 
@@ -253,9 +249,7 @@ RAMP = (int(Action.RAMP_DOWN), int(Cause.LIMIT_LOW), 0)
 SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "on time": lambda: World().run(tracking(), 12),
     "after the table": lambda: World().run(tracking(5), 12),
-    "open loop": lambda: World().run(
-        course(1, np.full(30, 3.0), Drive.TRACK, open_loop=True, limit=2.0, valve_enable=True), 8
-    ),
+    "open loop": lambda: World().run(following(np.full(30, 3.0), open_loop=True, limit=2.0), 8),
     "skip": lambda: World(late={5: 3_200_000}).run(tracking(), 12),
     "nearly the next tick": lambda: World(late={5: 700_000}).run(tracking(), 12),
     "a little late": lambda: World(late={5: 400_000}).run(tracking(), 12),
@@ -302,7 +296,9 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
         status=dict.fromkeys(range(5, 99), ExchangeStatus.DISCONNECTED)
     ).run(tracking(), 12),
     "interlock holds": lambda: World(verdicts={5: HOLD}).run(tracking(), 12),
-    "interlock ramps down": lambda: World(verdicts={5: RAMP}).run(tracking(2000, offset=0.0), 600),
+    "interlock ramps down": lambda: World(verdicts={5: RAMP}).run(
+        tracking(2000, offset_m=0.0), 600
+    ),
     "operator stops": lambda: World(before={5: say(Word.STOP, Action.HOLD)}).run(tracking(), 12),
     "supervisor silent": lambda: World(before={0: say(Word.SUPERVISOR_BEAT, BEGIN)}).run(
         tracking(400), 40, replace(SETTINGS, supervisor_silence=0.02)

@@ -16,7 +16,6 @@ from rig.loop.wire.layout import Drive, wire_channels
 from rig.loop.wire.loop import WireLoop
 from rig.loop.wire.orders import Segment
 from rig.plant import Model
-from rig.plant.integrator import TICK
 from tests.waiting import PATIENCE_S
 
 MODEL = Model()
@@ -55,7 +54,7 @@ def test_a_loop_that_does_not_switch_in_time_is_an_error(
     test = Segment(0, Drive.TRACK, MEMORY, MODEL.parameters, setpoint=np.zeros(TICKS))
     wire = WireLoop(
         board, LoopProcess(), test,
-        start_position=0.0, settle_ticks=TICKS, period_s=TICK, silence_s=PATIENCE_S,
+        start_position=0.0, settle_ticks=TICKS, silence_s=PATIENCE_S,
     )  # fmt: skip
     why = r"runs segment 3, 0\.05 s after the order to switch to segment 4; end what else loads"
     with pytest.raises(TripError, match=why):

@@ -168,14 +168,12 @@ def test_an_aborted_run_without_samples_still_leaves_a_valid_file(tmp_path: Path
         read_recording(path, required=["time_s"])
 
 
-def test_an_existing_recording_is_not_overwritten_unless_asked(tmp_path: Path) -> None:
+def test_an_existing_recording_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"precious")
     with pytest.raises(RecordingError, match="exists already"):
         McapWriter(path, ["time_s"])
     assert path.read_bytes() == b"precious"
-    McapWriter(path, ["time_s"], overwrite=True).close()
-    assert path.read_bytes().startswith(b"\x89MCAP0")
 
 
 def test_what_cannot_be_written_is_reported_all_at_once_and_no_file_is_made(tmp_path: Path) -> None:

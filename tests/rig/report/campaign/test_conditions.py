@@ -4,7 +4,7 @@ import pytest
 
 from rig.configuration.campaigns.campaign import plain
 from rig.plant import Model, Parameters
-from rig.report.campaign.conditions import assumed_parameters, conditions_of
+from rig.report.wording import assumed_parameters, conditions_of
 
 
 @pytest.mark.parametrize(
@@ -32,12 +32,12 @@ from rig.report.campaign.conditions import assumed_parameters, conditions_of
     ],
 )  # fmt: skip
 def test_a_setpoint_is_reported_with_its_units(setpoint: dict[str, Any], text: str) -> None:
-    assert conditions_of({"test": {"setpoint": setpoint}}) == [("Setpoint", text)]
+    assert list(conditions_of({"test": {"setpoint": setpoint}})) == [("Setpoint", text)]
 
 
 def test_a_spring_is_reported_with_its_units() -> None:
     load = {"stiffness": 6e5, "contact": 0.22}
-    reported = conditions_of({"test": {"load": load}})
+    reported = list(conditions_of({"test": {"load": load}}))
     assert reported == [("Load", "spring of 6e+05 N/m, met at 220 mm")]
 
 

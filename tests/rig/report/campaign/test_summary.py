@@ -7,8 +7,9 @@ from hypothesis import given, strategies as st
 
 from estimator.leaks.detection import Decision
 from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.report.campaign.page import Row, false_alarm_words, full_scale, row_of, smallest_rows
 from rig.report.campaign.sections import sections_of
-from rig.report.campaign.summary import false_alarm_words, full_scale, rows_of, smallest_rows
+from rig.report.wording import latency
 from rig.runner.outcomes.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
 
 CampaignOf = Callable[..., CampaignOutcome]
@@ -22,6 +23,11 @@ def injecting(*litres_per_minute: float) -> TestOutcome:
         )
     )
     return TestOutcome("leak", "healthy", Status.FAILED, 1, 20.0, faults, recorded_s=20.0)
+
+
+def only_row(outcome: CampaignOutcome, folder: Path) -> Row:
+    (section,) = sections_of(outcome, folder)
+    return row_of(section, full_scale(outcome))
 
 
 @given(flow=st.floats(1e-3, 1e3))
@@ -45,19 +51,16 @@ def test_the_chart_sets_what_was_found_beside_the_same_leak_as_injected(
         "external_leakage_2", 5.0, 0.4 * LITRE_PER_MINUTE, 0.05 * LITRE_PER_MINUTE, 1e-9
     )
     test = replace(injecting(0.9, 0.5), decision=found)
-    outcome = campaign(test)
-    place = rows_of(outcome, sections_of(outcome, tmp_path))[0].chart
-    assert place.injected == pytest.approx(50.0)
-    assert place.found == pytest.approx(40.0)
-    assert (place.lower, place.upper) == pytest.approx((30.2, 49.8))
+    place = only_row(campaign(test), tmp_path).chart
+    assert place == pytest.approx({"injected": 50.0, "found": 40.0, "lower": 30.2, "upper": 49.8})
 
 
 def test_a_missed_leak_is_on_the_chart_alone(campaign: CampaignOf, tmp_path: Path) -> None:
-    outcome = campaign(replace(injecting(0.5), decision=Decision("healthy")))
-    row = rows_of(outcome, sections_of(outcome, tmp_path))[0]
-    assert row.chart.injected == pytest.approx(100.0)
-    assert (row.chart.found, row.chart.lower) == (None, None)
-    assert (row.found, row.flow, row.latency) == ("healthy", "", "")
+    test = replace(injecting(0.5), decision=Decision("healthy"))
+    row = only_row(campaign(test), tmp_path)
+    assert row.chart["injected"] == pytest.approx(100.0)
+    assert (row.chart["found"], row.chart["lower"]) == (None, None)
+    assert (row.found, row.flow, latency(test)) == ("healthy", "", "")
 
 
 def test_the_false_alarm_rate_is_reported_as_a_chance_for_this_campaign(

@@ -10,9 +10,7 @@ from estimator.friction.fit import NO_FIT, PARAMETERS, StribeckFit
 from estimator.friction.samples import Spring
 from rig.plant import NOMINAL, Model
 from rig.recording import Recording
-from rig.report.friction.page import friction_page
-from rig.report.friction.panel import friction
-from rig.report.friction.words import FrictionRun, shown
+from rig.report.friction.page import FrictionRun, friction, friction_page, shown
 from rig.report.panel import TestData
 from rig.runner.outcomes.outcome import Status, TestOutcome
 

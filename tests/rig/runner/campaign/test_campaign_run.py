@@ -8,7 +8,8 @@ import pytest
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from estimator.filters.registry import FilterRun
-from estimator.leaks.detection import Decision, Detector, Samples
+from estimator.leaks.detection import Decision, Detector
+from estimator.leaks.oil_account import Samples
 from faults.campaign import Campaign, CampaignTest, SpringLoad
 from faults.verdict import Verdict
 from rig.configuration.rigs.rig import Rig

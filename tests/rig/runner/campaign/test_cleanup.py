@@ -10,8 +10,7 @@ from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rigs.rig import Rig
 from rig.runner import CampaignOutcome, Status, run_campaign
 from rig.runner.campaign.operator_requests import Desk
-from rig.runner.campaign.phases import CLEANUP_S, Deadline
-from rig.runner.campaign.simulated_loop import SimulatedTest
+from rig.runner.campaign.simulated_bench import SimulatedTest
 from rig.runner.run_folder.journal import JOURNAL, read_journal
 
 MakeTest = Callable[..., CampaignTest]
@@ -33,9 +32,10 @@ class FakeClock:
 
 
 class FakeTimer:
-    """What `threading.Timer` is to a deadline."""
+    """What `threading.Timer` is to a test."""
 
     clock: FakeClock
+    ident: int | None = None
 
     def __init__(self, seconds: float, call: Callable[[], None]) -> None:
         self.daemon = False
@@ -43,6 +43,8 @@ class FakeTimer:
         self.seconds = seconds
 
     def start(self) -> None:
+        assert self.ident is None
+        self.ident = 1
         self.due = self.clock.now + self.seconds
         self.clock.timers.append(self)
 
@@ -54,24 +56,8 @@ class FakeTimer:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     FakeTimer.clock = FakeClock()
-    monkeypatch.setattr("rig.runner.campaign.phases.threading.Timer", FakeTimer)
+    monkeypatch.setattr("rig.runner.campaign.campaign_test_run.threading.Timer", FakeTimer)
     return FakeTimer.clock
-
-
-@pytest.mark.parametrize(("taken_s", "calls"), [(59.9, 0), (60.0, 1), (600.0, 1)])
-def test_a_deadline_calls_once_it_is_past_and_not_before(
-    clock: FakeClock, taken_s: float, calls: int
-) -> None:
-    called: list[float] = []
-    deadline = Deadline(CLEANUP_S, lambda: called.append(clock.now))
-    deadline.start()
-    clock.advance(taken_s)
-    deadline.start()  # one part of it leaves another: the time of all of it counts
-    clock.advance(0.0)
-    assert len(called) == calls
-    deadline.cancel()
-    clock.advance(3600.0)
-    assert len(called) == calls
 
 
 @pytest.fixture
@@ -79,22 +65,33 @@ def campaign(make_test: MakeTest, make_campaign: MakeCampaign) -> Campaign:
     return make_campaign(*(make_test(name, duration_s=5.0) for name in ("one", "two")))
 
 
-@pytest.mark.parametrize(("taken_s", "overdue"), [(59.0, False), (61.0, True)])
-def test_a_cleanup_that_hangs_is_ended_and_reported(
+# It has two parts, one after the recording's end and one at the test's: the time of both counts.
+@pytest.mark.parametrize(
+    ("taken_s", "overdue"),
+    [
+        ((59.9,), False),
+        ((60.0,), True),
+        ((600.0,), True),
+        ((30.0, 29.0), False),
+        ((30.0, 31.0), True),
+    ],
+)
+def test_a_cleanup_that_hangs_is_ended_and_reported_once(
     tmp_path: Path,
     rig: Rig,
     campaign: Campaign,
     clock: FakeClock,
     monkeypatch: pytest.MonkeyPatch,
-    taken_s: float,
+    taken_s: tuple[float, ...],
     overdue: bool,
 ) -> None:
     safe_state = SimulatedTest.safe_state
     ended: list[float] = []
+    left = list(taken_s)
 
     def hangs(test: SimulatedTest) -> None:
-        if clock.now < taken_s:
-            clock.advance(taken_s)
+        if left:
+            clock.advance(left.pop(0))
         safe_state(test)
 
     monkeypatch.setattr(SimulatedTest, "safe_state", hangs)

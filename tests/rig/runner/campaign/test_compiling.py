@@ -57,7 +57,7 @@ from numba.core.dispatcher import Dispatcher
 from rig.configuration.campaigns.campaign import load_campaign
 from rig.loop.board import Board
 from rig.loop.decided import no_decision
-from rig.loop.decision_post import DecisionPost
+from rig.loop.wire.loop import post_decision
 from rig.runner import run_campaign
 from rig.runner.campaign.compiled_pieces import Needs
 from rig.runner.campaign.compiling import ON_HARDWARE, SIMULATED, load
@@ -76,7 +76,7 @@ def noted(self, signature):
 Dispatcher.compile = noted
 
 outcome = run_campaign(campaign, rig, folder / "run", bench=SimulatedBench(rig, folder))
-DecisionPost(Board.create(1)).post(1, no_decision())
+post_decision(Board.create(1), 1, no_decision())
 assert not any(test.message for test in outcome.tests), outcome.tests
 """
 

@@ -2,7 +2,8 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from estimator.filters.registry import FilterRun, start_memory
-from estimator.leaks.detection import Decision, Samples
+from estimator.leaks.detection import Decision
+from estimator.leaks.oil_account import Samples
 from rig.loop.cycle import row_channels
 from rig.plant import Model
 from rig.runner.campaign.judging import Judge

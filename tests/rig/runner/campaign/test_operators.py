@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from estimator.leaks.detection import Decision
-from faults.campaign import Campaign, CampaignTest
-from faults.conditions import Condition, WhenUnmet
+from faults.campaign import Campaign, CampaignTest, Condition, WhenUnmet
 from rig.configuration.rigs.rig import Rig
 from rig.control_socket import SOCKET, ControlError, ask
 from rig.recording import read_recording

@@ -1,3 +1,6 @@
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import pytest
 from hypothesis import given, strategies as st
 
@@ -12,7 +15,7 @@ class Clock:
         self.now = 100.0
         self.naps: list[float] = []
 
-    def time(self) -> float:
+    def monotonic(self) -> float:
         return self.now
 
     def sleep(self, duration: float) -> None:
@@ -20,33 +23,48 @@ class Clock:
         self.now += duration
 
 
+@contextmanager
+def paced_by(clock: Clock) -> Iterator[None]:
+    """Let a clock take the place of the wall clock."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("rig.runner.campaign.pacing.time", clock)
+        yield
+
+
 @given(work=st.lists(st.floats(0.0, 0.3), min_size=1, max_size=30))
 def test_no_batch_is_early_and_no_delay_adds_up(work: list[float]) -> None:
     clock = Clock()
-    pacer = Pacer("real", StopFlag(), clock.time, clock.sleep)
-    pacer.start()
-    latest = 0.0
-    for number, duration in enumerate(work, start=1):
-        clock.now += duration
-        due = number * 0.05
-        pacer.wait_until(due)
-        latest = max(latest + duration, due)
-        assert clock.now - 100.0 == pytest.approx(latest)
+    with paced_by(clock):
+        pacer = Pacer("real", StopFlag())
+        pacer.start()
+        latest = 0.0
+        for number, duration in enumerate(work, start=1):
+            clock.now += duration
+            due = number * 0.05
+            pacer.wait_until(due)
+            latest = max(latest + duration, due)
+            assert clock.now - 100.0 == pytest.approx(latest)
 
 
 def test_as_fast_as_it_can_never_waits() -> None:
     clock = Clock()
-    Pacer("fast", StopFlag(), clock.time, clock.sleep).wait_until(1e9)
+    with paced_by(clock):
+        Pacer("fast", StopFlag()).wait_until(1e9)
     assert clock.naps == []
 
 
 def test_a_wait_ends_when_a_stop_is_requested() -> None:
-    clock, stop = Clock(), StopFlag()
+    stop = StopFlag()
 
-    def sleep(duration: float) -> None:
-        clock.sleep(duration)
-        stop.request("the operator")
+    class Stopping(Clock):
+        """A clock on which somebody asks for a stop while the pacer sleeps."""
 
-    Pacer("real", stop, clock.time, sleep).wait_until(1e9)
+        def sleep(self, duration: float) -> None:
+            super().sleep(duration)
+            stop.request("the operator")
+
+    clock = Stopping()
+    with paced_by(clock):
+        Pacer("real", stop).wait_until(1e9)
     assert len(clock.naps) == 1
     assert clock.naps[0] <= 0.05

@@ -148,12 +148,14 @@ def end(
                 raise way.in_test
 
         with monkeypatch.context() as patch:
+            bench = Ending(rig, tmp_path, way, stop)
+            patch.setattr("rig.runner.campaign.campaign_run.bench_of", lambda *_: bench)
             if isinstance(way.in_test, OSError):
                 patch.setattr(McapWriter, "write", lambda *_: position(None))  # type: ignore[arg-type]
             elif way.in_test is not None:
                 patch.setattr(SimulatedLoop, "position", position)
-            if way.between is not None:
-                patch.setattr(Desk, "paused", True)
+            desk = Desk()
+            desk.paused = way.between is not None
             campaign = make_campaign(
                 make_test(duration_s=9.0, **way.expect),
                 make_test("second", duration_s=9.0, **way.expect),
@@ -161,9 +163,8 @@ def end(
             outcome = None
             with suppress(DriverError):
                 outcome = run_campaign(
-                    campaign, rig, tmp_path, observer=listener, stop=stop,
-                    bench=Ending(rig, tmp_path, way, stop),
-                )  # fmt: skip
+                    campaign, rig, tmp_path, observer=listener, stop=stop, desk=desk
+                )
         return Ended(outcome, listener.told, tmp_path)
 
     return run

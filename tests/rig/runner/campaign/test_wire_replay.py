@@ -26,7 +26,7 @@ from rig.emulator.modbus.io_node import IoNode
 from rig.emulator.modbus.mapped_device import MappedDevice
 from rig.emulator.plant import EmulatedPlant
 from rig.emulator.record import Record
-from rig.io.modbus_daq.plan import exchange_plan, look_plan
+from rig.io.modbus_daq.plan import exchange_plans
 from rig.io.modbus_daq.register_map import ExchangeMode, RegisterMap
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS
@@ -35,7 +35,8 @@ from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
 from rig.loop.wire.cycle import wire_ticks
-from rig.loop.wire.layout import Drive, course, pace, shared_memory, wire_channels, wire_memory
+from rig.loop.wire.layout import Drive, pace, wire_channels, wire_memory
+from rig.loop.wire.orders import Segment, course
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
@@ -138,19 +139,19 @@ def streamed(wire: Wire, leak: float) -> Array:
     )
     with Device(wire, leak, board) as device:
         setpoint = device.start_m + 0.2 * np.sin(np.pi * TICK * np.arange(TICKS))
+        memory = start_memory("product", Model())
         wire_ticks(
-            course(
-                SEGMENT, setpoint, Drive.TRACK,
-                offset=device.start_m, valve_enable=True, reset_lamp=True,
-            ),
-            compiled_filter(start_memory("product", Model()), Model().parameters),
+            course(Segment(
+                SEGMENT, Drive.TRACK, memory, Model().parameters, setpoint=setpoint,
+                offset_m=device.start_m, valve_enable=True, reset_lamp=True,
+            )),
+            compiled_filter(memory, Model().parameters),
             interlock(limit_table((), TICK), tol),
             hurried,
             device.socket.fileno(),
-            exchange_plan(wire.map, wire.mode, 1),
-            look_plan(wire.map, wire.mode, 1),
+            *exchange_plans(wire.map, wire.mode, 1),
             wire_memory(),
-            shared_memory(board),
+            board,
         )  # fmt: skip
     assert not board.words[Word.LOOP_TRIP]
     rows = board.ring[: int(board.words[Word.ROWS])].copy()

@@ -11,7 +11,12 @@ from rig.configuration.campaigns.dry_run import plan_campaign
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.plant import NOMINAL, Model
 from rig.runner.campaign.stopping import StopFlag
-from rig.runner.experiments.friction_experiment import FrictionExperiment, run_friction_experiment
+from rig.runner.experiments.friction_experiment import (
+    FrictionExperiment,
+    experiment_figures,
+    revised_model,
+    run_friction_experiment,
+)
 from rig.runner.experiments.friction_plan import (
     break_away_campaign,
     closed_loop_campaign,
@@ -19,7 +24,6 @@ from rig.runner.experiments.friction_plan import (
     sliding_campaign,
     strokes_at,
 )
-from rig.runner.experiments.friction_results import experiment_figures, revised_model
 from rig.runner.experiments.parts import ExperimentStoppedError
 from rig.runner.run_folder.directory import DirectoryError
 from tools.studies.friction_experiment import unknown_friction
@@ -142,7 +146,7 @@ def test_every_motion_keeps_to_the_limits_and_to_what_the_valve_delivers() -> No
     plans = [plan for campaign in campaigns for plan in plan_campaign(campaign, rig)]
     assert len(plans) == 12 + 10 + 10
     for plan in plans:
-        assert not plan.warnings, plan.name
+        assert not plan.warnings, plan.test.name
         assert plan.position_range_m[0] >= rig.limits.position_min_m
         assert plan.position_range_m[1] <= rig.limits.position_max_m
 

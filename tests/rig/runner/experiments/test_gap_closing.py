@@ -1,6 +1,6 @@
 """The gap of a model is closed on a rig that hides what the model lacks."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.gap.plant.additions import Addition
+from estimator.gap.plant.interface import Plant
 from estimator.gap.prediction.results import (
     Check,
     Discovered,
@@ -25,24 +26,54 @@ from rig.plant import AddedTerm, Model
 from rig.runner.campaign.campaign_run import bench_of
 from rig.runner.campaign.simulated_bench import SimulatedBench
 from rig.runner.campaign.stopping import StopFlag
-from rig.runner.experiments import gap_closing
+from rig.runner.experiments import gap_closing, gap_motions
 from rig.runner.experiments.gap_closing import Question, close_gap
-from rig.runner.experiments.gap_motions import campaign_of, strokes
-from rig.runner.experiments.gap_plan import Programme, motions_campaign, room_of
+from rig.runner.experiments.gap_motions import (
+    CHECK,
+    FITTED,
+    HELD,
+    campaign_of,
+    motions_campaign,
+    room_of,
+    strokes,
+)
 from rig.runner.experiments.gap_results import gap_figures, rig_plant
 from rig.runner.experiments.parts import ExperimentStoppedError, Parts
-from rig.runner.experiments.worker_process import Said
+from rig.runner.experiments.worker_process import Said, T, Ts, Waits
 from rig.runner.outcomes.observer import Observer
 
 RIG = load_rig("simulated")
 HIDDEN_S = 3e-3
 AMONG = ("command_delay", "valve_bandwidth", "pressure_1_bias")
-BRIEF = Programme(
-    fitted=(("small fast strokes", 5.0),),
-    held=(("small steps", 4.0),),
-    check=(("small steps", 5.0),),
-    experiment_s=5.0,
-)
+"""Names of the effects that are looked for where the whole catalogue would take too long."""
+BRIEF: dict[str, Any] = {
+    "FITTED": (("small fast strokes", 5.0),),
+    "HELD": (("small steps", 4.0),),
+    "CHECK": (("small steps", 5.0),),
+    "EXPERIMENT_S": 5.0,
+}
+"""A programme of motions that takes less time than the one that is shipped."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def brief() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patched:
+        for name, value in BRIEF.items():
+            patched.setattr(gap_closing, name, value)
+        patched.setattr(gap_motions, "EXPERIMENT_S", BRIEF["EXPERIMENT_S"])
+        yield
+
+
+def at_once(waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *Ts) -> T:
+    """Compute in this process, as a worker."""
+    waits()
+    return function(said, *args)
+
+
+def among_few(*given: Any) -> Plant:
+    """Return the workflow's plant, of which only the effects `AMONG` are looked for."""
+    plant = rig_plant(*given)
+    return replace(plant, effects={name: plant.effects[name] for name in AMONG})
 
 
 def hiding(truth: Model) -> Rig:
@@ -50,15 +81,15 @@ def hiding(truth: Model) -> Rig:
 
 
 @pytest.fixture(scope="module")
-def closed(tmp_path_factory: pytest.TempPathFactory) -> GapResult:
+def closed(brief: None, tmp_path_factory: pytest.TempPathFactory) -> GapResult:
     rig = hiding(Model().with_effect("command_delay", value=HIDDEN_S))
     folder = tmp_path_factory.mktemp("closed")
     # What the catalogue has is to be found here; what is discovered would only be a rival of it.
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(
-            gap_closing, "rig_plant", lambda *given: replace(rig_plant(*given), layout=None)
+            gap_closing, "rig_plant", lambda *given: replace(among_few(*given), layout=None)
         )
-        return close_gap(rig, Model(), folder, programme=BRIEF, among=AMONG)
+        return close_gap(rig, Model(), folder, worker=at_once)
 
 
 def test_a_hidden_delay_is_named_and_its_gap_closed_without_help(closed: GapResult) -> None:
@@ -118,7 +149,7 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
 
     monkeypatch.setattr(gap_closing, "answer_to", answers)
     monkeypatch.setattr(gap_closing, "checked", checks)
-    found = close_gap(RIG, Model(), tmp_path, programme=BRIEF)
+    found = close_gap(RIG, Model(), tmp_path, worker=at_once)
     assert asked == [["small_fast_strokes"], ["small_fast_strokes", "small_steps"]]
     first, second = found.rounds
     assert first.check is None
@@ -135,7 +166,7 @@ def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_giv
     wrong = GapResult("missing_effect", [], [effect], values=values, names=("command_delay",))
     monkeypatch.setattr(gap_closing, "find_gap", lambda *_, **__: GapResult("missing_effect", []))
     rig = hiding(Model())
-    campaign = motions_campaign("check", BRIEF.check, rig, Model(), 3)
+    campaign = motions_campaign("check", BRIEF["CHECK"], rig, Model(), 3)
     bench = bench_of(campaign, rig, tmp_path, Observer(), StopFlag())
     with bench:
         parts = Parts(rig, tmp_path, bench, "fast", Observer(), StopFlag())
@@ -158,9 +189,7 @@ def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_giv
 def test_a_trip_while_the_model_is_fitted_does_not_lose_what_was_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def trips(
-        waits: Callable[[], None], said: Said, function: Callable[..., Any], *args: Any, **_: Any
-    ) -> Any:
+    def trips(waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *Ts) -> T:
         monkeypatch.setattr(SimulatedBench, "idle", _trip)
         waits()
         return function(said, *args)
@@ -172,7 +201,7 @@ def test_a_trip_while_the_model_is_fitted_does_not_lose_what_was_recorded(
         return GapResult("missing_effect", [], [effect])
 
     monkeypatch.setattr(gap_closing, "answer_to", answers)
-    found = close_gap(RIG, Model(), tmp_path, programme=BRIEF, worker=trips)
+    found = close_gap(RIG, Model(), tmp_path, worker=trips)
     assert found.effects
     assert len(found.rounds) == 1
     assert "missed ticks" in found.ended_by
@@ -182,9 +211,12 @@ def _trip(_: SimulatedBench) -> None:
     raise TripError("tripped: the loop missed ticks")
 
 
-def test_a_model_that_lacks_nothing_is_left_after_one_round(tmp_path: Path) -> None:
-    brief = replace(BRIEF, fitted=(("small steps", 5.0),))
-    found = close_gap(hiding(Model()), Model(), tmp_path, programme=brief, among=AMONG)
+def test_a_model_that_lacks_nothing_is_left_after_one_round(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gap_closing, "rig_plant", among_few)
+    monkeypatch.setattr(gap_closing, "FITTED", (("small steps", 5.0),))
+    found = close_gap(hiding(Model()), Model(), tmp_path, worker=at_once)
     assert found.verdict == "adequate"
     assert not found.effects
     assert len(found.rounds) == 1
@@ -194,10 +226,10 @@ def test_a_stop_ends_it_with_what_was_recorded(tmp_path: Path) -> None:
     stop = StopFlag()
     stop.request("SIGINT")
     with pytest.raises(ExperimentStoppedError):
-        close_gap(hiding(Model()), Model(), tmp_path, programme=BRIEF, stop=stop)
+        close_gap(hiding(Model()), Model(), tmp_path, worker=at_once, stop=stop)
 
 
-@pytest.mark.parametrize("wanted", [Programme().fitted, Programme().held, Programme().check])
+@pytest.mark.parametrize("wanted", [FITTED, HELD, CHECK])
 def test_every_motion_keeps_to_the_rigs_limits(wanted: tuple[tuple[str, float], ...]) -> None:
     rig = load_rig("simulated")
     for planned in plan_campaign(motions_campaign("any", wanted, rig, Model(), 3), rig):
@@ -224,7 +256,7 @@ def test_a_round_is_the_last_where_the_check_leaves_nothing_but_chance(
 ) -> None:
     effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0, ())
     found = GapResult("missing_effect", [], [effect])
-    assert gap_closing._Closing._is_done(found, check) is done
+    assert gap_closing._Closing.is_done(found, check) is done
 
 
 def disturbance(place: str, *, in_model: bool) -> Discovered:
@@ -254,7 +286,7 @@ def test_a_round_is_the_last_where_nothing_more_is_discovered(
 ) -> None:
     discovered = [disturbance("flow, chamber 1", in_model=in_model)]
     found = GapResult("unknown_effect", [], discovered=discovered)
-    assert gap_closing._Closing._is_done(found, check) is done
+    assert gap_closing._Closing.is_done(found, check) is done
 
 
 def test_the_revised_model_has_what_was_discovered_in_the_rigs_equations_and_beside_them() -> None:

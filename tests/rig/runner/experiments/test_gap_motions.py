@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.cli.models.gap_live import experiment_file
+from rig.cli.models.gap_finding import experiment_file
 from rig.configuration.campaigns.campaign import load_campaign
 from rig.configuration.checking import check
 from rig.configuration.rigs.rig import load_rig
 from rig.plant import Model
-from rig.runner.experiments.gap_motions import MARGIN_M, campaign_of, sampled, strokes
-from rig.runner.experiments.gap_plan import room_of
+from rig.runner.experiments.gap_motions import campaign_of, room_of, sampled, strokes
 from rig.runner.experiments.gap_results import rig_plant
+from rig.runner.experiments.parts import MARGIN_M
 
 RIG = load_rig("simulated")
 LIBRARY = strokes(room_of(RIG), 1)
@@ -49,9 +49,9 @@ def test_another_seed_is_another_motion_of_the_same_kind() -> None:
 
 
 def test_the_workflow_gets_the_library_for_its_experiments() -> None:
-    plant = rig_plant(Model(), RIG.sensors, room_of(RIG), 6.0)
+    plant = rig_plant(Model(), RIG.sensors, room_of(RIG))
     assert [motion.name for motion in plant.motions()] == list(LIBRARY)
     for motion in plant.motions():
-        assert motion.inputs.shape == (6000, 1)
-        assert motion.course.shape == (6000, 4)
-        assert motion.campaign["tests"][0]["duration"] == "6 s"
+        assert motion.inputs.shape == (20_000, 1)
+        assert motion.course.shape == (20_000, 4)
+        assert motion.campaign["tests"][0]["duration"] == "20 s"

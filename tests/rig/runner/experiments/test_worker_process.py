@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.runner.experiments.worker_process import ApartError, apart, at_once
+from rig.runner.experiments.worker_process import ApartError, apart
 
 
 def added(said: Callable[[str], None], left: int, right: int) -> int:
@@ -35,7 +35,6 @@ def test_a_result_comes_back_from_another_process_while_the_rig_is_looked_after(
     assert looked
     assert said == ["adding 2", "and 3"]
     assert apart(lambda: None, silent, own_process) != os.getpid()
-    assert at_once(lambda: None, silent, own_process) == os.getpid()
 
 
 def test_an_error_there_is_reported_here() -> None:

@@ -17,8 +17,7 @@ from rig.runner import Observer, Status, StopFlag, run_campaign
 from rig.runner.outcomes.outcome import TestOutcome
 from rig.runner.outcomes.outcome_record import record_of
 from rig.runner.run_folder.journal import JOURNAL, Journal, JournalError, read_journal
-from rig.runner.run_folder.journal_state import standing_of
-from rig.runner.run_folder.resuming import unfinished_run
+from rig.runner.run_folder.resuming import standing_of, unfinished_run
 
 MakeTest = Callable[..., CampaignTest]
 MakeCampaign = Callable[..., Campaign]

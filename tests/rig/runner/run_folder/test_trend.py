@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.friction.curve import FrictionCurve, FrictionEstimate
-from rig.report.campaign.trend_page import trend_page
-from rig.runner import Observer
-from rig.runner.campaign.bench import Timed
-from rig.runner.campaign.campaign_test_run import _Observed
+from rig.report.campaign.several_runs import trend_page
 from rig.runner.outcomes.figures import figures_of
 from rig.runner.run_folder.archive import Run
 from rig.runner.run_folder.trend import FEWEST, Trend, trends_of
@@ -105,21 +102,3 @@ def test_a_residual_is_followed_though_some_rows_have_none() -> None:
     assert found.standard_error is not None
     innovations[:29_000] = np.nan
     assert "residual_pressure_1" not in figures_of(None, innovations, None, None)
-
-
-def test_a_writer_that_knows_the_loops_timing_knows_it_though_its_events_are_passed_on() -> None:
-    class Writer:
-        def write(self, rows: object) -> None:
-            pass
-
-        def event(self, time_s: float, kind: str, text: str) -> None:
-            pass
-
-    class OnHardware(Writer):
-        def timing(self) -> dict[str, int]:
-            return {"ticks": 7}
-
-    timed = _Observed(OnHardware(), Observer())
-    assert isinstance(timed, Timed)
-    assert timed.timing() == {"ticks": 7}
-    assert not isinstance(_Observed(Writer(), Observer()), Timed)

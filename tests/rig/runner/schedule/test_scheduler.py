@@ -1,7 +1,7 @@
 """A night's schedule, compressed by a fake clock: order, retries, missed runs, halts, restarts."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -13,8 +13,7 @@ from hypothesis import Phase, given, settings, strategies as st
 from rig.configuration.campaigns.schedule import MOST_TIMES, Entry, Missed, Schedule
 from rig.runner.run_folder.journal import Journal, JournalError
 from rig.runner.schedule.additions import ADDITIONS, add
-from rig.runner.schedule.scheduler import MOST_RESUMES, Scheduler
-from rig.runner.schedule.state import JOURNAL, Job, ScheduleState
+from rig.runner.schedule.scheduler import JOURNAL, MOST_RESUMES, Job, Scheduler, ScheduleState
 
 EVENING = datetime(2026, 11, 21, 20, 0, tzinfo=UTC)
 NIGHT = timedelta(hours=12)
@@ -64,6 +63,14 @@ class FakeHands:
         self.said.append(text)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def looks_seldom() -> Iterator[None]:
+    """Let the scheduler look for requests every five minutes, so that a night has few looks."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("rig.runner.schedule.scheduler.POLL_S", 300.0)
+        yield
+
+
 @pytest.fixture
 def schedule(tmp_path: Path) -> Schedule:
     entries = (
@@ -78,7 +85,7 @@ def schedule(tmp_path: Path) -> Schedule:
 def night(schedule: Schedule, hands: FakeHands, until: datetime = EVENING + NIGHT) -> ScheduleState:
     """Run a schedule from the hands' present to a time."""
     with Journal(schedule.folder, resume=True, name=JOURNAL, now=hands.now) as journal:
-        scheduler = Scheduler(schedule, journal, hands, poll_s=300.0)
+        scheduler = Scheduler(schedule, journal, hands)
         scheduler.run(lambda: hands.at >= until)
         return scheduler.state
 

@@ -82,5 +82,5 @@ class LoopRig:
         setpoint = here + 2e-3 * np.sin(2.0 * np.pi * np.arange(ticks) * TICK)
         return WireLoop(
             self.board, self.child, segment(0, Drive.TRACK, setpoint=setpoint, valve_enable=True),
-            start_position=here, settle_ticks=100, period_s=TICK, silence_s=COMPILE_S,
+            start_position=here, settle_ticks=100, silence_s=COMPILE_S,
         )  # fmt: skip

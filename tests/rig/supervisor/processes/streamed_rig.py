@@ -51,5 +51,11 @@ class Bench:
             self.board.words[Word.ROWS] = at + 1
 
     @property
+    def pid(self) -> int | None:
+        """The process id of the publisher; None while no publisher works."""
+        child = self.stream._child
+        return None if child is None else child._process.pid
+
+    @property
     def log(self) -> str:
         return (self.folder / "log").read_text()

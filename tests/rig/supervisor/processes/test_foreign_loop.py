@@ -102,7 +102,7 @@ def test_a_trip_nulls_the_valve_and_the_loop_looks_that_it_stays_there(
 
 def test_sigterm_leaves_the_device_safe(rig: LoopRig, device: DatagramDevice) -> None:
     rig.arm()
-    os.kill(rig.child.pid, signal.SIGTERM)
+    os.kill(rig.child._process.pid, signal.SIGTERM)
     assert rig.child.answer(COMPILE_S) == Closed()
     assert device.is_null
 

@@ -183,7 +183,7 @@ def test_however_the_loop_process_ends_the_device_is_left_at_null(rig: Rig, way:
     rig.arm()
     assert not rig.is_null
     if way == "SIGTERM":
-        os.kill(rig.child.pid, signal.SIGTERM)
+        os.kill(rig.child._process.pid, signal.SIGTERM)
         assert rig.child.answer(COMPILE_S) == Closed()
     rig.child.end()
     assert rig.is_null

@@ -118,7 +118,7 @@ def test_a_killed_publisher_is_started_again_and_misses_no_row(
     bench.write(100)
     until(lambda: len(client.window(60.0).row) == 100)
     first = client.snapshot().session
-    os.kill(bench.stream.pid or 0, signal.SIGKILL)
+    os.kill(bench.pid or 0, signal.SIGKILL)
     bench.write(400)
     until(lambda: client.snapshot().alive and client.snapshot().session != first)
     until(lambda: len(client.window(60.0).row) == 500)
@@ -133,13 +133,13 @@ def test_a_hung_publisher_holds_nobody_up(
     bench: Bench, client: StreamClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(streaming, "SILENCE_S", 1.0)
-    pid = bench.stream.pid or 0
+    pid = bench.pid or 0
     os.kill(pid, signal.SIGSTOP)
     for k in range(5000):
         bench.stream.event("test", "note", f"{k}" * 50)
     until(lambda: not client.snapshot().alive, "the stream to be dead")
     until(lambda: any("hung" in said for said in bench.said), "the hang to be reported")
-    until(lambda: bench.stream.pid not in (None, pid) and client.snapshot().alive)
+    until(lambda: bench.pid not in (None, pid) and client.snapshot().alive)
 
 
 def test_a_genuine_command_is_obeyed_and_answered(bench: Bench, client: StreamClient) -> None:
@@ -153,7 +153,7 @@ def test_a_genuine_command_is_obeyed_and_answered(bench: Bench, client: StreamCl
 
 
 def unsigned(bench: Bench, session: str) -> bytes:
-    return Sender(Credentials("nobody", bytes(32)), time.time_ns).sign("bench", session, "abort")
+    return Sender(Credentials("nobody", bytes(32))).sign("bench", session, "abort")
 
 
 def forged(bench: Bench, session: str) -> bytes:
@@ -449,13 +449,13 @@ def test_a_watch_of_the_publisher_that_fails_starts_another_one(
     tmp_path: Path, port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(tmp_path, port)
-    start = Stream._start
+    publish = Stream._publish
 
     def fails(stream: Stream, note: str) -> Any:
-        monkeypatch.setattr(Stream, "_start", start)
+        monkeypatch.setattr(Stream, "_publish", publish)
         raise ZeroDivisionError("of the safety thread")
 
-    monkeypatch.setattr(Stream, "_start", fails)
+    monkeypatch.setattr(Stream, "_publish", fails)
     bench.stream.attach(bench.board, CHANNELS)
     with StreamClient(bench.settings) as client:
         client.wait_for_rig(PATIENCE_S)

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.loop.board import RING_ROWS, Board, Word
+from rig.loop.board import RING_ROWS, Board, RingReader, Word
 from rig.loop.interlocks.ladder import Cause
-from rig.loop.ring import RingReader
 from rig.recording import read_recording, recover
 from rig.supervisor.processes.child import Child, ChildError
 from rig.supervisor.processes.recorder import (
@@ -57,7 +56,7 @@ class Session:
 @pytest.fixture
 def session(tmp_path: Path) -> Iterator[Session]:
     board = Board.create(len(CHANNELS))
-    child = Child("recorder", "rig.supervisor.processes.recorder", board, tmp_path / "log")
+    child = Child("recorder", "rig.supervisor.processes.recorder", board, tmp_path / "log", print)
     yield Session(board, child, tmp_path)
     child.end()
     os.close(board.fd)
@@ -112,7 +111,7 @@ def test_after_a_kill_every_flushed_second_is_readable(session: Session) -> None
     path = session.begin()
     session.write(1, 0, 1200)
     session.until_recorded(1200)
-    os.kill(session.child.pid, signal.SIGKILL)
+    os.kill(session.child._process.pid, signal.SIGKILL)
     with pytest.raises(ChildError, match="recorder process: killed by SIGKILL"):
         session.child.answer(PATIENCE_S)
     recover(path, session.folder / "saved.mcap")
@@ -125,7 +124,7 @@ def test_it_has_precedence_over_ordinary_programs_where_the_system_grants_it(
     session.begin()
     asked = [sys.executable, "-c", f"import os; os.nice({NICENESS})"]
     granted = subprocess.run(asked, stderr=subprocess.DEVNULL, check=False).returncode == 0
-    gained = os.getpriority(os.PRIO_PROCESS, session.child.pid) - os.nice(0)
+    gained = os.getpriority(os.PRIO_PROCESS, session.child._process.pid) - os.nice(0)
     assert gained == (NICENESS if granted else 0)
 
 
@@ -133,7 +132,7 @@ def test_a_file_that_cannot_grow_is_reported_by_the_exit_code_though_the_log_can
     session: Session,
 ) -> None:
     session.begin()
-    resource.prlimit(session.child.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    resource.prlimit(session.child._process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
     session.write(1, 0, 1200)
     with pytest.raises(ChildError, match=f"ended with exit code {errno.EFBIG}"):
         session.child.answer(PATIENCE_S)

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, ClassVar, Literal, cast
 
 import pytest
@@ -17,7 +18,8 @@ from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
 from rig.supervisor.processes import safety_thread as module
 from rig.supervisor.processes.driven import Driven
-from rig.supervisor.processes.safety_thread import Parts, SafetyThread, trips_of
+from rig.supervisor.processes.health import trips_of
+from rig.supervisor.processes.safety_thread import Parts, SafetyThread
 from tests.waiting import PATIENCE_S, until
 
 LATER_NS = int(3600e9)
@@ -98,6 +100,11 @@ DRIVERS = (
 )
 
 
+def rig_of(drivers: tuple[DriverSpec, ...]) -> Any:
+    """Return what the safety thread needs of a rig with these drivers."""
+    return SimpleNamespace(loop=LoopSettings(), drivers=drivers)
+
+
 @dataclass
 class Scene:
     """A session whose parts are all well."""
@@ -110,11 +117,11 @@ class Scene:
     found: list[Driven] = dataclasses.field(default_factory=list)
 
     def watch(self, drivers: tuple[DriverSpec, ...] = DRIVERS) -> SafetyThread:
-        parts = Parts(*cast(Any, (self.loop, self.field, self.recorder)))
+        parts, rig = Parts(*cast(Any, (self.loop, self.field, self.recorder))), rig_of(drivers)
+        told = self.told
         watch = SafetyThread(
-            self.board, parts, LoopSettings(), drivers, lambda *told: self.told.append(told),
-            self.found.append,
-        )  # fmt: skip
+            self.board, parts, rig, lambda *words: told.append(words), self.found.append
+        )
         watch.start()
         return watch
 
@@ -299,7 +306,7 @@ def test_a_rig_is_made_safe_though_nobody_can_be_told(scene: Scene) -> None:
 
     parts = Parts(*cast(Any, (scene.loop, scene.field, scene.recorder)))
     scene.field.exit_code = -9
-    watch = SafetyThread(scene.board, parts, LoopSettings(), DRIVERS, full)
+    watch = SafetyThread(scene.board, parts, rig_of(DRIVERS), full, scene.found.append)
     watch.start()
     outcome(scene, watch)
     assert set(SAFE) == {"daq", "bypass", "pump"}

@@ -1,12 +1,17 @@
-"""CSV and gzipped CSV are read here, fast if all cells are numbers, else with line numbers."""
+"""CSV and gzipped CSV are read and written here, so that they read back bit for bit.
+
+They are read fast if all cells are numbers, else with line numbers for what is wrong.
+"""
 
 import csv
 import gzip
+import io
 import re
 import zlib
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import IO, Final, cast
 
 import numpy as np
 import pyarrow as pa
@@ -14,10 +19,10 @@ import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
 from rig.recording.errors import RecordingError, RecordingProblem
-from rig.recording.recording import REPLAY_CHANNELS, FloatArray
-from rig.recording.table import Table
+from rig.recording.recording import REPLAY_CHANNELS, FloatArray, Recording, Table
 
 _GZIP_MAGIC: Final = b"\x1f\x8b"
+_GZIP_LEVEL: Final = 1
 _MISSING: Final = ("", "nan", "NaN", "NAN", "-nan")
 _DELIMITERS: Final = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 
@@ -40,8 +45,7 @@ def read_csv(path: str) -> Table:
     try:
         columns = _fast_columns(text, len(names))
     except pa.ArrowInvalid:
-        columns, unreadable, found = _careful_columns(path, text, names)
-        table.problems += found
+        columns, unreadable = _careful_columns(table, text, names)
         table.unreadable = {name: unreadable[index] for name, index in kept.items()}
     table.columns = {name: columns[index] for name, index in kept.items()}
     return table
@@ -74,27 +78,26 @@ def _header(path: str, text: bytes) -> tuple[list[str], list[RecordingProblem]]:
         line = _first_line(text).decode("utf-8-sig")
     except UnicodeDecodeError:
         remedy = "save the file as CSV in UTF-8"
-        raise RecordingError(
-            [RecordingProblem(path, 1, "header", "not text", "UTF-8 column names", remedy)]
-        ) from None
+        raise _bad_header(path, "not text", remedy, "UTF-8 column names") from None
     names = _cells(line)
     _refuse_other_delimiter(path, line, names)
     if all(_is_number(name) for name in names):
         limit = f"line 1 must name the columns: {', '.join(REPLAY_CHANNELS)}, ..."
-        raise RecordingError(
-            [RecordingProblem(path, 1, "header", "has numbers only", limit, "insert a header line")]
-        )
+        raise _bad_header(path, "has numbers only", "insert a header line", limit)
     problems = []
     for position, name in enumerate(names):
         if not name:
             remedy = "name the column or delete it (pandas: to_csv(index=False))"
-            problems.append(
-                RecordingProblem(path, 1, f"column {position + 1}", "has no name", "", remedy)
-            )
+            field, value = f"column {position + 1}", "has no name"
+            problems.append(RecordingProblem(path, field, value, remedy, line=1))
         elif name in names[:position]:
             value = f"columns {names.index(name) + 1} and {position + 1} have this name"
-            problems.append(RecordingProblem(path, 1, name, value, "", "rename or delete one"))
+            problems.append(RecordingProblem(path, name, value, "rename or delete one", line=1))
     return names, problems
+
+
+def _bad_header(path: str, value: str, remedy: str, limit: str) -> RecordingError:
+    return RecordingError([RecordingProblem(path, "header", value, remedy, limit, 1)])
 
 
 def _first_line(text: bytes) -> bytes:
@@ -110,8 +113,7 @@ def _refuse_other_delimiter(path: str, line: str, names: Sequence[str]) -> None:
         known = any(name in split for name in REPLAY_CHANNELS)
         if len(split) > len(names) and (known or len(names) == 1):
             remedy = "convert the delimiter to a comma (and decimal commas to points)"
-            value, limit = f"separated by {called}", "must be commas"
-            raise RecordingError([RecordingProblem(path, 1, "header", value, limit, remedy)])
+            raise _bad_header(path, f"separated by {called}", remedy, "must be commas")
 
 
 def _cells(line: str) -> list[str]:
@@ -131,15 +133,13 @@ def _line_numbers(text: bytes) -> Callable[[int], int]:
 
     The lines are counted when the function is first called.
     """
-    numbers: list[int] = []
 
-    def line_of(row: int) -> int:
-        if not numbers:
-            lines = text.splitlines()[1:]
-            numbers.extend(number for number, line in enumerate(lines, 2) if line.strip())
-        return numbers[row]
+    @cache
+    def numbers() -> list[int]:
+        lines = text.splitlines()[1:]
+        return [number for number, line in enumerate(lines, 2) if line.strip()]
 
-    return line_of
+    return lambda row: numbers()[row]
 
 
 def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
@@ -151,49 +151,45 @@ def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
     keys = [str(position) for position in range(n_columns)]
     if not text[len(_first_line(text)) :].strip():
         return [np.empty(0) for _ in keys]
-    table = pacsv.read_csv(
-        pa.BufferReader(text),
-        read_options=pacsv.ReadOptions(column_names=keys, skip_rows=1, use_threads=False),
-        convert_options=pacsv.ConvertOptions(
-            column_types={key: pa.float64() for key in keys}, null_values=list(_MISSING)
-        ),
-    )
+    kinds = {key: pa.float64() for key in keys}
+    read = pacsv.ReadOptions(column_names=keys, skip_rows=1, use_threads=False)
+    convert = pacsv.ConvertOptions(column_types=kinds, null_values=list(_MISSING))
+    table = pacsv.read_csv(pa.BufferReader(text), read_options=read, convert_options=convert)
     # The columns are copied, as pyarrow's own buffers are read-only.
     return [np.array(table[key].to_numpy(), dtype=np.float64) for key in keys]
 
 
 def _careful_columns(
-    path: str, text: bytes, names: Sequence[str]
-) -> tuple[list[FloatArray], NDArray[np.bool_], list[RecordingProblem]]:
-    """Return the columns, a mask of unreadable cells, and the problems of those cells.
+    table: Table, text: bytes, names: Sequence[str]
+) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+    """Return the columns and a mask of unreadable cells; report the problems of those cells.
 
     Each column has shape (n,), with NaN for unreadable cells; the mask has shape (n_columns, n).
     """
-    problems: list[RecordingProblem] = []
-    rows: list[list[float]] = []
-    unreadable: list[list[bool]] = []
-    lines = text.splitlines()
+    rows: list[list[float | None]] = []
     wrong: dict[str, list[tuple[int, str]]] = {name: [] for name in names}
+    lines = text.splitlines()
     for number, raw in enumerate(lines[1:], 2):
         if not raw.strip():
             continue
-        cells = _cells(raw.decode("utf-8", errors="replace"))
+        row, cells = len(rows), _cells(raw.decode("utf-8", errors="replace"))
         if len(cells) != len(names):
-            problems.append(_ragged(path, number, len(cells), len(names), number == len(lines)))
-            rows.append([np.nan] * len(names))
-            unreadable.append([True] * len(names))
+            remedy = "complete or delete the line"
+            if number == len(lines):
+                remedy = "delete the line: the file was cut off in it"
+            limit = f"the header has {len(names)}"
+            table.report("row", f"{len(cells)} cells", remedy, limit, row)
+            rows.append([None] * len(names))
             continue
-        values = [_number(cell) for cell in cells]
-        for name, cell, value in zip(names, cells, values, strict=True):
+        rows.append([_number(cell) for cell in cells])
+        for name, cell, value in zip(names, cells, rows[row], strict=True):
             if value is None:
-                wrong[name].append((number, cell))
-        rows.append([np.nan if value is None else value for value in values])
-        unreadable.append([value is None for value in values])
+                wrong[name].append((row, cell))
     for name, found in wrong.items():
-        problems += _not_numbers(path, name, found, len(rows))
-    shape = (-1, len(names))
-    columns = np.ascontiguousarray(np.array(rows, dtype=np.float64).reshape(shape).T)
-    return list(columns), np.array(unreadable, dtype=np.bool_).reshape(shape).T, problems
+        _report_texts(table, name, found, len(rows))
+    columns = np.array(rows, dtype=np.float64).reshape(-1, len(names)).T
+    unreadable = np.array([[value is None for value in row] for row in rows], dtype=np.bool_)
+    return list(np.ascontiguousarray(columns)), unreadable.reshape(-1, len(names)).T
 
 
 def _number(cell: str) -> float | None:
@@ -206,26 +202,38 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _ragged(path: str, line: int, cells: int, wanted: int, last: bool) -> RecordingProblem:
-    remedy = (
-        "delete the line: the file was cut off in it" if last else "complete or delete the line"
-    )
-    return RecordingProblem(path, line, "row", f"{cells} cells", f"the header has {wanted}", remedy)
-
-
-def _not_numbers(
-    path: str, name: str, found: Sequence[tuple[int, str]], n_rows: int
-) -> list[RecordingProblem]:
-    if not found:
-        return []
+def _report_texts(table: Table, name: str, found: Sequence[tuple[int, str]], n_rows: int) -> None:
+    """Report the cells of a column that are no numbers, by row and text, in a table of n rows."""
     limit = "every cell must be a number or empty"
-    if len(found) == n_rows:
-        line, cell = found[0]
-        value = f"text throughout ({cell[:40]!r}, ...)"
-        remedy = "delete the column or write numbers"
-        return [RecordingProblem(path, line, name, value, limit, remedy)]
     remedy = "write a number with a decimal point, or leave the cell empty"
-    return [
-        RecordingProblem(path, line, name, f"{cell[:40]!r} is not a number", limit, remedy)
-        for line, cell in found
-    ]
+    if found and len(found) == n_rows:
+        row, cell = found[0]
+        value = f"text throughout ({cell[:40]!r}, ...)"
+        table.report(name, value, "delete the column or write numbers", limit, row)
+        return
+    for row, cell in found:
+        table.report(name, f"{cell[:40]!r} is not a number", remedy, limit, row)
+
+
+def write_csv(recording: Recording, path: Path, *, compressed: bool) -> None:
+    """Write a recording's channels as CSV: a header line, then one row per sample.
+
+    Floats are written in their shortest exact form, NaN as an empty cell. The file is gzipped if
+    `compressed`. Metadata and events are not written.
+    """
+    with path.open("wb") as file:
+        if not compressed:
+            _write_text(recording, file)
+            return
+        # The gzip header has neither name nor time, so that equal recordings make equal files.
+        with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, mtime=0) as packed:
+            _write_text(recording, cast(IO[bytes], packed))
+
+
+def _write_text(recording: Recording, file: IO[bytes]) -> None:
+    header = io.StringIO(newline="")
+    csv.writer(header, lineterminator="\n").writerow(recording.channels)
+    file.write(header.getvalue().encode())
+    arrays = [pa.array(values, from_pandas=True) for values in recording.channels.values()]
+    table = pa.table(arrays, names=list(recording.channels))
+    pacsv.write_csv(table, file, pacsv.WriteOptions(include_header=False))

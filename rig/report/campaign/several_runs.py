@@ -1,25 +1,17 @@
-"""Makes the page of trends over runs: first the figures that change, then all figures."""
+"""Makes the pages on several runs: one of trends, and one that compares two runs.
+
+Each shows first what changed, then all figures.
+"""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final
 
-from rig.recording import replace_text
 from rig.report.templating import rendered
-from rig.runner.run_folder import Trend
+from rig.runner.run_folder import Change, Compared, Comparison, Trend
 
 _INTERVAL: Final = 1.96
 TREND: Final = "trend.html"
 """File name of the page in a schedule's folder."""
-
-
-def write_trend(trends: Sequence[Trend], path: Path, title: str) -> None:
-    """Write the page of trends to a file, replacing it in one step.
-
-    Raises:
-        OSError: the page cannot be written.
-    """
-    replace_text(path, trend_page(trends, title))
 
 
 def trend_page(trends: Sequence[Trend], title: str) -> str:
@@ -60,3 +52,24 @@ def _line(trend: Trend) -> list[float] | None:
     mean = sum(point.value for point in trend.points) / len(days)
     start = mean - trend.slope * sum(days) / len(days)
     return [start, start + trend.slope * (last - first).total_seconds() / 86400.0]
+
+
+def number(value: float | str | None) -> str:
+    """Return a value as text: a number to five digits, a text unchanged, and a dash for None."""
+    if value is None:
+        return "–"
+    return value if isinstance(value, str) else f"{value:.5g}"
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """Return the HTML page of a comparison; the page fetches nothing and needs no script."""
+    tests: dict[str, list[Compared]] = {}
+    for each in comparison.figures:
+        tests.setdefault(each.test, []).append(each)
+    return rendered(
+        "comparison.html.j2",
+        comparison=comparison,
+        tests=tests,
+        number=number,
+        moved=Change.MOVED,
+    )

@@ -1,8 +1,12 @@
-"""A setpoint that is read from a CSV file; every error in the file is reported with its line."""
+"""Setpoints of straight lines between points, which are given or read from a CSV file.
+
+Every error in a file is reported with its line.
+"""
 
 import csv
 import gzip
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import isfinite, nan
 from pathlib import Path
 from typing import Final, TextIO
@@ -10,7 +14,7 @@ from typing import Final, TextIO
 import numpy as np
 
 from ..request import RequestProblem
-from .protocol import Quantity, Samples, SetpointError, Times, checks_of
+from .protocol import Quantity, Samples, SetpointChecks, SetpointError, Times
 
 _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
 
@@ -23,6 +27,53 @@ class SetpointFileError(SetpointError):
 
     Each problem names file:line, or the file alone if it cannot be read.
     """
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """Straight lines from corner to corner, in metres or volts.
+
+    Before the first corner the setpoint has the first value, after the last corner the last one.
+
+    Attributes:
+        times_s: times of the corners in s, increasing, at least two.
+        values: setpoint at each corner.
+        quantity: "position" (metres) or "command" (volts).
+
+    Raises:
+        SetpointError: there are fewer than two corners or unequally many values, a number is not
+            finite, the times do not increase, or the quantity is neither of the two.
+    """
+
+    times_s: tuple[float, ...]
+    values: tuple[float, ...]
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times_s", tuple(float(time) for time in self.times_s))
+        object.__setattr__(self, "values", tuple(float(value) for value in self.values))
+        with SetpointChecks(self) as checks:
+            times, values = len(self.times_s), len(self.values)
+            limit = f"do not fit {times} times, or are fewer than two"
+            remedy = "give a value for each of at least two times"
+            checks.require(times == values >= 2, "values", limit, remedy, values)
+            increase = all(later > earlier for earlier, later in pairwise(self.times_s))
+            remedy = "give the corners in the order of time"
+            checks.require(increase, "times_s", "do not increase", remedy)
+            for index, (time, value) in enumerate(zip(self.times_s, self.values, strict=False)):
+                checks.finite("s", **{f"times_s[{index}]": time})
+                checks.finite(checks.unit, **{f"values[{index}]": value})
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
+        return np.interp(np.asarray(time_s, dtype=np.float64), self.times_s, self.values)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return the greatest |slope| of the lines in m/s or V/s within 0 to `duration_s`.
+
+        A line counts if any part of it lies within. The result is 0 if none does.
+        """
+        return _greatest_slope(np.asarray(self.times_s), np.asarray(self.values), duration_s)
 
 
 @dataclass(frozen=True)
@@ -46,7 +97,7 @@ class FromFile:
     _value: Samples = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checks_of(self).finish()
+        SetpointChecks(self).finish()
         time, value = _read_file(Path(self.path), self.quantity)
         object.__setattr__(self, "path", Path(self.path))
         object.__setattr__(self, "_time", time)
@@ -61,9 +112,22 @@ class FromFile:
 
         A stretch between rows counts if any part of it lies within. The result is 0 if none does.
         """
-        slopes = np.abs(np.diff(self._value) / np.diff(self._time))
-        reached = (self._time[:-1] < duration_s) & (self._time[1:] > 0.0)
-        return float(np.max(slopes, where=reached, initial=0.0))
+        return _greatest_slope(self._time, self._value, duration_s)
+
+
+def _greatest_slope(times: Samples, values: Samples, duration_s: float) -> float:
+    """Return the greatest |slope| in m/s or V/s of lines between points within 0 to `duration_s`.
+
+    A line counts if any part of it lies within. The result is 0 if none does.
+
+    Args:
+        times: times (n,) of the points in s, increasing.
+        values: values (n,) of the points in m or V.
+        duration_s: end of the stretch in s.
+    """
+    slopes = np.abs(np.diff(values) / np.diff(times))
+    reached = (times[:-1] < duration_s) & (times[1:] > 0.0)
+    return float(np.max(slopes, where=reached, initial=0.0))
 
 
 def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
@@ -86,7 +150,6 @@ def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
 def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Samples]:
     reader = csv.DictReader(text)
     reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
-    column = _COLUMNS[quantity]
     _require_columns(path, reader.fieldnames, quantity)
     times: list[float] = []
     values: list[float] = []
@@ -94,18 +157,14 @@ def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Sample
     for row in reader:
         where = f"{path}:{reader.line_num}"
         time = _number(where, "time_s", row, problems)
-        values.append(_number(where, column, row, problems))
+        values.append(_number(where, _COLUMNS[quantity], row, problems))
         if times and time <= times[-1]:
-            problems.append(
-                RequestProblem(
-                    where, "time_s", time, f"is not after {times[-1]}", "sort the rows by time"
-                )
-            )
+            limit = f"is not after {times[-1]}"
+            problems.append(RequestProblem(where, "time_s", time, limit, "sort the rows by time"))
         times.append(time)
     if not times:
-        problems.append(
-            RequestProblem(f"{path}:1", "rows", "none", "below the header", "add the samples")
-        )
+        remedy = "add the samples"
+        problems.append(RequestProblem(f"{path}:1", "rows", "none", "below the header", remedy))
     if problems:
         raise SetpointFileError(_first(path, problems))
     return np.array(times), np.array(values)
@@ -137,23 +196,15 @@ def _number(where: str, column: str, row: dict[str, str], problems: list[Request
     except ValueError:
         number = nan
     if not isfinite(number):
-        problems.append(
-            RequestProblem(
-                where,
-                column,
-                entry or "nothing",
-                "is not a finite number",
-                "fill it in or drop the row",
-            )
-        )
+        limit, remedy = "is not a finite number", "fill it in or drop the row"
+        problems.append(RequestProblem(where, column, entry or "nothing", limit, remedy))
     return number
 
 
 def _first(path: Path, problems: list[RequestProblem]) -> list[RequestProblem]:
-    if len(problems) <= _PROBLEMS_SHOWN:
-        return problems
     rest = len(problems) - _PROBLEMS_SHOWN
-    more = RequestProblem(
-        str(path), "rows", f"{rest} more problems", "follow", "mend those above first"
-    )
+    if rest <= 0:
+        return problems
+    remedy = "mend those above first"
+    more = RequestProblem(str(path), "rows", f"{rest} more problems", "follow", remedy)
     return [*problems[:_PROBLEMS_SHOWN], more]

@@ -6,9 +6,9 @@ from hypothesis import given, strategies as st
 from estimator.leaks.confirmation import CONFIRMED_AFTER_S
 from estimator.leaks.detection import Decision
 from faults.verdict import Verdict
-from rig.loop.decided import DECIDED, verdict_of
+from rig.loop.decided import DECIDED, VERDICT_CODES
 from rig.plant import FAULTS
-from rig.runner.outcomes.decision_rows import DecisionRows
+from rig.runner.outcomes.reactions import DecisionRows
 
 
 def named(row: object) -> dict[str, float]:
@@ -26,7 +26,7 @@ def test_a_row_holds_all_that_was_decided() -> None:
     )
     row = named(DecisionRows().row(7.0, decision))
     assert row["decided_at_s"] == 7.0
-    assert verdict_of(row["verdict_code"]) == "external_leakage_2"
+    assert VERDICT_CODES[int(row["verdict_code"])] == "external_leakage_2"
     assert row["fault_confirmed"] == 1.0
     assert row["probability_external_leakage_2"] == 1.0
     assert row["probability_healthy"] == 0.0
