@@ -49,4 +49,5 @@ from .variables import (
     freed as freed,
     nuisance_variable as nuisance_variable,
     started as started,
+    with_effect_of as with_effect_of,
 )

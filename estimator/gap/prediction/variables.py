@@ -133,6 +133,14 @@ def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ..
     return (*(variable for variable in variables if variable.parameter not in taken), *added)
 
 
+def with_effect_of(values: Values, effect: Effect, others: Values) -> dict[str, float]:
+    """Return a copy of all values in which an effect's parameters are as in other values."""
+    changed = dict(values)
+    for variable in effect_variables(effect):
+        changed = variable.put(changed, others[variable.parameter])
+    return changed
+
+
 def started(
     plant: Plant, values: Values, effect: Effect, start: Mapping[str, float]
 ) -> dict[str, float]:

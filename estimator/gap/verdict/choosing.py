@@ -11,12 +11,10 @@ curve does, where that explains four fifths of the excess.
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
-from estimator.gap.plant import Array, Plant
+from estimator.gap.plant import Plant
 from estimator.gap.search import FORM, DiscoveredModel, Discovering, Discovery, Found
 
-from .own_form import EXPLAINED, SURE, OwnForm, by_formula, by_likeness, in_place_of_several
+from .own_form import EXPLAINED, OwnForm, beats, by_formula, by_likeness, in_place_of_several
 
 SETTLED: Final = 0.1
 """Greatest excess, in variances per reading, that named effects may leave without a look at what
@@ -80,7 +78,7 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
             _take(found, own)
     parts = len(found.named) + len(names.discoveries)
     least = BEYOND * excess if parts <= len(alone.discoveries) else HALF * left
-    better = bool(alone.discoveries) and _beats(alone.fitted.costs, names.fitted.costs, least)
+    better = bool(alone.discoveries) and beats(alone.fitted.costs, names.fitted.costs, least)
     stands_in = pinned or (better and own is None and not _is_own(plant, found, alone))
     left_alone = alone.fitted.cost - floor * found.samples
     if not found.named or (better and stands_in and left_alone < (1.0 - WHOLE) * excess):
@@ -92,7 +90,7 @@ def choose(discovering: Discovering, found: Found, material: float) -> Choice:
     if own is None and (doubted or not told):
         # Names that are in doubt stand where without them half of the rest more would be left.
         least = HALF * left_alone if pinned or not stands_in else BEYOND * excess
-        if not _beats(beside.fitted.costs, alone.fitted.costs, max(least, BEYOND * excess)):
+        if not beats(beside.fitted.costs, alone.fitted.costs, max(least, BEYOND * excess)):
             return _by_its_curve(discovering, found, alone) or nothing_named
     return both
 
@@ -128,13 +126,6 @@ def _pinned(plant: Plant, found: Found) -> set[str]:
         if any(abs(value - end) <= near for end in ends):
             names.add(named.effect)
     return names
-
-
-def _beats(one: Array, other: Array, least: float) -> bool:
-    """Return whether block costs `one` are less than `other`, by `least` and beyond chance."""
-    gains = other - one
-    error = float(np.sqrt(len(gains)) * np.std(gains, ddof=1))
-    return float(gains.sum()) > max(least, SURE * error)
 
 
 def _is_own(plant: Plant, found: Found, alone: DiscoveredModel) -> bool:

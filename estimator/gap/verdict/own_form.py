@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import KNOTS, Effect
+from estimator.gap.plant import KNOTS, Array, Effect
 from estimator.gap.prediction import Fitted, Variable
 from estimator.gap.search import (
     CHANCE,
@@ -71,10 +71,8 @@ def in_place_of_several(
     model = discovering.run(best.fitted, best.variables, found.floor, 1, own)
     if not model.discoveries:
         return None
-    lost = model.fitted.costs - found.fitted.costs
-    error = float(np.sqrt(len(lost)) * np.std(lost, ddof=1))
     rest = best.fitted.cost - found.fitted.cost
-    if lost.sum() > max(SURE * error, (1.0 - MOST_OF) * rest):
+    if beats(found.fitted.costs, model.fitted.costs, (1.0 - MOST_OF) * rest):
         return None
     return replace(best, corrected=model)
 
@@ -131,6 +129,13 @@ def by_likeness(discovering: Discovering, found: Found, alone: DiscoveredModel) 
             )  # fmt: skip
             return OwnForm(named, alone.fitted, alone.variables, alone)
     return None
+
+
+def beats(one: Array, other: Array, least: float) -> bool:
+    """Return whether block costs `one` are less than `other`, by `least` and beyond chance."""
+    gains = other - one
+    error = float(np.sqrt(len(gains)) * np.std(gains, ddof=1))
+    return float(gains.sum()) > max(least, SURE * error)
 
 
 def _explaining_most(

@@ -139,7 +139,6 @@ def checked(
         if worse is not None:
             named = " and ".join(effect.name for effect in found.effects)
             take_back(found, plant, f"{named or 'the refit'}, on the check", worse)
-            found.discovered = [replace(each, in_model=False) for each in found.discovered]
             written = channel_gaps(predictor, records, given, given, pool)
         else:
             written = gaps
