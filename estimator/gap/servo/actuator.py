@@ -52,22 +52,10 @@ from rig.plant import (
     valve_conductance,
 )
 
+from .compiled_parameters import SEEN_1, SEEN_2, parameters_of
 from .effects import EFFECTS, NOT_TOLD_APART, nuisances
 from .lanes import IN_LANES
 from .layout import ServoLayout
-from .memory import (
-    BEHIND,
-    COMMAND,
-    CORRECTED,
-    MEMORY,
-    NEXT,
-    PATH,
-    REMEMBERED,
-    SEEN,
-    SEEN_1,
-    SEEN_2,
-    parameters_of,
-)
 
 STATES: Final = (
     "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
@@ -76,6 +64,18 @@ STATES: Final = (
 """Names of the states: those of the rig, then both pressures behind the lag of their
 transducers."""
 _FAULT: Final = tuple(NO_FAULT)
+
+# The memory holds, in this order: the command, the command's path before the step and after it, the
+# encoder's memory, how far the encoder's reading is behind the ram, the ram's position when it was
+# last remembered, and the sum of the filter's corrections of that position.
+COMMAND: Final = 0
+PATH: Final = 1
+NEXT: Final = PATH + PATH_SIZE
+SEEN: Final = NEXT + PATH_SIZE
+BEHIND: Final = SEEN + TRANSDUCERS_SIZE
+REMEMBERED: Final = BEHIND + 1
+CORRECTED: Final = REMEMBERED + 1
+MEMORY: Final = CORRECTED + 1
 
 
 @njit(DRIVE, cache=True, error_model="numpy")
@@ -403,7 +403,7 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
             Parameter(name, known[name].unit, known[name].lower, known[name].upper)
             if name in known
             else Parameter(name, "", -np.inf, np.inf, 0.0)
-            for name in Parameters._fields
+            for name in own
         )
         + SLOT_PARAMETERS,
         nominal=model.parameters._asdict() | EMPTY_SLOTS,

@@ -40,7 +40,7 @@ from rig.plant import (
     whole_ticks,
 )
 
-from .memory import SEEN_1, SEEN_2, parameters_of
+from .compiled_parameters import SEEN_1, SEEN_2, parameters_of
 
 _FAULT: Final = tuple(NO_FAULT)
 _FRICTION_LAW: Final = Parameters._fields.index("friction_law")

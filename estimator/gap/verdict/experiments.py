@@ -101,9 +101,7 @@ def _separation(
     best = max(tried, key=lambda trial: trial.merit)
     if not best.settles:
         pairs = [frozenset((named.effect, rival.effect)) for rival in rivals]
-        why = "; ".join(
-            plant.not_told_apart[pair] for pair in pairs if pair in plant.not_told_apart
-        )
+        why = "; ".join(filter(None, map(plant.not_told_apart.get, pairs)))
         in_words = f"none of the motions tried separates them{': ' if why else ''}{why}"
         return Separation(effects, in_words, {}, best.cosine, best.z)
     in_words = f"{best.motion.name}, {best.motion.told}"

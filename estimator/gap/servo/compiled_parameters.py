@@ -1,4 +1,4 @@
-"""This module lays out the memory of the servo-actuator and unpacks parameters in compiled code."""
+"""This module has what compiled code of the servo-actuator shares, alone and in lanes."""
 
 from typing import Any, Final
 
@@ -6,24 +6,12 @@ import numba.extending
 from numba import types
 from numba.core import cgutils
 
-from rig.plant import PATH_SIZE, TRANSDUCERS_SIZE, Parameters
+from rig.plant import Parameters
 
 SEEN_1: Final = 9
 SEEN_2: Final = 10
 """SEEN_1 and SEEN_2 are the indices of the pressures behind the lag of their transducers. These
 states come after the rig's own."""
-
-# The memory holds, in this order: the command, the command's path before the step and after it, the
-# encoder's memory, how far the encoder's reading is behind the ram, the ram's position when it was
-# last remembered, and the sum of the filter's corrections of that position.
-COMMAND: Final = 0
-PATH: Final = 1
-NEXT: Final = PATH + PATH_SIZE
-SEEN: Final = NEXT + PATH_SIZE
-BEHIND: Final = SEEN + TRANSDUCERS_SIZE
-REMEMBERED: Final = BEHIND + 1
-CORRECTED: Final = REMEMBERED + 1
-MEMORY: Final = CORRECTED + 1
 
 _PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
 # With its declared type, callers would have to pass the context that numba adds by itself.
