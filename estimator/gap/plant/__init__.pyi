@@ -22,7 +22,6 @@ from .additions import (
     kicked_states as kicked_states,
     wave as wave,
 )
-from .bands import band_powers as band_powers, edges as edges
 from .compile_plant import build as build, nuisances as nuisances
 from .description import PlantDescription as PlantDescription, PlantError as PlantError
 from .description_checks import check_description as check_description

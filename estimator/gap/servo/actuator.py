@@ -57,12 +57,6 @@ from .effects import EFFECTS, NOT_TOLD_APART, nuisances
 from .lanes import IN_LANES
 from .layout import ServoLayout
 
-STATES: Final = (
-    "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
-    "friction_state", "supply_pressure", "return_pressure", "seen_pressure_1", "seen_pressure_2",
-)  # fmt: skip
-"""Names of the states: those of the rig, then both pressures behind the lag of their
-transducers."""
 _FAULT: Final = tuple(NO_FAULT)
 
 # The memory holds, in this order: the command, the command's path before the step and after it, the
@@ -188,7 +182,7 @@ def _shares(values: Mapping[str, float]) -> Array:
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     volume = sum(chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par))
     spring = 4.0 * par.bulk_modulus * par.piston_area**2 / volume
-    shares = np.ones((4, len(STATES)))
+    shares = np.ones((4, SEEN_2 + 1))
     shares[0] = exp(-par.position_delay * (spring / total_mass(par)) ** 0.5)
     shares[0, 4] = 1.0
     return shares
