@@ -18,7 +18,6 @@ from .additions import (
     add_to_state as add_to_state,
     as_addition as as_addition,
     as_term as as_term,
-    is_active as is_active,
     kicked_states as kicked_states,
     wave as wave,
 )

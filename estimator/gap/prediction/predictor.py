@@ -12,7 +12,6 @@ from estimator.gap.plant import (
     Plant,
     Record,
     activity,
-    is_active,
     kicked_states,
     made_of,
     roughness,
@@ -76,7 +75,7 @@ class Predictor:
         Additions are applied to runs alone.
         """
         in_lanes = self.plant.in_lanes
-        return None if in_lanes is None or is_active(values) else in_lanes.kind(values)
+        return None if in_lanes is None or activity(values) else in_lanes.kind(values)
 
     def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
         first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)

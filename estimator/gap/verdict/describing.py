@@ -151,9 +151,9 @@ def without_unwanted(
     return search.refits.settled(values, (*others, *own))[0].values
 
 
-def measured(discovered: Discovered, each: Discovery, fitter: Fitter, judged: Fitter) -> Discovered:
+def measured(discovered: Discovered, each: Discovery, judged: Fitter) -> Discovered:
     """Return a disturbance with the held-out gap before it was added and with it."""
-    gaps = channel_gaps(fitter.predictor, judged.records, each.before, each.after, fitter.pool)
+    gaps = channel_gaps(judged.predictor, judged.records, each.before, each.after, judged.pool)
     return replace(discovered, gap=mean_gap(gaps))
 
 

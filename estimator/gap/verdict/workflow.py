@@ -199,13 +199,11 @@ def _set_answer(
     # All is told of the whole model, and then what is not wanted is left out of that written.
     result.values = dict(without_unwanted(search, found, choice, described, wanted))
     result.names, result.as_given = tuple(named.effect for named in found.named), False
-    result.discovered = [
-        measured(
-            replace(described[id(each)], in_model=wanted.allows(described[id(each)])),
-            each, fitter, judged,
-        )
-        for each in choice.discovered
-    ]  # fmt: skip
+    result.discovered = []
+    for each in choice.discovered:
+        told = described[id(each)]
+        told = replace(told, in_model=wanted.allows(told))
+        result.discovered.append(measured(told, each, judged))
     result.reasons += [
         f"{each.text} It is suspected to be a leak, so that the model written does not have it: "
         "the leak detector would not see it; --accept-leaks adds it"
