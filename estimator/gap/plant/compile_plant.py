@@ -4,7 +4,7 @@ The compiled step integrates the rates of the description.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Final
 
 import numpy as np
@@ -73,11 +73,7 @@ def build(
         inputs=tuple(each.channel for each in description.inputs),
         input_units=tuple(each.unit for each in description.inputs),
         outputs=tuple(
-            Output(
-                o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown,
-                _undriven(description, views),
-            )
-            for o in description.outputs
+            Output(**asdict(each), of=_undriven(description, views)) for each in description.outputs
         ),
         parameters=description.parameters,
         nominal=nominal,
@@ -316,9 +312,7 @@ def _steered(plant: Plant, description: PlantDescription) -> Plant:
     par = plant.vector(plant.nominal)
     ends = []
     for sign in (1.0, -1.0):
-        state = np.array(
-            [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
-        )
+        state = np.array(description.at_rest)
         memory = np.zeros(len(plant.inputs))
         memory[0] = sign * description.inputs[0].size
         for _ in range(max(round(_STEERED_S / plant.period), _SAMPLES)):

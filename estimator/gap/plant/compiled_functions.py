@@ -15,7 +15,7 @@ from numba.extending import is_jitted, overload
 
 from rig.jit import njit
 
-from .description import PlantDescription, PlantError, Start
+from .description import PlantDescription, PlantError
 from .interface import DRIVE, MEASURE, READ, STEP, Array, Plant, hold
 
 PERIOD: Final = 1e-3
@@ -43,10 +43,9 @@ class Views:
 
 def sample_points(description: PlantDescription) -> tuple[Array, Array]:
     """Return some states (n, states) and inputs (n, inputs) at which functions are compared."""
-    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
     spreads = [each.spread for each in description.states]
     sizes = [each.size for each in description.inputs]
-    states = np.array(at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
+    states = np.array(description.at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
     return states, np.outer([0.5, -0.25, 0.1, 0.8], sizes)
 
 

@@ -66,20 +66,18 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
-    """One measured channel of a recording.
+class Channel:
+    """One channel of a recording, which a plant predicts.
 
     Attributes:
         channel: name of the recording's column.
         unit: SI unit of the readings.
-        noise: standard deviation of the noise of a reading, SI.
+        noise: standard deviation of the noise of a reading, SI, greater than 0.
         resolution: step of a counting sensor, SI; 0 if the sensor does not count.
         lower: lower end of the sensor's range, SI; a reading at or below it is saturated.
         upper: upper end of the range, SI; a reading at or above it is saturated.
         shown: unit used in reports, and the number of such units in one SI unit; None for the SI
             unit.
-        of: names of the regions (`Region`) that an error of the readings may depend on, besides
-            time.
     """
 
     channel: str
@@ -89,6 +87,17 @@ class Output:
     lower: float = -np.inf
     upper: float = np.inf
     shown: tuple[str, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Output(Channel):
+    """One measured channel of a plant.
+
+    Attributes:
+        of: names of the regions (`Region`) that an error of the readings may depend on, besides
+            time.
+    """
+
     of: tuple[str, ...] = ()
 
     @property
@@ -466,9 +475,7 @@ class Plant:
     equations: tuple[Equation, ...]
     regions: Mapping[str, Region]
     steering: tuple[tuple[int, int, float], ...]
-    write: Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None] = (
-        not_to_a_file
-    )
+    write: Write = not_to_a_file
     drive: Any = hold
     remember: Any = forget
     begin: Callable[[Array, Array, Mapping[str, float], float], Array] = begin_held
