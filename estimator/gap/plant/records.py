@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,7 @@ UNTIMELY_S = 1.5e-4
 by one count of the encoder in this time."""
 
 
-@dataclass(frozen=True, eq=False)
-class Gains:
+class Gains(NamedTuple):
     """How strongly a filter corrected each state by each reading, at each sample of a record.
 
     Attributes:
@@ -74,6 +74,15 @@ class Record:
     variances: Array
     first: int = 0
     unread: BoolArray | None = None
+
+    def part(self, first: int, end: int) -> "Record":
+        """Return the samples from `first` on and before `end` as a record of their own."""
+        inputs, readings, variances = (
+            np.ascontiguousarray(each[first:end])
+            for each in (self.inputs, self.readings, self.variances)
+        )
+        unread = None if self.unread is None else self.unread[first:end]
+        return Record(self.source, inputs, readings, variances, self.first + first, unread)
 
     def lacks(self, output: int) -> bool:
         """Return whether an output, given by its index, was not recorded at all."""
@@ -131,15 +140,7 @@ def seen_parts(record: Record, period: float) -> list[Record]:
         known = np.flatnonzero(~unused[first:last].any(1))
         if len(known):
             parts.append((first + int(known[0]), last))
-    return [
-        Record(
-            record.source, np.ascontiguousarray(record.inputs[a:b]),
-            np.ascontiguousarray(record.readings[a:b]),
-            np.ascontiguousarray(record.variances[a:b]), record.first + a,
-            None if record.unread is None else record.unread[a:b],
-        )
-        for a, b in parts
-    ]  # fmt: skip
+    return [record.part(first, end) for first, end in parts]
 
 
 def lateness(recording: Recording) -> Array:

@@ -182,18 +182,10 @@ def free_runs(
     if not records:
         return []
     plant = predictor.plant
-    whole = records[0]
-    count = min(round(SECONDS / plant.period), len(whole))
-    record = Record(
-        whole.source,
-        whole.inputs[:count],
-        whole.readings[:count],
-        whole.variances[:count],
-        whole.first,
-    )
+    record = records[0].part(0, round(SECONDS / plant.period))
     given = predictor.simulate(record, before, steered=False)[1]
     written = predictor.simulate(record, after, steered=False)[1]
-    time_s = plant.period * (whole.first + np.arange(count, dtype=np.float64))
+    time_s = plant.period * (record.first + np.arange(len(record), dtype=np.float64))
     return [
         FreeRun(
             record.source, time_s, output.channel, output.unit, output.shown or (output.unit, 1.0),
