@@ -330,9 +330,7 @@ def is_leak(addition: Addition, low: float, high: float) -> bool:
     """
     if addition.place == _ACROSS:
         return True
-    if addition.place not in _LEAKING:
-        return False
-    if addition.of != _LEAKING[addition.place]:
+    if addition.of != _LEAKING.get(addition.place):
         return False
     x = np.linspace(low, high, 101)
     out = -addition.shape(x)
