@@ -15,6 +15,7 @@ from .description import EquationOf, MayLack, PlantDescription, PlantError, Star
 from .description_checks import check_description, check_functions
 from .interface import (
     Array,
+    Beginning,
     Effect,
     Equation,
     Knob,
@@ -23,6 +24,7 @@ from .interface import (
     Parameter,
     Plant,
     Region,
+    Starting,
     State,
     Varying,
     begin_held,
@@ -67,10 +69,12 @@ def build(
     check_functions(description, views, par)
     drive, step, read = compiled(description, views, period)
     nominal = dict(zip(par._fields, par, strict=True))
+    driven = [each.channel for each in description.inputs]
+    seen = [each.channel for each in description.outputs]
     plant = Plant(
         name=description.name,
         states=_states(description, views, par, period),
-        inputs=tuple(each.channel for each in description.inputs),
+        inputs=tuple(driven),
         input_units=tuple(each.unit for each in description.inputs),
         outputs=tuple(
             Output(**asdict(each), of=_undriven(description, views)) for each in description.outputs
@@ -92,7 +96,10 @@ def build(
             )
             for each in description.regions
         },
-        steering=_stated_steering(description),
+        steering=tuple(
+            (driven.index(one), seen.index(other), gain)
+            for (one, other), gain in (description.steering or {}).items()
+        ),
         drive=drive,
         begin=_begin(description, period),
         period=period,
@@ -169,20 +176,16 @@ def _states(
     return tuple(made)
 
 
-def _start(
-    description: PlantDescription, period: float
-) -> Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]:
+def _start(description: PlantDescription, period: float) -> Starting:
     channels = [output.channel for output in description.outputs]
     spread = np.array([each.spread for each in description.states])
 
     def start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple[Array, Array]:
-        state = np.empty(len(spread))
+        state = np.array(description.at_rest, dtype=np.float64)
         for index, each in enumerate(description.states):
-            if not isinstance(each.start, Start):
-                state[index] = each.start
-                continue
-            read = readings[:, channels.index(each.start.channel)]
-            state[index] = _rate(read, period) if each.start.rate else read[0]
+            if isinstance(each.start, Start):
+                read = readings[:, channels.index(each.start.channel)]
+                state[index] = _rate(read, period) if each.start.rate else read[0]
         return state, spread
 
     return start
@@ -244,9 +247,7 @@ def _equation(
 # Memory and additions
 
 
-def _begin(
-    description: PlantDescription, period: float
-) -> Callable[[Array, Array, Mapping[str, float], float], Array]:
+def _begin(description: PlantDescription, period: float) -> Beginning:
     """Return the function that makes the memory at the first sample (`Plant.begin`).
 
     The memory holds the inputs as they act and, with a delay, those that will act later. All are
@@ -291,15 +292,6 @@ def _with_slots(plant: Plant, description: PlantDescription, views: Views) -> Pl
 
 
 # Steering
-
-
-def _stated_steering(description: PlantDescription) -> tuple[tuple[int, int, float], ...]:
-    inputs = [each.channel for each in description.inputs]
-    outputs = [each.channel for each in description.outputs]
-    return tuple(
-        (inputs.index(pair[0]), outputs.index(pair[1]), gain)
-        for pair, gain in (description.steering or {}).items()
-    )
 
 
 def _steered(plant: Plant, description: PlantDescription) -> Plant:

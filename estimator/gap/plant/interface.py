@@ -388,6 +388,8 @@ def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s:
     return np.array(inputs[0], dtype=np.float64)
 
 
+Starting = Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]
+Beginning = Callable[[Array, Array, Mapping[str, float], float], Array]
 Write = Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None]
 
 
@@ -469,7 +471,7 @@ class Plant:
     nominal: Mapping[str, float]
     step: Any
     read: Any
-    start: Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]
+    start: Starting
     effects: Mapping[str, Effect]
     nuisances: tuple[Nuisance, ...]
     equations: tuple[Equation, ...]
@@ -478,7 +480,7 @@ class Plant:
     write: Write = not_to_a_file
     drive: Any = hold
     remember: Any = forget
-    begin: Callable[[Array, Array, Mapping[str, float], float], Array] = begin_held
+    begin: Beginning = begin_held
     violent: Callable[[Array, Mapping[str, float]], NDArray[np.bool_]] | None = None
     memories: tuple[str, ...] = ()
     shares: Callable[[Mapping[str, float]], Array] | None = None

@@ -248,16 +248,12 @@ def _lost(fitter: Fitter) -> list[str]:
             missed = np.median(np.abs(innovations), axis=0)
         found += [
             f"{record.source}: {output.channel} has nothing to do with the model: predictions one "
-            f"sample ahead miss by {_told(miss)} standard deviations; are its units and columns "
-            "right?"
+            f"sample ahead miss by {f'{miss:.0f}' if np.isfinite(miss) else 'no number'} standard "
+            "deviations; are its units and columns right?"
             for output, miss in zip(plant.outputs, missed, strict=True)
             if not miss < LOST
         ]
     return found
-
-
-def _told(miss: float) -> str:
-    return f"{miss:.0f}" if np.isfinite(miss) else "no number"
 
 
 def worse_than_resting(

@@ -127,13 +127,9 @@ def _remember(before, state, memory, parameters):
 
 @njit(READ, cache=True, error_model="numpy")
 def _read(state, memory, parameters, readings):
+    par = parameters_of(parameters)
     means = reading_means(
-        state[4] - memory[BEHIND],
-        state[SEEN_1],
-        state[SEEN_2],
-        state[0],
-        state[7],
-        parameters_of(parameters),
+        state[4] - memory[BEHIND], state[SEEN_1], state[SEEN_2], state[0], state[7], par
     )
     readings[0], readings[1], readings[2] = means.position, means.pressure_1, means.pressure_2
     readings[3] = means.spool

@@ -121,12 +121,8 @@ def by_likeness(discovering: Discovering, found: Found, alone: DiscoveredModel) 
             if value is None or not knob.lower <= value <= knob.upper:
                 continue
             moved = abs(value - discovering.plant.nominal[knob.parameter])
-            gains = found.refitted.costs - alone.fitted.costs
-            gain = float(gains.sum())
-            named = Named(
-                effect.name, gain, gain / found.samples, CHANCE, deviate(gains),
-                read=(value, moved * abs(error / size)),
-            )  # fmt: skip
+            read = (value, moved * abs(error / size))
+            named = replace(_named(effect, found, alone.fitted), read=read)
             return OwnForm(named, alone.fitted, alone.variables, alone)
     return None
 
@@ -147,11 +143,15 @@ def _explaining_most(
         fitted, variables = discovering.with_effect(found.refitted.values, effect)
         if fitted is None or (best is not None and fitted.cost >= best.fitted.cost):
             continue
-        gains = found.refitted.costs - fitted.costs
-        gain = float(gains.sum())
-        named = Named(effect.name, gain, gain / found.samples, CHANCE, deviate(gains))
-        best = OwnForm(named, fitted, variables)
+        best = OwnForm(_named(effect, found, fitted), fitted, variables)
     return best
+
+
+def _named(effect: Effect, found: Found, fitted: Fitted) -> Named:
+    """Return an effect with what it gains over the refit of the nuisances in a fit with it."""
+    gains = found.refitted.costs - fitted.costs
+    gain = float(gains.sum())
+    return Named(effect.name, gain, gain / found.samples, CHANCE, deviate(gains))
 
 
 def _owners(discovering: Discovering, discovery: Discovery) -> list[Effect]:
