@@ -55,10 +55,11 @@ from .records import (
     BoolArray as BoolArray,
     Gains as Gains,
     Record as Record,
+    Stuck as Stuck,
     made_of as made_of,
     record_of as record_of,
     roughness as roughness,
     seen_parts as seen_parts,
     smoothed as smoothed,
+    stuck_stretches as stuck_stretches,
 )
-from .stuck import Stuck as Stuck, stuck_stretches as stuck_stretches

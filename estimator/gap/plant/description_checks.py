@@ -4,13 +4,11 @@ import math
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from .description import PlantDescription, PlantError, Start
-
-_KEYWORDS: Final = "must be a Python name, as in position_m"
 
 
 def check_description(description: PlantDescription) -> None:
@@ -146,7 +144,7 @@ def _names(description: PlantDescription) -> Iterator[str]:
                 yield f"{kind} {name} is given {names.count(name)} times; rename or delete one"
             named = kind in ("state", "input", "parameter")
             if named and (not name.isidentifier() or name.startswith("_")):
-                yield f"{kind} {name!r} {_KEYWORDS}"
+                yield f"{kind} {name!r} must be a Python name, as in position_m"
         if not names and kind not in ("effect", "region", "equation"):
             yield f"there is no {kind}; give at least one"
     if "time" in kinds["region"]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import exp, log
 
-from estimator.gap.plant import Effect, Knob, Nuisance, Plant
+from estimator.gap.plant import Effect, Nuisance, Plant
 
 from .linear import Column
 
@@ -110,17 +110,15 @@ def nuisance_variable(nuisance: Nuisance) -> Variable:
     )  # fmt: skip
 
 
-def knob_variable(effect: Effect, knob: Knob) -> Variable:
-    """Return the variable of one of an effect's knobs."""
-    return Variable(
-        effect.name, knob.key, knob.parameter, knob.probe, knob.lower, knob.upper, knob.follows,
-        knob.logarithmic,
-    )  # fmt: skip
-
-
 def effect_variables(effect: Effect) -> tuple[Variable, ...]:
     """Return the variables of all knobs of an effect."""
-    return tuple(knob_variable(effect, knob) for knob in effect.knobs)
+    return tuple(
+        Variable(
+            effect.name, knob.key, knob.parameter, knob.probe, knob.lower, knob.upper, knob.follows,
+            knob.logarithmic,
+        )
+        for knob in effect.knobs
+    )  # fmt: skip
 
 
 def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ...]:
@@ -149,7 +147,7 @@ def started(
     A knob that the start lacks keeps its value.
     """
     changed = dict(values)
-    for knob in effect.knobs:
-        if knob.key in start:
-            changed = knob_variable(effect, knob).put(changed, start[knob.key])
+    for variable in effect_variables(effect):
+        if variable.key in start:
+            changed = variable.put(changed, start[variable.key])
     return changed

@@ -52,9 +52,8 @@ from rig.plant import (
     valve_conductance,
 )
 
-from .compiled_parameters import SEEN_1, SEEN_2, parameters_of
 from .effects import EFFECTS, NOT_TOLD_APART, nuisances
-from .lanes import IN_LANES
+from .lanes import IN_LANES, SEEN_1, SEEN_2, parameters_of
 from .layout import ServoLayout
 
 _FAULT: Final = tuple(NO_FAULT)
@@ -255,18 +254,10 @@ def _edges_rate(states: Array, values: Mapping[str, float], chamber: int) -> Arr
     return np.asarray(valve_conductance(par) * drops * _chamber_rate(states, values, chamber))
 
 
-def _force_rate(states: Array, values: Mapping[str, float]) -> Array:
-    mass = values["moving_mass"] + values["payload_mass"]
-    return np.full(len(states), -TICK / mass)
-
-
-def _spool_rate(states: Array, values: Mapping[str, float]) -> Array:
-    return np.full(len(states), values["valve_natural_frequency"] ** 2 * TICK)
-
-
 EQUATIONS: Final = (
     Equation(
-        "force balance", "N", 5, _force_rate, ("N", 1.0),
+        "force balance", "N", 5,
+        lambda x, v: np.full(len(x), -TICK / (v["moving_mass"] + v["payload_mass"])), ("N", 1.0),
         ("velocity", "position", "pressure difference", "pressure 1"),
     ),
     Equation(
@@ -288,7 +279,10 @@ EQUATIONS: Final = (
         "valve edges", "m", 2, lambda x, v: _edges_rate(x, v, 0), ("um", 1e6), ("spool opening",),
         ((3, lambda x, v: _edges_rate(x, v, 1)),),
     ),
-    Equation("spool", "m", 1, _spool_rate, ("um", 1e6), ("command", "spool opening")),
+    Equation(
+        "spool", "m", 1, lambda x, v: np.full(len(x), v["valve_natural_frequency"] ** 2 * TICK),
+        ("um", 1e6), ("command", "spool opening"),
+    ),
 )  # fmt: skip
 
 
@@ -410,7 +404,6 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         begin=_begin,
         violent=_violent,
         shares=_shares,
-        memories=("position_delay", "position_backlash"),
         not_told_apart=NOT_TOLD_APART,
         in_lanes=IN_LANES,
         measures=_measures,

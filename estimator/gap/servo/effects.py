@@ -65,41 +65,40 @@ def _scale(at: Array, values: Array) -> float | None:
     return 1.0 + slope if lacks @ lacks < _MOST * (values @ values) else None
 
 
-def _knob(
-    name: str, key: str, probe: float, logarithmic: bool = False, upper: float | None = None
-) -> Knob:
-    """Return an effect's knob with the catalogue's plausible bounds.
-
-    `upper` replaces the upper bound. `probe` is in SI units.
-    """
-    of = next(knob for knob in CATALOGUE[name].parameters if knob.name == key)
-    return Knob(
-        key, of.field, probe, of.lower, of.upper if upper is None else upper,
-        (of.followed_by,) if of.followed_by else (), logarithmic,
-    )  # fmt: skip
-
-
 def _effect(
-    name: str, where: str, *knobs: Knob, starts: tuple[float, ...] = (),
-    propose: Proposal | None = None, own: Places = (), like: Likeness | None = None,
-) -> Effect:  # fmt: skip
-    """Return an effect of the catalogue; each of `starts` is one of its knob "value"."""
-    return Effect(
-        name, CATALOGUE[name].equation, where, knobs, tuple({"value": at} for at in starts),
-        _UNSEEN.get(name, ""), propose, own, (like,) if like else (),
-    )  # fmt: skip
-
-
-def _one(
-    name: str, where: str, probe: float, *starts: float, logarithmic: bool = False,
+    name: str, where: str, probes: float | dict[str, float], *starts: float,
+    logarithmic: bool = False, upper: float | None = None, propose: Proposal | None = None,
     own: Places = (), like: Likeness | None = None,
 ) -> Effect:  # fmt: skip
-    """Return an effect whose only knob is "value".
+    """Return an effect with the catalogue's plausible bounds.
 
-    It needs `starts` if the cost has no slope at the neutral value.
+    Args:
+        name: name of the effect in the catalogue.
+        where: equation or channel that it enters.
+        probes: probe of each knob, SI, or that of the only knob "value".
+        starts: starts of the knob "value"; it needs some if the cost has no slope at its neutral
+            value.
+        logarithmic: whether fits step in the logarithm of the first knob.
+        upper: upper bound of the knobs, in place of the catalogue's.
+        propose: as in `Effect`.
+        own: as in `Effect`.
+        like: the curve that is this effect; None if none is known.
     """
-    knob = _knob(name, "value", probe, logarithmic)
-    return _effect(name, where, knob, starts=starts, own=own, like=like)
+    known = {knob.name: knob for knob in CATALOGUE[name].parameters}
+    knobs: list[Knob] = []
+    for key, probe in (probes if isinstance(probes, dict) else {"value": probes}).items():
+        of = known[key]
+        knobs.append(
+            Knob(
+                key, of.field, probe, of.lower, of.upper if upper is None else upper,
+                (of.followed_by,) if of.followed_by else (), logarithmic and not knobs,
+            )
+        )  # fmt: skip
+    return Effect(
+        name, CATALOGUE[name].equation, where, tuple(knobs),
+        tuple({"value": at} for at in starts), _UNSEEN.get(name, ""), propose, own,
+        (like,) if like else (),
+    )  # fmt: skip
 
 
 _SHUT: Final = "what a closed valve does, where the spool stays near its null too seldom"
@@ -173,87 +172,83 @@ _N: Final = NOMINAL
 EFFECTS: Final = {
     effect.name: effect
     for effect in (
-        _one("spool_null_bias", _FLOWS, 3e-7, own=(("null of the spool", ""), *_EDGES)),
-        _one("valve_deadband", _FLOWS, 3e-7, 1e-6, 5e-6, 2e-5, own=_EDGES),
-        _one(
+        _effect("spool_null_bias", _FLOWS, 3e-7, own=(("null of the spool", ""), *_EDGES)),
+        _effect("valve_deadband", _FLOWS, 3e-7, 1e-6, 5e-6, 2e-5, own=_EDGES),
+        _effect(
             "valve_underlap_leakage", _FLOWS, 3e-7, 1e-6, 5e-6, 2e-5, own=_EDGES,
             like=Likeness("valve edges", "spool opening", _underlap),
         ),
-        _one("valve_flow_asymmetry", _FLOWS, 0.003, own=_EDGES),
-        _one("valve_hysteresis", _VALVE, 1e-7, 5e-7, 2e-6, 8e-6, own=_PATH),
-        _one("valve_bandwidth", _VALVE, 10.0, logarithmic=True, own=_PATH),
+        _effect("valve_flow_asymmetry", _FLOWS, 0.003, own=_EDGES),
+        _effect("valve_hysteresis", _VALVE, 1e-7, 5e-7, 2e-6, 8e-6, own=_PATH),
+        _effect("valve_bandwidth", _VALVE, 10.0, logarithmic=True, own=_PATH),
         _effect(
-            "valve_rate_limit", _VALVE, _knob("valve_rate_limit", "value", 3e-4, True, 1.0),
+            "valve_rate_limit", _VALVE, 3e-4, logarithmic=True, upper=1.0,
             propose=propose_rate_limit, own=_PATH,
         ),
-        _one("command_delay", _VALVE, 2e-4, 1e-3, 5e-3, 1.5e-2, own=_PATH),
-        _one("entrained_air", _FLOWS, 1e-3, own=_OIL),
+        _effect("command_delay", _VALVE, 2e-4, 1e-3, 5e-3, 1.5e-2, own=_PATH),
+        _effect("entrained_air", _FLOWS, 1e-3, own=_OIL),
         # These starts lie beyond the tolerance of the nuisance, where the effect is far from
         # linear.
-        _one(
+        _effect(
             "bulk_modulus", _FLOWS, 0.01 * _N.bulk_modulus,
             0.6 * _N.bulk_modulus, 0.8 * _N.bulk_modulus, 1.4 * _N.bulk_modulus,
             logarithmic=True, own=_OIL,
         ),
-        _one("supply_pressure", _FLOWS, 0.005 * _N.supply_pressure, own=_SUPPLY),
-        _one("supply_droop", _FLOWS, 3e11, own=_SUPPLY),
+        _effect("supply_pressure", _FLOWS, 0.005 * _N.supply_pressure, own=_SUPPLY),
+        _effect("supply_droop", _FLOWS, 3e11, own=_SUPPLY),
         _effect(
-            "supply_ripple", _FLOWS,
-            _knob("supply_ripple", "amplitude", 2e4),
-            _knob("supply_ripple", "frequency", 2e-3),
-            _knob("supply_ripple", "phase", 0.05),
+            "supply_ripple", _FLOWS, {"amplitude": 2e4, "frequency": 2e-3, "phase": 0.05},
             propose=propose_ripple, own=_SUPPLY,
         ),
-        _one("return_back_pressure", _FLOWS, 3e11, own=_SUPPLY),
-        _one(
+        _effect("return_back_pressure", _FLOWS, 3e11, own=_SUPPLY),
+        _effect(
             "friction_asymmetry", _FORCE, 10.0, own=_FRICTION,
             like=Likeness("force balance", "velocity", _uneven_friction),
         ),
-        _one("stiction_level", _FORCE, 30.0, own=_FRICTION),
-        _one("coulomb_level", _FORCE, 10.0, own=_FRICTION),
-        _one("stribeck_velocity", _FORCE, 1e-3, logarithmic=True, own=_FRICTION),
-        _one("viscous_friction", _FORCE, 10.0, own=_FRICTION),
-        _one("presliding_compliance", _FORCE, 1e6, logarithmic=True, own=_FRICTION),
-        _one("internal_leakage", _FLOWS, 3e-10, 5e-10, 4e-9, own=_LEAKS),
-        _one("external_leakage_1", _FLOWS, 3e-10, 3e-10, 3e-9, own=_LEAKS),
-        _one("external_leakage_2", _FLOWS, 3e-10, 3e-10, 3e-9, own=_LEAKS),
+        _effect("stiction_level", _FORCE, 30.0, own=_FRICTION),
+        _effect("coulomb_level", _FORCE, 10.0, own=_FRICTION),
+        _effect("stribeck_velocity", _FORCE, 1e-3, logarithmic=True, own=_FRICTION),
+        _effect("viscous_friction", _FORCE, 10.0, own=_FRICTION),
+        _effect("presliding_compliance", _FORCE, 1e6, logarithmic=True, own=_FRICTION),
+        _effect("internal_leakage", _FLOWS, 3e-10, 5e-10, 4e-9, own=_LEAKS),
+        _effect("external_leakage_1", _FLOWS, 3e-10, 3e-10, 3e-9, own=_LEAKS),
+        _effect("external_leakage_2", _FLOWS, 3e-10, 3e-10, 3e-9, own=_LEAKS),
         _effect(
-            "spring_load", _FORCE,
-            _knob("spring_load", "stiffness", 300.0), _knob("spring_load", "contact", 2e-3),
+            "spring_load", _FORCE, {"stiffness": 300.0, "contact": 2e-3},
             propose=propose_spring, own=_RAM,
         ),
-        _one("constant_force", _FORCE, 10.0, own=_RAM),
-        _one("payload_mass", _FORCE, 0.5),
+        _effect("constant_force", _FORCE, 10.0, own=_RAM),
+        _effect("payload_mass", _FORCE, 0.5),
         _effect(
-            "end_stop", _FORCE,
-            _knob("end_stop", "stiffness", 1e6, True),
-            _knob("end_stop", "low", 5e-5), _knob("end_stop", "high", 5e-5),
-            propose=propose_end_stop, own=_RAM,
+            "end_stop", _FORCE, {"stiffness": 1e6, "low": 5e-5, "high": 5e-5},
+            logarithmic=True, propose=propose_end_stop, own=_RAM,
         ),
         *(
-            _one(f"pressure_{i}_bias", f"pressure_{i}_Pa", 1e4, own=_seen(i, f"pressure {i}", ""))
+            _effect(
+                f"pressure_{i}_bias", f"pressure_{i}_Pa", 1e4, own=_seen(i, f"pressure {i}", "")
+            )
             for i in (1, 2)
         ),
         *(
-            _one(
+            _effect(
                 f"pressure_{i}_gain", f"pressure_{i}_Pa", 2e-3, own=_seen(i, f"pressure {i}", ""),
                 like=Likeness(f"reading of pressure_{i}_Pa", f"pressure {i}", _scale),
             )
             for i in (1, 2)
         ),
-        _one(
+        _effect(
             "pressure_lag", "pressure_1_Pa and pressure_2_Pa", 2e-4, 1e-3, 5e-3, 2e-2,
             own=(*_seen(1, "pressure 1", "velocity"), *_seen(2, "pressure 2", "velocity")),
         ),
-        _one(
+        _effect(
             "position_gain", "position_m", 1e-3, own=_SEEN_AT,
             like=Likeness("reading of position_m", "position", _scale),
         ),
         _effect(
-            "position_delay", "position_m", _knob("position_delay", "value", 2e-4),
-            starts=(1e-3,), propose=propose_position_delay, own=_SEEN_AT,
+            "position_delay", "position_m", 2e-4, 1e-3,
+            propose=propose_position_delay, own=_SEEN_AT,
         ),
-        _one("position_backlash", "position_m", 2e-5, 5e-5, 2e-4, 8e-4, own=_SEEN_AT),
+        _effect("position_backlash", "position_m", 2e-5, 5e-5, 2e-4, 8e-4, own=_SEEN_AT),
     )
 }  # fmt: skip
 

@@ -33,8 +33,7 @@ from estimator.gap.prediction import (
 )
 from estimator.gap.search import CHANCE, Found, Named, Refits, deviate
 
-from .choosing import PINNED
-from .own_form import SURE
+from .choosing import PINNED, SURE
 
 TRIFLE: Final = 0.1
 """Growth of errors, in noise variances, for which no effect is given up: ten times what matters to

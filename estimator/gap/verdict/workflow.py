@@ -174,12 +174,17 @@ def _judgement(
         result.rest = _curves(found.filtered, found.fitted.values, found.variables, found.floor)
     twins = search.twins.of(found.fitted.values)
     left = unsettled(found.filtered, twins, found.fitted.values)
+    # A disturbance of a reading does not count as located, because it explains much even of another
+    # rig, or of swapped channels.
+    places = {equation.name for equation in search.plant.equations}
     return judge(
         Evidence(
             found=found,
             discovered=choice.discovered,
             rest=result.rest,
-            located=_located(search.plant, result.where),
+            located=max(
+                (each.share for each in result.where if each.equation in places), default=0.0
+            ),
             resting=_resting(found.filtered, judged),
             unsettled=compared(left, refitted, values),
             held_out=search.held_out_excess(judged, found.fitted.values),
@@ -260,17 +265,6 @@ def _curves(
     curves = attribution(filtered, values, variables).curves(floor)
     curves += drifts(filtered, values, variables, floor)
     return sorted(curves, key=lambda curve: -curve.share)
-
-
-def _located(plant: Plant, curves: Sequence[Curve]) -> float:
-    """Return the part of the excess that the best disturbance of one equation explains.
-
-    A disturbance of a reading does not count, because it explains much even of another rig, or of
-    swapped channels.
-    """
-    places = {equation.name for equation in plant.equations}
-    shares = [curve.share for curve in curves if curve.equation in places]
-    return max(shares, default=0.0)
 
 
 def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
