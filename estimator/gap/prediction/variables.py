@@ -1,10 +1,10 @@
 """This module defines what a fit changes: nuisances and the knobs of effects, within bounds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import exp, log
 
-from estimator.gap.plant import Effect, Nuisance, Plant
+from estimator.gap.plant import Effect, Knob, Nuisance, Plant
 
 from .linear import Column
 
@@ -15,29 +15,17 @@ _LARGEST_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Variable:
-    """One parameter that is fitted.
+class Variable(Knob):
+    """One parameter that is fitted: a knob of an effect, or a nuisance, whose `key` is empty.
+
+    Its bounds are those of the fit. If it is logarithmic, steps are steps of the value's logarithm;
+    `probe` is a change of the value itself all the same.
 
     Attributes:
         name: name of the effect, or of the parameter if it is a nuisance.
-        key: key of the effect's knob; empty for a nuisance.
-        parameter: name of the plant's parameter.
-        probe: change of the value by which derivatives are taken, SI.
-        lower: least value, SI.
-        upper: greatest value, SI.
-        follows: names of other parameters, which are scaled by the same factor.
-        logarithmic: whether steps are steps of the value's logarithm; `probe` is a change of the
-            value itself all the same.
     """
 
-    name: str
-    key: str
-    parameter: str
-    probe: float
-    lower: float
-    upper: float
-    follows: tuple[str, ...] = ()
-    logarithmic: bool = False
+    name: str = ""
 
     def put(self, values: Values, value: float) -> dict[str, float]:
         """Return a copy of all values in which this parameter has the value given.
@@ -104,21 +92,14 @@ class Variable:
 def nuisance_variable(nuisance: Nuisance) -> Variable:
     """Return the variable of a nuisance, whose bounds are the ends of the tolerance."""
     width = nuisance.tolerance * abs(nuisance.nominal)
-    return Variable(
-        nuisance.parameter, "", nuisance.parameter, nuisance.probe,
-        nuisance.nominal - width, nuisance.nominal + width,
-    )  # fmt: skip
+    lower, upper = nuisance.nominal - width, nuisance.nominal + width
+    name = nuisance.parameter
+    return Variable("", name, nuisance.probe, lower, upper, name=name)
 
 
 def effect_variables(effect: Effect) -> tuple[Variable, ...]:
     """Return the variables of all knobs of an effect."""
-    return tuple(
-        Variable(
-            effect.name, knob.key, knob.parameter, knob.probe, knob.lower, knob.upper, knob.follows,
-            knob.logarithmic,
-        )
-        for knob in effect.knobs
-    )  # fmt: skip
+    return tuple(Variable(**asdict(knob), name=effect.name) for knob in effect.knobs)
 
 
 def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ...]:

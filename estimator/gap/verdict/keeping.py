@@ -86,10 +86,7 @@ def growth(
         return np.array([mean_squares(errors[block]) for block in blocks]) / variances
 
     tasks = [(record, values) for values in (given, fitted) for record in records]
-    found = list(pool.map(squares, tasks))
-    before, after = (
-        np.concatenate(part) for part in (found[: len(records)], found[len(records) :])
-    )
+    before, after = np.split(np.concatenate(list(pool.map(squares, tasks))), 2)
     known = np.isfinite(before)
     if not np.isfinite(after[known]).all():
         return Growth(np.inf, 0.0)
