@@ -19,11 +19,9 @@ from .additions import (
     add_to_state as add_to_state,
     as_addition as as_addition,
     as_term as as_term,
-    is_active as is_active,
     kicked_states as kicked_states,
     wave as wave,
 )
-from .bands import band_powers as band_powers, edges as edges
 from .compile_plant import build as build, nuisances as nuisances
 from .description import PlantDescription as PlantDescription, PlantError as PlantError
 from .description_checks import check_description as check_description
@@ -58,10 +56,11 @@ from .records import (
     BoolArray as BoolArray,
     Gains as Gains,
     Record as Record,
+    Stuck as Stuck,
     made_of as made_of,
     record_of as record_of,
     roughness as roughness,
     seen_parts as seen_parts,
     smoothed as smoothed,
+    stuck_stretches as stuck_stretches,
 )
-from .stuck import Stuck as Stuck, stuck_stretches as stuck_stretches

@@ -219,7 +219,8 @@ class Layout:
         own: Sequence[str],
     ) -> None:
         self.own = len(own)
-        self._regions = list(regions)
+        self._codes = {name: float(k) for k, name in enumerate(regions)}
+        self._codes |= {"": CONSTANT_OF, TIME_NAME: TIME_OF}
         rows = [[own.index(name) for name in each.parameters] for each in varying]
         self.changed = np.array([[*row, -1][:2] for row in rows] or [[-1, -1]], dtype=np.int64)
         self._places = {
@@ -233,7 +234,7 @@ class Layout:
         if addition.place not in self._places:
             return f"a model holds no addition to the {addition.place}"
         for name in (addition.of, addition.times):
-            if name not in ("", TIME_NAME, *self._regions):
+            if name not in self._codes:
                 return f"the plant has no quantity {name}"
         return ""
 
@@ -250,18 +251,15 @@ class Layout:
             refused = self.why_not(each)
             if refused:
                 raise ValueError(refused)
-            enters, place = self._places[each.place]
             numbers = [
-                float(enters), float(place), self._of(each.of),
-                self._of(each.times), float(FORMS.index(each.form)),
+                *map(float, self._places[each.place]), self._codes[each.of],
+                self._codes[each.times], float(FORMS.index(each.form)),
             ]  # fmt: skip
-            if each.form == "table":
-                at = [*each.at, *[each.at[-1]] * (KNOTS - len(each.at))]
-                values = [*each.values, *[each.values[-1]] * (KNOTS - len(each.values))]
-            else:
-                at = [*each.at, *[0.0] * (KNOTS - len(each.at))]
-                values = [*each.values, *[0.0] * (KNOTS - len(each.values))]
-            for part, number in zip(PARTS, [*numbers, *at, *values], strict=True):
+            for knots in (each.at, each.values):
+                # A table ends in copies of its last knot.
+                last = knots[-1] if each.form == "table" else 0.0
+                numbers += [*knots, *[last] * (KNOTS - len(knots))]
+            for part, number in zip(PARTS, numbers, strict=True):
                 found[slot_field(slot, part)] = number
         return found
 
@@ -269,23 +267,20 @@ class Layout:
         """Return the additions that the values of all parameters hold; the inverse of `values`."""
         found = []
         places = {code: name for name, code in self._places.items()}
+        quantities = {code: name for name, code in self._codes.items()}
         for slot in range(SLOTS):
             if values.get(slot_field(slot, "enters"), 0.0) == NOWHERE:
                 continue
-            enters, place, of, times, form = (values[slot_field(slot, p)] for p in PARTS[:_X])
-            at = [values[slot_field(slot, part)] for part in PARTS[_X:_Y]]
-            own = [values[slot_field(slot, part)] for part in PARTS[_Y:]]
+            numbers = tuple(values[slot_field(slot, part)] for part in PARTS)
+            (enters, place, of, times, form), at = numbers[:_X], numbers[_X:_Y]
             name = FORMS[int(form)]
+            places_count, count = _COUNTS.get(name, 0), 1
             if name == "table":
-                count = 1 + int(np.count_nonzero(np.diff(at) > 0.0))
-                at, own = at[:count], own[:count]
-            else:
-                at = at[: _COUNTS.get(name, 0)]
-                own = own[:1]
+                places_count = count = 1 + int(np.count_nonzero(np.diff(at) > 0.0))
             found.append(
                 Addition(
-                    places[int(enters), int(place)], self._name(of), self._name(times), name,
-                    tuple(at), tuple(own),
+                    places[int(enters), int(place)], quantities[of], quantities[times], name,
+                    at[:places_count], numbers[_Y:][:count],
                 )
             )  # fmt: skip
         return found
@@ -301,30 +296,17 @@ class Layout:
             [slot_field(index, f"x{k}") for k in range(len(each.at))],
         )
 
-    def _of(self, name: str) -> float:
-        if name == "":
-            return CONSTANT_OF
-        return TIME_OF if name == TIME_NAME else float(self._regions.index(name))
-
-    def _name(self, number: float) -> str:
-        if number == CONSTANT_OF:
-            return ""
-        return TIME_NAME if number == TIME_OF else self._regions[int(number)]
-
 
 def activity(values: Mapping[str, float]) -> int:
-    """Return which kinds of places the used slots enter (`Extension.active`)."""
+    """Return which kinds of places the used slots enter (`Extension.active`); 0 if none is used."""
     entered = {values.get(slot_field(slot, "enters"), 0.0) for slot in range(SLOTS)}
     kinds = {IN_EQUATION: KICKS, IN_READING: SHOWS, IN_PARAMETER: VARIES}
     return sum(kinds[int(each)] for each in entered if each != NOWHERE)
 
 
-def is_active(values: Mapping[str, float]) -> bool:
-    """Return whether any slot is used in the values of all parameters."""
-    return any(values.get(slot_field(slot, "enters"), 0.0) != NOWHERE for slot in range(SLOTS))
-
-
 # Compiled functions
+
+_ADD: Final = void(EXTENSION, float64[::1], float64[::1], int64, float64[::1])
 
 
 @inlined
@@ -371,10 +353,7 @@ def _shape(form, x, at, by):
     return max(x - at, 0.0)
 
 
-@njit(
-    float64(float64[::1], int64, float64[::1], float64, int64),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@njit(float64(float64[::1], int64, float64[::1], float64, int64), cache=True, error_model="numpy")
 def added_value(parameters, first, measured, time_s, recording):
     """Return the disturbance of the slot whose numbers begin at `first`, SI.
 
@@ -402,10 +381,7 @@ def added_value(parameters, first, measured, time_s, recording):
     return value * _quantity(parameters[first + 3], measured, time_s)
 
 
-@njit(
-    void(EXTENSION, float64[::1], float64[::1], int64, float64[::1]),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@njit(_ADD, cache=True, error_model="numpy")
 def add_to_parameters(extension, parameters, measured, t, present):
     """Write to `present` those parameters of a sample to which slots add something.
 
@@ -429,10 +405,7 @@ def add_to_parameters(extension, parameters, measured, t, present):
                     present[changed] += added
 
 
-@njit(
-    void(EXTENSION, float64[::1], float64[::1], int64, float64[::1]),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@njit(_ADD, cache=True, error_model="numpy")
 def add_to_readings(extension, parameters, measured, t, readings):
     """Add what slots add to the readings (outputs,) of a sample, in place."""
     time_s = extension.time_s + t * extension.period
@@ -443,10 +416,7 @@ def add_to_readings(extension, parameters, measured, t, readings):
             readings[int(parameters[first + 1])] += added
 
 
-@njit(
-    void(EXTENSION, float64[::1], float64[::1], int64, float64[::1]),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@njit(_ADD, cache=True, error_model="numpy")
 def add_to_state(extension, parameters, measured, t, state):
     """Kick the state (states,) after a step by what the equations have beside, in place.
 

@@ -4,7 +4,7 @@ The compiled step integrates the rates of the description.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from .description import EquationOf, MayLack, PlantDescription, PlantError, Star
 from .description_checks import check_description, check_functions
 from .interface import (
     Array,
+    Beginning,
     Effect,
     Equation,
     Knob,
@@ -23,6 +24,7 @@ from .interface import (
     Parameter,
     Plant,
     Region,
+    Starting,
     State,
     Varying,
     begin_held,
@@ -67,17 +69,15 @@ def build(
     check_functions(description, views, par)
     drive, step, read = compiled(description, views, period)
     nominal = dict(zip(par._fields, par, strict=True))
+    driven = [each.channel for each in description.inputs]
+    seen = [each.channel for each in description.outputs]
     plant = Plant(
         name=description.name,
         states=_states(description, views, par, period),
-        inputs=tuple(each.channel for each in description.inputs),
+        inputs=tuple(driven),
         input_units=tuple(each.unit for each in description.inputs),
         outputs=tuple(
-            Output(
-                o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown,
-                _undriven(description, views),
-            )
-            for o in description.outputs
+            Output(**asdict(each), of=_undriven(description, views)) for each in description.outputs
         ),
         parameters=description.parameters,
         nominal=nominal,
@@ -96,7 +96,10 @@ def build(
             )
             for each in description.regions
         },
-        steering=_stated_steering(description),
+        steering=tuple(
+            (driven.index(one), seen.index(other), gain)
+            for (one, other), gain in (description.steering or {}).items()
+        ),
         drive=drive,
         begin=_begin(description, period),
         period=period,
@@ -173,20 +176,16 @@ def _states(
     return tuple(made)
 
 
-def _start(
-    description: PlantDescription, period: float
-) -> Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]:
+def _start(description: PlantDescription, period: float) -> Starting:
     channels = [output.channel for output in description.outputs]
     spread = np.array([each.spread for each in description.states])
 
     def start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple[Array, Array]:
-        state = np.empty(len(spread))
+        state = np.array(description.at_rest, dtype=np.float64)
         for index, each in enumerate(description.states):
-            if not isinstance(each.start, Start):
-                state[index] = each.start
-                continue
-            read = readings[:, channels.index(each.start.channel)]
-            state[index] = _rate(read, period) if each.start.rate else read[0]
+            if isinstance(each.start, Start):
+                read = readings[:, channels.index(each.start.channel)]
+                state[index] = _rate(read, period) if each.start.rate else read[0]
         return state, spread
 
     return start
@@ -248,9 +247,7 @@ def _equation(
 # Memory and additions
 
 
-def _begin(
-    description: PlantDescription, period: float
-) -> Callable[[Array, Array, Mapping[str, float], float], Array]:
+def _begin(description: PlantDescription, period: float) -> Beginning:
     """Return the function that makes the memory at the first sample (`Plant.begin`).
 
     The memory holds the inputs as they act and, with a delay, those that will act later. All are
@@ -297,15 +294,6 @@ def _with_slots(plant: Plant, description: PlantDescription, views: Views) -> Pl
 # Steering
 
 
-def _stated_steering(description: PlantDescription) -> tuple[tuple[int, int, float], ...]:
-    inputs = [each.channel for each in description.inputs]
-    outputs = [each.channel for each in description.outputs]
-    return tuple(
-        (inputs.index(pair[0]), outputs.index(pair[1]), gain)
-        for pair, gain in (description.steering or {}).items()
-    )
-
-
 def _steered(plant: Plant, description: PlantDescription) -> Plant:
     """Return the plant, with its first input steered by the first output that follows that input.
 
@@ -316,9 +304,7 @@ def _steered(plant: Plant, description: PlantDescription) -> Plant:
     par = plant.vector(plant.nominal)
     ends = []
     for sign in (1.0, -1.0):
-        state = np.array(
-            [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
-        )
+        state = np.array(description.at_rest)
         memory = np.zeros(len(plant.inputs))
         memory[0] = sign * description.inputs[0].size
         for _ in range(max(round(_STEERED_S / plant.period), _SAMPLES)):

@@ -4,7 +4,7 @@ Their sources are generated: they unpack arrays into named tuples, as the author
 """
 
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ from numba.extending import is_jitted, overload
 
 from rig.jit import njit
 
-from .description import PlantDescription, PlantError, Start
+from .description import PlantDescription, PlantError
 from .interface import DRIVE, MEASURE, READ, STEP, Array, Plant, hold
 
 PERIOD: Final = 1e-3
@@ -43,10 +43,9 @@ class Views:
 
 def sample_points(description: PlantDescription) -> tuple[Array, Array]:
     """Return some states (n, states) and inputs (n, inputs) at which functions are compared."""
-    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
     spreads = [each.spread for each in description.states]
     sizes = [each.size for each in description.inputs]
-    states = np.array(at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
+    states = np.array(description.at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
     return states, np.outer([0.5, -0.25, 0.1, 0.8], sizes)
 
 
@@ -113,8 +112,7 @@ def compiled(description: PlantDescription, views: Views, period: float) -> tupl
         **unpacked, y=_listed("y{}", outputs),
         stored="; ".join(f"outputs[{i}] = y{i}" for i in outputs),
     )  # fmt: skip
-    names = {
-        "State": views.state, "Inputs": views.inputs, "Parameters": views.parameters,
+    names = _names(views) | {
         "rates": _jitted(description.rates), "readings": _jitted(description.readings),
     }  # fmt: skip
     return (
@@ -122,6 +120,11 @@ def compiled(description: PlantDescription, views: Views, period: float) -> tupl
         _made("step", step, STEP, names, "rates"),
         _made("read", read, READ, names, "readings"),
     )
+
+
+def _names(views: Views) -> dict[str, Any]:
+    """Return the classes of the views by the names that sources call them by."""
+    return {"State": views.state, "Inputs": views.inputs, "Parameters": views.parameters}
 
 
 def _unpacked(description: PlantDescription, inputs: str) -> dict[str, str]:
@@ -203,41 +206,37 @@ def measures_of(plant: Plant, description: PlantDescription, views: Views) -> An
         PlantError: numba cannot compile a function of a region or an equation for single numbers,
             or it then has another value than with arrays. The error has this one problem.
     """
-    rows = [
-        (f"the value of region {each.name!r}", each.value, "x, u", 1.0)
-        for each in description.regions
-    ]  # fmt: skip
-    rows += [
-        (f"per of equation {each.name!r}", each.per, "x, par", plant.period)
-        for each in description.equations
-    ]
     # The rates are two for each equation. A disturbance of a described one changes one state alone.
     first = len(description.regions)
-    places = [*range(first), *range(first, first + 2 * len(description.equations), 2)]
+    rows = [
+        (f"the value of region {each.name!r}", each.value, "x, u", 1.0, k)
+        for k, each in enumerate(description.regions)
+    ]
+    rows += [
+        (f"per of equation {each.name!r}", each.per, "x, par", plant.period, first + 2 * k)
+        for k, each in enumerate(description.equations)
+    ]
+    zeros = [f"measured[{place + 1}] = 0.0" for *_, place in rows[first:]]
 
-    def made(chosen: range) -> Any:
+    def made(chosen: Sequence[tuple[str, Any, str, float, int]], of: str) -> Any:
+        space = {**_names(views), "number": _number}
+        space |= {f"f{place}": _jitted(function) for _, function, *_, place in chosen}
         lines = [
-            f"measured[{places[k]}] = {rows[k][3]!r} * number(f{k}({rows[k][2]}))" for k in chosen
+            f"measured[{place}] = {factor!r} * number(f{place}({arguments}))"
+            for *_, arguments, factor, place in chosen
         ]
-        zeros = [f"measured[{place + 1}] = 0.0" for place in places[first:]]
-        names = {f"f{k}": _jitted(rows[k][1]) for k in chosen}
         source = _MEASURE_SOURCE.format(
             **_unpacked(description, "inputs"), stored="; ".join([*lines, *zeros]) or "pass"
         )
-        space = {
-            "State": views.state, "Inputs": views.inputs, "Parameters": views.parameters,
-            "number": _number, **names,
-        }  # fmt: skip
-        of = rows[chosen[0]][0] if len(chosen) == 1 else "regions and equations"
         return _made("measures", source, MEASURE, space, of)
 
     try:
-        measures = made(range(len(rows)))
+        measures = made(rows, "regions and equations")
     except PlantError:
-        for k in range(len(rows)):
-            made(range(k, k + 1))
+        for row in rows:
+            made([row], row[0])
         raise
-    _check_alike(plant, description, measures, [(rows[k][0], places[k]) for k in range(len(rows))])
+    _check_alike(plant, description, measures, [(name, place) for name, *_, place in rows])
     return measures
 
 

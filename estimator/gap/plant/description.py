@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from .interface import Parameter
+from .interface import Channel as Channel, Parameter
 
 
 class PlantError(ValueError):
@@ -79,30 +79,6 @@ class Input:
     channel: str
     unit: str
     size: float
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """One channel of a recording that a described plant predicts.
-
-    Attributes:
-        channel: name of the recording's column.
-        unit: SI unit of the readings.
-        noise: standard deviation of the noise of a reading, SI, greater than 0.
-        resolution: step of a counting sensor, SI; 0 if the sensor does not count.
-        lower: lower end of the sensor's range, SI; a reading at or below it is saturated.
-        upper: upper end of the range, SI; a reading at or above it is saturated.
-        shown: unit used in reports, and the number of such units in one SI unit; None for the SI
-            unit.
-    """
-
-    channel: str
-    unit: str
-    noise: float
-    resolution: float = 0.0
-    lower: float = -np.inf
-    upper: float = np.inf
-    shown: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +237,11 @@ class PlantDescription:
     steering: Mapping[tuple[str, str], float] | None = None
     not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)
     varying: tuple[VaryingOf, ...] | None = None
+
+    @property
+    def at_rest(self) -> list[float]:
+        """Return the start value of each state, SI; 0 where a channel gives the start."""
+        return [0.0 if isinstance(each.start, Start) else each.start for each in self.states]
 
     @property
     def may_vary(self) -> tuple[VaryingOf, ...]:

@@ -2,15 +2,13 @@
 
 import math
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from .description import PlantDescription, PlantError, Start
-
-_KEYWORDS: Final = "must be a Python name, as in position_m"
 
 
 def check_description(description: PlantDescription) -> None:
@@ -49,7 +47,7 @@ def check_functions(description: PlantDescription, views: Any, par: Any) -> None
             region's returns a value that is not finite; the error lists all problems.
     """
     inputs = views.inputs(*(0.5 * each.size for each in description.inputs))
-    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
+    at_rest = description.at_rest
     nudged = [value + each.spread for value, each in zip(at_rest, description.states, strict=True)]
     problems: list[str] = []
     for values in (at_rest, nudged):
@@ -125,8 +123,9 @@ def _listed(view: Any) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in view._asdict().items())
 
 
-def _names(description: PlantDescription) -> Iterator[str]:
-    kinds = {
+def _named(description: PlantDescription) -> dict[str, list[str]]:
+    """Return the names of all parts of a description, by the kind of part."""
+    return {
         "state": [each.name for each in description.states],
         "input": [each.channel for each in description.inputs],
         "output": [each.channel for each in description.outputs],
@@ -135,13 +134,17 @@ def _names(description: PlantDescription) -> Iterator[str]:
         "equation": [each.name for each in description.equations],
         "region": [each.name for each in description.regions],
     }
+
+
+def _names(description: PlantDescription) -> Iterator[str]:
+    kinds = _named(description)
     for kind, names in kinds.items():
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
                 yield f"{kind} {name} is given {names.count(name)} times; rename or delete one"
             named = kind in ("state", "input", "parameter")
             if named and (not name.isidentifier() or name.startswith("_")):
-                yield f"{kind} {name!r} {_KEYWORDS}"
+                yield f"{kind} {name!r} must be a Python name, as in position_m"
         if not names and kind not in ("effect", "region", "equation"):
             yield f"there is no {kind}; give at least one"
     if "time" in kinds["region"]:
@@ -164,76 +167,67 @@ def _parameters(description: PlantDescription) -> Iterator[str]:
 
 
 def _references(description: PlantDescription) -> Iterator[str]:
-    parameters = [each.name for each in description.parameters]
-    states = [each.name for each in description.states]
-    outputs = [each.channel for each in description.outputs]
-    regions = [each.name for each in description.regions]
-    places = [*(each.name for each in description.equations), *outputs,
-              *(each.channel for each in description.inputs)]  # fmt: skip
-    entered = [*(each.name for each in description.equations),
-               *(f"reading of {name}" for name in outputs),
+    kinds = _named(description)
+    parameters, outputs, regions = kinds["parameter"], kinds["output"], kinds["region"]
+    places = [*kinds["equation"], *outputs, *kinds["input"]]
+    entered = [*kinds["equation"], *(f"reading of {name}" for name in outputs),
                *(each.name for each in description.may_vary)]  # fmt: skip
     used: dict[str, str] = {}
     for effect in description.effects:
+        of = f"effect {effect.name}"
         if not effect.parameters:
-            yield f"effect {effect.name} has no parameters; give at least one"
-        for name in effect.parameters.values():
-            yield from _unknown(f"effect {effect.name}: parameter", name, parameters)
+            yield f"{of} has no parameters; give at least one"
+        yield from _unknown(f"{of}: parameter", effect.parameters.values(), parameters)
         for start in effect.starts:
-            for key in start:
-                yield from _unknown(f"effect {effect.name}: start", key, [*effect.parameters])
-        yield from _unknown(f"effect {effect.name}: where", effect.where, places)
+            yield from _unknown(f"{of}: start", start, [*effect.parameters])
+        yield from _unknown(f"{of}: where", [effect.where], places)
         first = next(iter(effect.parameters.values()), "")
         if first in used:
             yield f"effects {used[first]} and {effect.name} both change {first}; keep one"
         used[first] = effect.name
         for place, quantity in effect.own:
-            yield from _unknown(f"effect {effect.name}: own: place", place, entered)
-            yield from _unknown(f"effect {effect.name}: own: region", quantity, [*regions, "time"])
-    for name in description.tolerances:
-        yield from _unknown("tolerances:", name, parameters)
+            yield from _unknown(f"{of}: own: place", [place], entered)
+            yield from _unknown(f"{of}: own: region", [quantity], [*regions, "time"])
+    yield from _unknown("tolerances:", description.tolerances, parameters)
     for varying in description.varying or ():
+        of = f"varying {varying.name!r}"
         if not 1 <= len(varying.parameters) <= 2:
-            yield f"varying {varying.name!r} has {len(varying.parameters)} parameters; give 1 or 2"
-        for name in varying.parameters:
-            yield from _unknown(f"varying {varying.name!r}: parameter", name, parameters)
-        for region in varying.of:
-            yield from _unknown(f"varying {varying.name!r}: region", region, regions)
+            yield f"{of} has {len(varying.parameters)} parameters; give 1 or 2"
+        yield from _unknown(f"{of}: parameter", varying.parameters, parameters)
+        yield from _unknown(f"{of}: region", varying.of, regions)
     if description.input_delay is not None:
-        yield from _unknown("input_delay:", description.input_delay, parameters)
+        yield from _unknown("input_delay:", [description.input_delay], parameters)
     for equation in description.equations:
-        yield from _unknown(f"equation {equation.name!r}: state", equation.state, states)
-        for region in equation.of:
-            yield from _unknown(f"equation {equation.name!r}: region", region, regions)
+        yield from _unknown(f"equation {equation.name!r}: state", [equation.state], kinds["state"])
+        yield from _unknown(f"equation {equation.name!r}: region", equation.of, regions)
     for state in description.states:
         if isinstance(state.start, Start):
-            yield from _unknown(f"state {state.name}: start", state.start.channel, outputs)
-    for pair in description.steering or {}:
-        yield from _unknown("steering: input", pair[0], [i.channel for i in description.inputs])
-        yield from _unknown("steering: output", pair[1], outputs)
+            yield from _unknown(f"state {state.name}: start", [state.start.channel], outputs)
+    for driven, seen in description.steering or {}:
+        yield from _unknown("steering: input", [driven], kinds["input"])
+        yield from _unknown("steering: output", [seen], outputs)
 
 
-def _unknown(what: str, name: str, known: Sequence[str]) -> Iterator[str]:
-    if name not in known:
-        near = get_close_matches(name, known, n=1)
-        remedy = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
-        yield f"{what} {name} is not known; {remedy}"
+def _unknown(what: str, names: Iterable[str], known: Sequence[str]) -> Iterator[str]:
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            remedy = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+            yield f"{what} {name} is not known; {remedy}"
 
 
 def _figures(description: PlantDescription) -> Iterator[str]:
     if description.substeps < 1:
         yield f"substeps {description.substeps} must be 1 or more"
-    for state in description.states:
-        if not state.spread > 0.0:
-            yield f"state {state.name}: spread {state.spread} must be above 0"
+    above, from_ = "above 0", "0 or above"
+    rows = [(f"state {each.name}: spread", each.spread, above) for each in description.states]
     for output in description.outputs:
-        if not output.noise > 0.0:
-            yield f"output {output.channel}: noise {output.noise} must be above 0"
-        if not output.resolution >= 0.0:
-            yield f"output {output.channel}: resolution {output.resolution} must be 0 or above"
-    for each in description.inputs:
-        if not each.size > 0.0:
-            yield f"input {each.channel}: size {each.size} must be above 0"
-    for name, share in description.tolerances.items():
-        if not share >= 0.0:
-            yield f"tolerances: {name} {share} must be 0 or above"
+        rows.append((f"output {output.channel}: noise", output.noise, above))
+        rows.append((f"output {output.channel}: resolution", output.resolution, from_))
+    rows += [(f"input {each.channel}: size", each.size, above) for each in description.inputs]
+    rows += [
+        (f"tolerances: {name}", share, from_) for name, share in description.tolerances.items()
+    ]
+    for what, value, must in rows:
+        if not (value > 0.0 or (value == 0.0 and must == from_)):
+            yield f"{what} {value} must be {must}"

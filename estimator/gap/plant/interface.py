@@ -66,20 +66,18 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
-    """One measured channel of a recording.
+class Channel:
+    """One channel of a recording, which a plant predicts.
 
     Attributes:
         channel: name of the recording's column.
         unit: SI unit of the readings.
-        noise: standard deviation of the noise of a reading, SI.
+        noise: standard deviation of the noise of a reading, SI, greater than 0.
         resolution: step of a counting sensor, SI; 0 if the sensor does not count.
         lower: lower end of the sensor's range, SI; a reading at or below it is saturated.
         upper: upper end of the range, SI; a reading at or above it is saturated.
         shown: unit used in reports, and the number of such units in one SI unit; None for the SI
             unit.
-        of: names of the regions (`Region`) that an error of the readings may depend on, besides
-            time.
     """
 
     channel: str
@@ -89,6 +87,17 @@ class Output:
     lower: float = -np.inf
     upper: float = np.inf
     shown: tuple[str, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Output(Channel):
+    """One measured channel of a plant.
+
+    Attributes:
+        of: names of the regions (`Region`) that an error of the readings may depend on, besides
+            time.
+    """
+
     of: tuple[str, ...] = ()
 
     @property
@@ -366,12 +375,10 @@ def hold(inputs, memory, parameters):
 
 @njit(REMEMBER, cache=True, error_model="numpy")
 def forget(before, state, memory, parameters):
-    """Do nothing, for a plant whose readings follow from its state alone."""
+    """Do nothing, as `remember` of a plant whose readings follow from its state alone.
 
-
-@njit(MEASURE, cache=True, error_model="numpy")
-def measures_nothing(state, inputs, parameters, measured):
-    """Do nothing, for a plant without quantities that an addition could depend on."""
+    It is also `measures` of a plant without quantities that an addition could depend on.
+    """
 
 
 def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
@@ -379,17 +386,15 @@ def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s:
     return np.array(inputs[0], dtype=np.float64)
 
 
+Starting = Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]
+Beginning = Callable[[Array, Array, Mapping[str, float], float], Array]
 Write = Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None]
 
 
 def not_to_a_file(
     values: Mapping[str, float], effects: tuple[str, ...], provenance: Mapping[str, Any], path: Any
 ) -> None:
-    """Raise TypeError, because the plant was not made of a model file and cannot write one.
-
-    Raises:
-        TypeError: always.
-    """
+    """Raise TypeError always: the plant was not made of a model file and cannot write one."""
     raise TypeError(f"{path}: this plant was not made of a model file, and writes none")
 
 
@@ -422,8 +427,6 @@ class Plant:
         violent: (readings (n, outputs), parameters by name) -> bool (n,), whether the plant changes
             so quickly, and by laws so poorly known, that no model predicts what happens when within
             the sample, as on a stop or with an empty chamber. None if a plant is never violent.
-        memories: names of parameters with neutral value 0. If one of them is not 0, the readings
-            depend on earlier states as well.
         shares: (parameters by name) -> (outputs, states), the part of its optimal gains that the
             filter is to use. It is less than 1 where a late reading shows a past that hardly
             affects the present. None if all gains are used in full.
@@ -460,20 +463,17 @@ class Plant:
     nominal: Mapping[str, float]
     step: Any
     read: Any
-    start: Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]
+    start: Starting
     effects: Mapping[str, Effect]
     nuisances: tuple[Nuisance, ...]
     equations: tuple[Equation, ...]
     regions: Mapping[str, Region]
     steering: tuple[tuple[int, int, float], ...]
-    write: Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None] = (
-        not_to_a_file
-    )
+    write: Write = not_to_a_file
     drive: Any = hold
     remember: Any = forget
-    begin: Callable[[Array, Array, Mapping[str, float], float], Array] = begin_held
+    begin: Beginning = begin_held
     violent: Callable[[Array, Mapping[str, float]], NDArray[np.bool_]] | None = None
-    memories: tuple[str, ...] = ()
     shares: Callable[[Mapping[str, float]], Array] | None = None
     period: float = 1e-3
     horizon: float = 0.02
@@ -481,7 +481,7 @@ class Plant:
     motions: Callable[[], tuple[Motion, ...]] = tuple
     loop: tuple[tuple[int, int, float], ...] = ()
     in_lanes: InLanes | None = None
-    measures: Any = measures_nothing
+    measures: Any = forget
     varying: tuple[Varying, ...] = ()
     layout: "Layout | None" = None
     why_no_layout: str = ""
@@ -490,10 +490,6 @@ class Plant:
     def own_parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters without those of the slots."""
         return self.parameters if self.layout is None else self.parameters[: self.layout.own]
-
-    def remembers(self, values: Mapping[str, float]) -> bool:
-        """Return whether any parameter of `memories` is not 0 in these values of all parameters."""
-        return any(values[name] != 0.0 for name in self.memories)
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """Return values as float64 (parameters,), in the order that compiled functions take."""

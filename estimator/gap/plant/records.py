@@ -1,15 +1,18 @@
-"""A record is a recording prepared for the filter: inputs, readings and each reading's variance."""
+"""A record is a recording prepared for the filter: inputs, readings and each reading's variance.
 
-from collections.abc import Mapping
+Stretches of a recording in which a channel is stuck at one value are found here, too.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.recording import Recording
 
-from .interface import Array, Plant
-from .stuck import stuck_stretches
+from .interface import Array, Output, Plant
 
 BoolArray = NDArray[np.bool_]
 
@@ -32,10 +35,20 @@ the plant's state any more."""
 UNTIMELY_S = 1.5e-4
 """s. A sample that comes later or earlier than usual by more is not used. At 0.2 m/s the ram moves
 by one count of the encoder in this time."""
+STUCK_S: Final = 0.1
+"""s. Shorter repetitions are lost messages and not a channel that is stuck."""
+CHANCE: Final = 1e-9
+"""Greatest chance, in one channel of one recording, that noise alone repeats a reading as often as
+in a stretch that counts as stuck."""
+OFTEN: Final = 0.5
+"""A channel in which a greater part of the other rows repeats has no noise of its own to be heard,
+and is not judged."""
+_MOVES: Final = 10.0
+"""Least distance that another channel must move during the stretch, in multiples of its noise. On a
+rig that is simulated without noise, all channels repeat their readings at rest."""
 
 
-@dataclass(frozen=True, eq=False)
-class Gains:
+class Gains(NamedTuple):
     """How strongly a filter corrected each state by each reading, at each sample of a record.
 
     Attributes:
@@ -76,6 +89,17 @@ class Record:
     first: int = 0
     number: int = 0
     unread: BoolArray | None = None
+
+    def part(self, first: int, end: int) -> "Record":
+        """Return the samples from `first` on and before `end` as a record of their own."""
+        inputs, readings, variances = (
+            np.ascontiguousarray(each[first:end])
+            for each in (self.inputs, self.readings, self.variances)
+        )
+        unread = None if self.unread is None else self.unread[first:end]
+        return Record(
+            self.source, inputs, readings, variances, self.first + first, self.number, unread
+        )
 
     def lacks(self, output: int) -> bool:
         """Return whether an output, given by its index, was not recorded at all."""
@@ -133,15 +157,7 @@ def seen_parts(record: Record, period: float) -> list[Record]:
         known = np.flatnonzero(~unused[first:last].any(1))
         if len(known):
             parts.append((first + int(known[0]), last))
-    return [
-        Record(
-            record.source, np.ascontiguousarray(record.inputs[a:b]),
-            np.ascontiguousarray(record.readings[a:b]),
-            np.ascontiguousarray(record.variances[a:b]), record.first + a, record.number,
-            None if record.unread is None else record.unread[a:b],
-        )
-        for a, b in parts
-    ]  # fmt: skip
+    return [record.part(first, end) for first, end in parts]
 
 
 def lateness(recording: Recording) -> Array:
@@ -264,3 +280,81 @@ def _dwell(values: Array) -> Array:
     starts = np.flatnonzero(np.r_[True, values[1:] != values[:-1]])
     lengths = np.diff(np.r_[starts, len(values)])
     return np.minimum(np.repeat(lengths, lengths), LONGEST_DWELL).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """A stretch of a recording in which a channel repeats one reading.
+
+    Attributes:
+        source: where the recording comes from.
+        output: index of the channel in `Plant.outputs`.
+        first: index of the first repeated sample: the one before is still a reading.
+        end: index after the last repeated sample.
+        value: the reading that is repeated, in the channel's SI unit.
+    """
+
+    source: str
+    output: int
+    first: int
+    end: int
+    value: float
+
+
+def stuck_stretches(recording: Recording, plant: Plant) -> tuple[Stuck, ...]:
+    """Return all stretches in which a channel of a recording is stuck, channel by channel.
+
+    A reading that has noise seldom repeats: two rows that follow each other are equal in a part p
+    of a channel's other rows, so that noise repeats a reading n times somewhere in N rows with a
+    chance of at most N p^n. A channel is stuck where that chance is below `CHANCE`, for `STUCK_S`
+    or longer, while another channel moves. A channel is not judged if it is coarser than its noise,
+    as an encoder at rest repeats its count, if p is above `OFTEN`, or if it has too few other rows
+    to tell p from, as a dead sensor has. A reading at an end of its range is saturated and not
+    stuck.
+
+    Raises:
+        KeyError: a channel that the plant needs is missing.
+    """
+    readings = [np.asarray(recording[output.channel]) for output in plant.outputs]
+    least = max(round(STUCK_S / plant.period), 2)
+    found = []
+    for index, (output, values) in enumerate(zip(plant.outputs, readings, strict=True)):
+        if not output.noise > output.resolution:
+            continue
+        for first, end in _repeated(values, least):
+            value = float(values[first])
+            inside = output.lower < value < output.upper
+            if inside and _moves(readings, plant.outputs, index, first, end):
+                found.append(Stuck(recording.source, index, first, end, value))
+    return tuple(found)
+
+
+def _repeated(values: Array, least: int) -> list[tuple[int, int]]:
+    """Return first index and end of each stretch of `least` repetitions that noise does not make.
+
+    Missing readings repeat nothing.
+    """
+    same = values[1:] == values[:-1]
+    edges = np.flatnonzero(np.diff(np.r_[False, same, False])).reshape(-1, 2)
+    long = [(int(a), int(b)) for a, b in edges if b - a >= least]
+    others = int(same.sum()) - sum(b - a for a, b in long)
+    rest = len(same) - sum(b - a for a, b in long)
+    if rest < least:
+        return []
+    # One repetition more than was seen: a channel that was never seen to repeat may do so.
+    likely = (others + 1) / (rest + 1)
+    if likely > OFTEN:
+        return []
+    return [(a + 1, b + 1) for a, b in long if len(values) * likely ** (b - a) < CHANCE]
+
+
+def _moves(
+    readings: Sequence[Array], outputs: Sequence[Output], index: int, first: int, end: int
+) -> bool:
+    """Return whether a channel other than that of `index` moves within some samples."""
+    for other, (output, values) in enumerate(zip(outputs, readings, strict=True)):
+        part = values[first:end]
+        known = part[np.isfinite(part)]
+        if other != index and len(known) and np.ptp(known) > _MOVES * output.variance**0.5:
+            return True
+    return False

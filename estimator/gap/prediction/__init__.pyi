@@ -1,9 +1,10 @@
+from .bands import unheard as unheard
 from .costly_stretches import Excerpt as Excerpt, excerpts as excerpts
 from .fit import Changes as Changes, Filtered as Filtered, Fitted as Fitted, Fitter as Fitter
-from .free_simulation import free_runs as free_runs
 from .held_out import (
     channel_gaps as channel_gaps,
     filtered_errors as filtered_errors,
+    free_runs as free_runs,
     mean_gap as mean_gap,
 )
 from .linear import (
@@ -35,13 +36,12 @@ from .results import (
     Verdict as Verdict,
 )
 from .sensitivities import Course as Course, course_of as course_of
-from .soundness import check_course as check_course
 from .suitability import (
+    check_course as check_course,
     unsuitable as unsuitable,
     usable as usable,
     worse_than_resting as worse_than_resting,
 )
-from .unheard_noise import unheard as unheard
 from .variables import (
     Values as Values,
     Variable as Variable,
@@ -49,4 +49,5 @@ from .variables import (
     freed as freed,
     nuisance_variable as nuisance_variable,
     started as started,
+    with_effect_of as with_effect_of,
 )

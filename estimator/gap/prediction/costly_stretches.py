@@ -48,14 +48,14 @@ def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Exc
         period: sampling period, s.
         costs: float64 (blocks,), of the blocks of all records, one after the other.
     """
-    stretches, first = [], 0
+    stretches = []
     blocks_of = [slices_of(record, period) for record in records]
-    for index, blocks in enumerate(blocks_of):
+    firsts = np.cumsum([0, *map(len, blocks_of)])
+    for index, (blocks, first) in enumerate(zip(blocks_of, firsts, strict=False)):
         for begin in range(0, len(blocks), STRETCH):
             end = min(begin + STRETCH, len(blocks))
             cost = float(costs[first + begin : first + end].mean())
             stretches.append((cost, index, begin, end))
-        first += len(blocks)
     chosen: list[list[int]] = [[] for _ in records]
     left = MOST_BLOCKS
     ranked = sorted(stretches, reverse=True)
@@ -70,23 +70,15 @@ def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Exc
         if end - begin <= left:
             chosen[index] += range(begin, end)
             left -= end - begin
-    found, first = [], 0
-    for blocks, kept in zip(blocks_of, chosen, strict=True):
+    found = []
+    for blocks, kept, first in zip(blocks_of, chosen, firsts, strict=False):
         kept.sort()
+        length = blocks[0].stop - blocks[0].start if blocks else 0
         wanted: set[int] = set()
         for number in kept:
-            block = blocks[number]
-            lead = block.stop - block.start
-            wanted.update(range(max(block.start - lead, 0), block.stop))
+            wanted.update(range(max(blocks[number].start - length, 0), blocks[number].stop))
         samples = np.array(sorted(wanted), dtype=np.int64)
         starts = [int(np.searchsorted(samples, blocks[number].start)) for number in kept]
-        length = blocks[0].stop - blocks[0].start if blocks else 0
-        found.append(
-            Excerpt(
-                samples,
-                tuple(slice(start, start + length) for start in starts),
-                np.array(kept, dtype=np.int64) + first,
-            )
-        )
-        first += len(blocks)
+        own = tuple(slice(start, start + length) for start in starts)
+        found.append(Excerpt(samples, own, np.array(kept, dtype=np.int64) + first))
     return found

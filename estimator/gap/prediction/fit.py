@@ -150,7 +150,7 @@ class Filtered:
 
         A block whose innovations are not finite costs 1e300.
         """
-        return self._block_costs([innovations for innovations, _ in self.innovations(values)])
+        return self.costs_of([innovations for innovations, _ in self.innovations(values)])
 
     def changed_costs(self, values: Values, changes: Changes) -> Array:
         """Return the costs (blocks,) of the innovations at `values` with `changes` added.
@@ -158,11 +158,16 @@ class Filtered:
         `changes` has an array (n, outputs) for each record.
         """
         bases = self.innovations(values)
-        return self._block_costs(
+        return self.costs_of(
             [base + change for (base, _), change in zip(bases, changes, strict=True)]
         )
 
-    def _block_costs(self, innovations: Sequence[Array]) -> Array:
+    def costs_of(self, innovations: Sequence[Array]) -> Array:
+        """Return the cost of each block of all records, float64 (blocks,), of given innovations.
+
+        `innovations` has an array (n, outputs) for each record. A block whose innovations are not
+        finite costs 1e300.
+        """
         parts = []
         for of_record, blocks in zip(innovations, self.blocks, strict=True):
             cost = cost_of(of_record).sum(1)

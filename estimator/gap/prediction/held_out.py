@@ -1,6 +1,8 @@
 """This module measures the gap: the prediction error above the noise floor, on held-out recordings.
 
-Nothing was fitted to these recordings.
+Nothing was fitted to these recordings. The first seconds of one are also simulated freely, to be
+seen beside the recording, never for a verdict: with stick-slip, two free runs that differ by very
+little soon part in phase, so that they prove nothing.
 """
 
 from collections.abc import Sequence
@@ -11,16 +13,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gap.plant import Array, Record, band_powers, edges
+from estimator.gap.plant import Array, Record
 
+from .bands import band_powers, edges
 from .linear import mean_squares, settling
 from .predictor import Predictor
-from .results import Band, ChannelGap
+from .results import Band, ChannelGap, FreeRun
 from .variables import Values
 
 FLOOR_TWINS: Final = 4
 """Number of twins over which the floor is averaged. Where a ram sticks and slips, the error of one
 twin may be twice that of another, because a few breaks-away cause most of the error."""
+SECONDS: Final = 4.0
+"""Length of the free simulations, s."""
+CHANNELS: Final = 3
+"""Number of outputs that are drawn: the plant's first ones."""
 
 
 def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array, Array]:
@@ -155,3 +162,35 @@ def mean_gap(gaps: Sequence[ChannelGap]) -> tuple[float, float]:
     before = float(np.mean([max(gap.before - gap.floor, 0.0) for gap in gaps]))
     after = float(np.mean([max(gap.after - gap.floor, 0.0) for gap in gaps]))
     return before, after
+
+
+def free_runs(
+    predictor: Predictor, records: Sequence[Record], before: Values, after: Values
+) -> list[FreeRun]:
+    """Return, for each drawn channel, the first seconds of the first record beside both models.
+
+    The plant's first `CHANNELS` outputs are drawn, over `SECONDS` or the whole record if it is
+    shorter. Both models start from the state that `Plant.start` derives from the first readings,
+    such as a ram at rest. From then on they get the commands alone.
+
+    Args:
+        predictor: predictor of the plant.
+        records: only the first is used; without records the result is empty.
+        before: values of all parameters in the model as given.
+        after: values of all parameters in the model as written.
+    """
+    if not records:
+        return []
+    plant = predictor.plant
+    record = records[0].part(0, round(SECONDS / plant.period))
+    given = predictor.simulate(record, before, steered=False)[1]
+    written = predictor.simulate(record, after, steered=False)[1]
+    time_s = plant.period * (record.first + np.arange(len(record), dtype=np.float64))
+    return [
+        FreeRun(
+            record.source, time_s, output.channel, output.unit, output.shown or (output.unit, 1.0),
+            np.where(np.isfinite(record.variances[:, k]), record.readings[:, k], np.nan),
+            given[:, k], written[:, k],
+        )
+        for k, output in enumerate(plant.outputs[:CHANNELS])
+    ]  # fmt: skip

@@ -18,16 +18,11 @@ from rig.plant import inner
 
 from .with_additions import drive_with, put, read_with, scratch_of, step_with
 
-_DRIVE: Final = types.FunctionType(DRIVE)
-_STEP: Final = types.FunctionType(STEP)
-_REMEMBER: Final = types.FunctionType(REMEMBER)
-_READ: Final = types.FunctionType(READ)
-_MEASURE: Final = types.FunctionType(MEASURE)
-_PLANT: Final = (_DRIVE, _STEP, _REMEMBER, _READ, _MEASURE)
-
-_VECTOR: Final = float64[::1]
-_MATRIX: Final = float64[:, ::1]
-_CUBE: Final = float64[:, :, ::1]
+PLANT: Final = tuple(types.FunctionType(each) for each in (DRIVE, STEP, REMEMBER, READ, MEASURE))
+"""Types of the functions of a plant, in the order in which compiled functions here take them."""
+VECTOR: Final = float64[::1]
+MATRIX: Final = float64[:, ::1]
+CUBE: Final = float64[:, :, ::1]
 
 
 class Track(NamedTuple):
@@ -94,11 +89,13 @@ class Begun(NamedTuple):
     extension: Extension
 
 
-TRACK: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE), Track)
+TRACK: Final = types.BaseTuple.from_types((MATRIX, MATRIX, CUBE, MATRIX, CUBE), Track)
 SETUP: Final = types.BaseTuple.from_types(
-    (_MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, EXTENSION), Setup
+    (MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX, EXTENSION), Setup
 )
-_BEGUN: Final = types.BaseTuple.from_types((_VECTOR, _VECTOR, _MATRIX, EXTENSION), Begun)
+_BEGUN: Final = types.BaseTuple.from_types((VECTOR, VECTOR, MATRIX, EXTENSION), Begun)
+_AHEAD: Final = void(*PLANT, MATRIX, MATRIX, _BEGUN, int64, MATRIX)
+_FREE: Final = void(*PLANT, MATRIX, MATRIX, _BEGUN, MATRIX, MATRIX)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -218,7 +215,7 @@ def predict_covariance(transition, noises, product, covariance):
         covariance[i, i] += noises[i]
 
 
-@njit(void(*_PLANT, TRACK, SETUP), cache=True, error_model="numpy", nogil=True)
+@njit(void(*PLANT, TRACK, SETUP), cache=True, error_model="numpy", nogil=True)
 def run_filter(drive, step, remember, read, measures, track, setup):
     """Run the filter over a recording, and write its gains to the track.
 
@@ -258,7 +255,7 @@ def run_filter(drive, step, remember, read, measures, track, setup):
         put(x, ahead)
 
 
-@njit(void(*_PLANT, TRACK, _BEGUN, _MATRIX, _MATRIX), cache=True, error_model="numpy", nogil=True)
+@njit(void(*PLANT, TRACK, _BEGUN, MATRIX, MATRIX), cache=True, error_model="numpy", nogil=True)
 def run_frozen(drive, step, remember, read, measures, track, begun, innovations, states):
     """Predict a recording one sample ahead with given gains.
 
@@ -307,10 +304,7 @@ def run_frozen(drive, step, remember, read, measures, track, begun, innovations,
         )  # fmt: skip
 
 
-@njit(
-    void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, int64, _MATRIX),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@njit(_AHEAD, cache=True, error_model="numpy", nogil=True)
 def predict_ahead(drive, step, remember, read, measures, inputs, states, begun, horizon, predicted):
     """Predict readings freely, starting anew from the filtered state at every `horizon`-th sample.
 
@@ -352,10 +346,7 @@ def predict_ahead(drive, step, remember, read, measures, inputs, states, begun, 
         )  # fmt: skip
 
 
-@njit(
-    void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, _MATRIX, _MATRIX),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@njit(_FREE, cache=True, error_model="numpy", nogil=True)
 def run_free(drive, step, remember, read, measures, inputs, readings, begun, steering, simulated):
     """Simulate a plant along a recording; its inputs are changed to keep it on the recorded course.
 

@@ -1,6 +1,6 @@
 """This module makes predictions of records with one plant, for given values of its parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,6 @@ from estimator.gap.plant import (
     Plant,
     Record,
     activity,
-    is_active,
     kicked_states,
     made_of,
     roughness,
@@ -22,15 +21,10 @@ from rig.lanes import LANES, aligned, empty_lanes
 
 from .prediction import Begun, Setup, Track, predict_ahead, run_filter, run_free, run_frozen
 from .side_by_side import run_filter_in_lanes, run_frozen_in_lanes
-
-Values = Mapping[str, float]
+from .variables import Values
 
 _FIRST = 20
 """Number of samples at the start of a record from which the first state is estimated."""
-
-
-def _track(record: Record, gains: Gains) -> Track:
-    return Track(record.inputs, record.readings, gains.states, gains.variances, gains.couplings)
 
 
 class Predictor:
@@ -38,37 +32,41 @@ class Predictor:
 
     `values`, in all methods, are values of all parameters by name, SI. The results are not finite
     where the plant breaks down with them.
+
+    Attributes:
+        plant: the plant.
+        functions: its compiled functions `drive`, `step`, `remember`, `read` and `measures`.
+        changes: float64 (states,), changes of the states by which derivatives are taken.
     """
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
-        self._functions = (plant.drive, plant.step, plant.remember, plant.read, plant.measures)
+        self.functions = (plant.drive, plant.step, plant.remember, plant.read, plant.measures)
         self._kicked = kicked_states(plant.equations)
         self._changed = (
             plant.layout.changed if plant.layout else np.full((1, 2), -1, dtype=np.int64)
         )
-        self._changes = np.array([state.change for state in plant.states])
+        self.changes = np.array([state.change for state in plant.states])
         self._noises = np.array([state.noise for state in plant.states]) ** 2
 
-    def _memory(self, start: Array, record: Record, values: Values) -> Array:
+    def memory(self, record: Record, values: Values, start: Array) -> Array:
+        """Return the memory (1, length) at a record's first sample, with the state `start`."""
         time_s = record.first * self.plant.period
         return self.plant.begin(start, record.inputs[:_FIRST], values, time_s)[None, :].copy()
 
     def _begun(self, record: Record, values: Values, start: Array) -> Begun:
         return Begun(
-            self.plant.vector(values), start, self._memory(start, record, values),
+            self.plant.vector(values), start, self.memory(record, values, start),
             self.extension(record, values),
         )  # fmt: skip
 
     def extension(self, record: Record, values: Values) -> Extension:
         """Return what compiled functions must know of the additions that the values hold."""
-        plant = self.plant
-        own = len(plant.own_parameters)
-        quantities = len(plant.regions)
+        plant, quantities = self.plant, len(self.plant.regions)
         return Extension(
-            self._kicked, self._changed, own, activity(values) if plant.layout else 0,
-            quantities + 2 * len(plant.equations), quantities, record.first * plant.period,
-            plant.period, min(record.number, PHASES - 1),
+            self._kicked, self._changed, len(plant.own_parameters),
+            activity(values) if plant.layout else 0, quantities + 2 * len(plant.equations),
+            quantities, record.first * plant.period, plant.period, min(record.number, PHASES - 1),
         )  # fmt: skip
 
     def _kind(self, values: Values) -> tuple[float, ...] | None:
@@ -77,7 +75,7 @@ class Predictor:
         Additions are applied to runs alone.
         """
         in_lanes = self.plant.in_lanes
-        return None if in_lanes is None or is_active(values) else in_lanes.kind(values)
+        return None if in_lanes is None or activity(values) else in_lanes.kind(values)
 
     def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
         first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
@@ -100,17 +98,15 @@ class Predictor:
         start, spread = self._start(record, values)
         variances = record.variances + roughness(record, plant, values)
         parameters = plant.vector(values)
-        shares = np.ones((outputs, states))
-        if plant.shares is not None:
-            shares = plant.shares(values)
-        track = _track(record, gains)
+        shares = plant.shares(values) if plant.shares else np.ones((outputs, states))
+        track = Track(record.inputs, record.readings, *gains)
         setup = Setup(
-            variances, parameters, start, spread, self._changes, self._noises, shares,
-            self._memory(start, record, values), self.extension(record, values),
+            variances, parameters, start, spread, self.changes, self._noises, shares,
+            self.memory(record, values, start), self.extension(record, values),
         )  # fmt: skip
         in_lanes = plant.in_lanes
         if in_lanes is None or self._kind(values) is None:
-            run_filter(*self._functions, track, setup)
+            run_filter(*self.functions, track, setup)
             return gains
         together = np.repeat(start[:, None], LANES, axis=1)
         memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
@@ -131,11 +127,11 @@ class Predictor:
             gains: gains of `filter`, with these values or others.
             values: values of all parameters.
         """
-        count = len(self._changes)
         innovations = np.empty_like(record.readings)
-        states = np.empty((len(record), count))
+        states = np.empty((len(record), len(self.changes)))
         begun = self._begun(record, values, self._start(record, values)[0])
-        run_frozen(*self._functions, _track(record, gains), begun, innovations, states)
+        track = Track(record.inputs, record.readings, *gains)
+        run_frozen(*self.functions, track, begun, innovations, states)
         return innovations, states
 
     def groups(self, values: Sequence[Values]) -> list[list[int]]:
@@ -174,8 +170,9 @@ class Predictor:
         parameters = aligned(np.column_stack([plant.vector(each) for each in padded]))
         innovations = empty_lanes(record.readings.size).reshape((*record.readings.shape, LANES))
         memory = aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded))
+        track = Track(record.inputs, record.readings, *gains)
         run_frozen_in_lanes(
-            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, _track(record, gains),
+            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, track,
             Begun(parameters, starts, memory, self.extension(record, values[-1])),
             plant.vector(values[0]), innovations,
         )  # fmt: skip
@@ -190,7 +187,7 @@ class Predictor:
         """
         predicted = np.empty_like(record.readings)
         predict_ahead(
-            *self._functions, record.inputs, states, self._begun(record, values, states[0]),
+            *self.functions, record.inputs, states, self._begun(record, values, states[0]),
             round(self.plant.horizon / self.plant.period), predicted,
         )  # fmt: skip
         errors = record.readings - predicted
@@ -209,7 +206,7 @@ class Predictor:
                 steering[index, output] = gain
         driven, simulated = record.inputs.copy(), np.empty_like(record.readings)
         begun = self._begun(record, values, self._start(record, values)[0])
-        run_free(*self._functions, driven, record.readings, begun, steering, simulated)
+        run_free(*self.functions, driven, record.readings, begun, steering, simulated)
         return driven, simulated
 
     def twin(self, record: Record, values: Values, seed: int) -> Record:

@@ -12,34 +12,16 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import float64, int64, types, void
+from numba import int64, types, void
 from numpy.typing import NDArray
 
-from estimator.gap.plant import (
-    DRIVE,
-    EXTENSION,
-    MEASURE,
-    READ,
-    REMEMBER,
-    STEP,
-    Array,
-    Extension,
-    Gains,
-    Record,
-)
+from estimator.gap.plant import EXTENSION, Array, Extension, Gains, Record
 from rig.jit import njit
 
+from .prediction import CUBE, MATRIX, PLANT, VECTOR
 from .predictor import Predictor
 from .variables import Values
 from .with_additions import drive_with, put, read_with, scratch_of, step_with
-
-_FUNCTIONS: Final = tuple(
-    types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ, MEASURE)
-)
-_VECTOR: Final = float64[::1]
-_MATRIX: Final = float64[:, ::1]
-_CUBE: Final = float64[:, :, ::1]
-_FIRST: Final = 20
 
 
 class _Along(NamedTuple):
@@ -74,14 +56,14 @@ class _Slopes(NamedTuple):
     shifts: Array
 
 
-_ALONG: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, int64[::1], EXTENSION), _Along)
-_SLOPES: Final = types.BaseTuple.from_types((_CUBE, _CUBE, _CUBE), _Slopes)
+_ALONG: Final = types.BaseTuple.from_types((MATRIX, MATRIX, int64[::1], EXTENSION), _Along)
+_SLOPES: Final = types.BaseTuple.from_types((CUBE, CUBE, CUBE), _Slopes)
+_LINEARISE: Final = void(*PLANT, _ALONG, MATRIX, MATRIX, VECTOR, _SLOPES)
+_RESPOND: Final = void(CUBE, CUBE, CUBE, MATRIX, int64[::1], int64[::1], CUBE, CUBE)
+_PULL_BACK: Final = void(CUBE, CUBE, CUBE, MATRIX, int64[::1], MATRIX, MATRIX)
 
 
-@njit(
-    void(*_FUNCTIONS, _ALONG, _MATRIX, _MATRIX, _VECTOR, _SLOPES),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@njit(_LINEARISE, cache=True, error_model="numpy", nogil=True)
 def linearise_course(
     drive, step, remember, read, measures, along, parameters, memory, changes, written
 ):
@@ -156,10 +138,7 @@ def linearise_course(
         remember(states[t], ahead, remembered, present)
 
 
-@njit(
-    void(_CUBE, _CUBE, _CUBE, _MATRIX, int64[::1], int64[::1], _CUBE, _CUBE),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@njit(_RESPOND, cache=True, error_model="numpy", nogil=True)
 def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers):
     """Compute the changes of the innovations by kicks, divided by the standard deviations of these.
 
@@ -215,10 +194,7 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
             put(x[i], ahead[i])
 
 
-@njit(
-    void(_CUBE, _CUBE, _CUBE, _MATRIX, int64[::1], _MATRIX, _MATRIX),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@njit(_PULL_BACK, cache=True, error_model="numpy", nogil=True)
 def pull_back(transitions, slopes, gains, variances, starts, weights, pulls):
     """Compute by how much each possible kick changes a weighted sum of what `respond` computes.
 
@@ -351,15 +327,12 @@ def course_of(
     slopes = np.empty((len(samples), outputs, count))
     shifts = np.empty((len(samples), count + outputs, len(probes)))
     last = int(samples[-1]) + 1
-    time_s = record.first * plant.period
-    memory = plant.begin(states[0], record.inputs[:_FIRST], values, time_s)[None, :].copy()
+    extension = predictor.extension(record, values)
     linearise_course(
-        plant.drive, plant.step, plant.remember, plant.read, plant.measures,
-        _Along(
-            record.inputs[:last], states[:last], places[:last], predictor.extension(record, values)
-        ),
-        np.stack([plant.vector(v) for v in (values, *probes)]), memory,
-        np.array([state.change for state in plant.states]), _Slopes(transitions, slopes, shifts),
+        *predictor.functions, _Along(record.inputs[:last], states[:last], places[:last], extension),
+        np.stack([plant.vector(each) for each in (values, *probes)]),
+        predictor.memory(record, values, states[0]), predictor.changes,
+        _Slopes(transitions, slopes, shifts),
     )  # fmt: skip
     return Course(
         samples, innovations[samples], states[samples], record.inputs[samples], transitions,

@@ -9,7 +9,7 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-from numba import float64, types, void
+from numba import types, void
 
 from estimator.gap.plant import (
     DRIVE_IN_LANES,
@@ -24,26 +24,20 @@ from estimator.gap.plant import (
 from rig.jit import njit
 from rig.lanes import LANES, align_stack, empty_lanes, load, store
 
-from .prediction import SETUP, TRACK, Begun, correct, predict_covariance
+from .prediction import CUBE, MATRIX, SETUP, TRACK, VECTOR, Begun, correct, predict_covariance
 from .with_additions import put, scratch_of
 
-_VECTOR: Final = float64[::1]
-_MATRIX: Final = float64[:, ::1]
-_CUBE: Final = float64[:, :, ::1]
-_DRIVE: Final = types.FunctionType(DRIVE_IN_LANES)
-_STEP: Final = types.FunctionType(STEP_IN_LANES)
-_REMEMBER: Final = types.FunctionType(REMEMBER_IN_LANES)
-_READ: Final = types.FunctionType(READ_IN_LANES)
-_REMEMBER_ALONE: Final = types.FunctionType(REMEMBER)
-_READ_ALONE: Final = types.FunctionType(READ)
-_MEASURE: Final = types.FunctionType(MEASURE)
-_BEGUN: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _MATRIX, EXTENSION), Begun)
+_DRIVE, _STEP, _REMEMBER, _READ = (
+    types.FunctionType(each)
+    for each in (DRIVE_IN_LANES, STEP_IN_LANES, REMEMBER_IN_LANES, READ_IN_LANES)
+)
+_ALONE: Final = tuple(types.FunctionType(each) for each in (REMEMBER, READ, MEASURE))
+_BEGUN: Final = types.BaseTuple.from_types((MATRIX, MATRIX, MATRIX, EXTENSION), Begun)
+_FROZEN: Final = void(_DRIVE, _STEP, _REMEMBER, _READ, TRACK, _BEGUN, VECTOR, CUBE)
+_FILTER: Final = void(_DRIVE, _STEP, _REMEMBER, *_ALONE, TRACK, SETUP, MATRIX, MATRIX)
 
 
-@njit(
-    void(_DRIVE, _STEP, _REMEMBER, _READ, TRACK, _BEGUN, _VECTOR, _CUBE),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@njit(_FROZEN, cache=True, error_model="numpy", nogil=True)
 def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innovations):
     """Predict a recording one sample ahead with given gains and with other parameters in each lane.
 
@@ -87,13 +81,7 @@ def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innova
         remember(starts, memory, parameters, first)
 
 
-@njit(
-    void(
-        _DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MEASURE, TRACK, SETUP, _MATRIX,
-        _MATRIX,
-    ),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@njit(_FILTER, cache=True, error_model="numpy", nogil=True)
 def run_filter_in_lanes(
     drive, step, remember, keep, read, measures, track, setup, parameters, memory
 ):

@@ -3,19 +3,31 @@
 Before anything is fitted, there must be enough recordings, every channel must move, the sensors
 must be within their ranges and no noisier than stated, and the readings must have something to do
 with the model. After the search, what was found must predict better than the assumption that
-nothing changes.
+nothing changes. Before that, a plant from outside must have finite states along a recording.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, BoolArray, Gains, Output, Plant, Record, seen_parts
+from estimator.gap.plant import (
+    Array,
+    BoolArray,
+    Gains,
+    Output,
+    Plant,
+    PlantError,
+    Record,
+    record_of,
+    seen_parts,
+)
+from rig.recording import Recording
 
 from .fit import Fitter
 from .linear import BLOCK_S, LEAST_SAMPLES, mean_squares, settling, slices_of
-from .mixed_up import mixed_up
 from .predictor import Predictor
 from .variables import Values
 
@@ -39,6 +51,10 @@ WORSE: Final = 4.0
 """A prediction says nothing of the rig if its squared error is more than this many times that of
 "nothing changes", plus the noise variance. In a slow motion a missing effect may well cost more
 than predicting that nothing changes; another rig costs far more."""
+MIXED_UP: Final = 4.0
+"""Least number of times by which the cost of all predictions must fall when two channels are
+exchanged: a model that is wrong by an effect costs more with right channels than with wrong ones by
+no such factor, as half of all that it predicts is then wrong."""
 _RESOLVED_S: Final = 1.01e-3
 """s. With this period or a shorter one, the motion of a rig is far smoother than its noise."""
 _AVERAGED_S: Final = 0.05
@@ -80,7 +96,7 @@ def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
         reasons += _readings(fitter.records, index, output, plant.period)
     if reasons:
         return reasons
-    return [*mixed_up(fitter), *_lost(fitter), *_lost(judged)]
+    return [*_mixed_up(fitter), *_lost(fitter), *_lost(judged)]
 
 
 def _too_short(records: Sequence[Record], plant: Plant, least: int, which: str) -> list[str]:
@@ -171,6 +187,58 @@ def _noise(record: Record, index: int, period: float) -> float:
     return float(curved) / (0.6745 * 6.0**0.5)
 
 
+def _mixed_up(fitter: Fitter) -> list[str]:
+    """Return in words which channels of the same unit were mixed up; empty if none were.
+
+    The model as given predicts the records once as they are and once with two channels exchanged,
+    each time with gains of its own.
+    """
+    plant = fitter.predictor.plant
+    whole = range(len(plant.outputs))
+    recorded = [k for k in whole if not any(r.lacks(k) for r in fitter.records)]
+    pairs = [
+        (one, other)
+        for one, other in combinations(recorded, 2)
+        if plant.outputs[one].unit == plant.outputs[other].unit
+    ]
+    if not pairs:
+        return []
+    given = _cost(fitter)
+    found = []
+    for one, other in pairs:
+        order = [{one: other, other: one}.get(k, k) for k in whole]
+        changed = [_exchanged(record, order) for record in fitter.records]
+        cost = _cost(Fitter(fitter.predictor, changed, fitter.pool))
+        if np.isfinite(cost) and not given < MIXED_UP * cost:
+            names = " and ".join(plant.outputs[k].channel for k in (one, other))
+            found.append(
+                f"{names} are mixed up: with the two exchanged the model as given predicts "
+                f"{given / cost:.0f} times better; exchange the columns, or the lines at the rig"
+            )
+    return found
+
+
+def _cost(fitter: Fitter) -> float:
+    """Return the cost per reading of the model as given; infinite if no reading can be used."""
+    values = fitter.predictor.plant.nominal
+    filtered = fitter.filtered(values)
+    return float(filtered.costs(values).sum() / filtered.samples) if filtered.samples else np.inf
+
+
+def _exchanged(record: Record, order: Sequence[int]) -> Record:
+    """Return a record with its channels in another order."""
+
+    def moved(columns: Array) -> Array:
+        return np.ascontiguousarray(columns[:, order])
+
+    return replace(
+        record,
+        readings=moved(record.readings),
+        variances=moved(record.variances),
+        unread=None if record.unread is None else np.ascontiguousarray(record.unread[:, order]),
+    )
+
+
 def _lost(fitter: Fitter) -> list[str]:
     plant = fitter.predictor.plant
     innovations_of = fitter.filtered(plant.nominal).innovations(plant.nominal)
@@ -180,16 +248,12 @@ def _lost(fitter: Fitter) -> list[str]:
             missed = np.median(np.abs(innovations), axis=0)
         found += [
             f"{record.source}: {output.channel} has nothing to do with the model: predictions one "
-            f"sample ahead miss by {_told(miss)} standard deviations; are its units and columns "
-            "right?"
+            f"sample ahead miss by {f'{miss:.0f}' if np.isfinite(miss) else 'no number'} standard "
+            "deviations; are its units and columns right?"
             for output, miss in zip(plant.outputs, missed, strict=True)
             if not miss < LOST
         ]
     return found
-
-
-def _told(miss: float) -> str:
-    return f"{miss:.0f}" if np.isfinite(miss) else "no number"
 
 
 def worse_than_resting(
@@ -216,3 +280,30 @@ def worse_than_resting(
         for output, is_used, a, b in zip(plant.outputs, used, model, rest, strict=True)
         if is_used and (a > WORSE * b + output.variance or not np.isfinite(a + b))
     ]
+
+
+def check_course(recording: Recording, plant: Plant) -> None:
+    """Check that the plant, with its own parameter values, has finite states along a recording.
+
+    Raises:
+        PlantError: a state or reading is not finite; the error says which, when, and what may be
+            the cause.
+        KeyError: the recording lacks a channel of the plant.
+    """
+    predictor, record = Predictor(plant), record_of(recording, plant)
+    with np.errstate(all="ignore"):
+        gains = predictor.filter(record, plant.nominal)
+        innovations, states = predictor.innovations(record, gains, plant.nominal)
+    finite = np.isfinite(states)
+    if finite.all() and np.isfinite(innovations).all():
+        return
+    row = int(np.argmin(finite.all(axis=1) & np.isfinite(innovations).all(axis=1)))
+    lost = np.flatnonzero(~finite[row])
+    name = plant.states[int(lost[0])].name if len(lost) else "a reading"
+    raise PlantError(
+        [
+            f"plant {plant.name}: {name} is {states[row, lost[0]] if len(lost) else 'not finite'} "
+            f"at {row * plant.period:.3f} s of {recording.source}; rates must be finite wherever "
+            "the plant comes, and what is fast needs more substeps (docs/another_plant.md)"
+        ]
+    )

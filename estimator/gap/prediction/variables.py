@@ -1,7 +1,7 @@
 """This module defines what a fit changes: nuisances and the knobs of effects, within bounds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import exp, log
 
 from estimator.gap.plant import Effect, Knob, Nuisance, Plant
@@ -15,29 +15,17 @@ _LARGEST_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Variable:
-    """One parameter that is fitted.
+class Variable(Knob):
+    """One parameter that is fitted: a knob of an effect, or a nuisance, whose `key` is empty.
+
+    Its bounds are those of the fit. If it is logarithmic, steps are steps of the value's logarithm;
+    `probe` is a change of the value itself all the same.
 
     Attributes:
         name: name of the effect, or of the parameter if it is a nuisance.
-        key: key of the effect's knob; empty for a nuisance.
-        parameter: name of the plant's parameter.
-        probe: change of the value by which derivatives are taken, SI.
-        lower: least value, SI.
-        upper: greatest value, SI.
-        follows: names of other parameters, which are scaled by the same factor.
-        logarithmic: whether steps are steps of the value's logarithm; `probe` is a change of the
-            value itself all the same.
     """
 
-    name: str
-    key: str
-    parameter: str
-    probe: float
-    lower: float
-    upper: float
-    follows: tuple[str, ...] = ()
-    logarithmic: bool = False
+    name: str = ""
 
     def put(self, values: Values, value: float) -> dict[str, float]:
         """Return a copy of all values in which this parameter has the value given.
@@ -104,23 +92,14 @@ class Variable:
 def nuisance_variable(nuisance: Nuisance) -> Variable:
     """Return the variable of a nuisance, whose bounds are the ends of the tolerance."""
     width = nuisance.tolerance * abs(nuisance.nominal)
-    return Variable(
-        nuisance.parameter, "", nuisance.parameter, nuisance.probe,
-        nuisance.nominal - width, nuisance.nominal + width,
-    )  # fmt: skip
-
-
-def knob_variable(effect: Effect, knob: Knob) -> Variable:
-    """Return the variable of one of an effect's knobs."""
-    return Variable(
-        effect.name, knob.key, knob.parameter, knob.probe, knob.lower, knob.upper, knob.follows,
-        knob.logarithmic,
-    )  # fmt: skip
+    lower, upper = nuisance.nominal - width, nuisance.nominal + width
+    name = nuisance.parameter
+    return Variable("", name, nuisance.probe, lower, upper, name=name)
 
 
 def effect_variables(effect: Effect) -> tuple[Variable, ...]:
     """Return the variables of all knobs of an effect."""
-    return tuple(knob_variable(effect, knob) for knob in effect.knobs)
+    return tuple(Variable(**asdict(knob), name=effect.name) for knob in effect.knobs)
 
 
 def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ...]:
@@ -133,6 +112,14 @@ def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ..
     return (*(variable for variable in variables if variable.parameter not in taken), *added)
 
 
+def with_effect_of(values: Values, effect: Effect, others: Values) -> dict[str, float]:
+    """Return a copy of all values in which an effect's parameters are as in other values."""
+    changed = dict(values)
+    for variable in effect_variables(effect):
+        changed = variable.put(changed, others[variable.parameter])
+    return changed
+
+
 def started(
     plant: Plant, values: Values, effect: Effect, start: Mapping[str, float]
 ) -> dict[str, float]:
@@ -141,7 +128,7 @@ def started(
     A knob that the start lacks keeps its value.
     """
     changed = dict(values)
-    for knob in effect.knobs:
-        if knob.key in start:
-            changed = knob_variable(effect, knob).put(changed, start[knob.key])
+    for variable in effect_variables(effect):
+        if variable.key in start:
+            changed = variable.put(changed, start[variable.key])
     return changed

@@ -4,7 +4,12 @@ from .discovery import (
     Discovering as Discovering,
     Discovery as Discovery,
 )
-from .disturbances import TIME as TIME, attribution as attribution
+from .disturbances import (
+    TIME as TIME,
+    attribution as attribution,
+    places_of as places_of,
+    varying_of as varying_of,
+)
 from .drift import drifts as drifts
 from .findings import (
     CHANCE as CHANCE,

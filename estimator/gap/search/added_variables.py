@@ -53,7 +53,8 @@ def addition_variables(
             steps.append((places[0], 0.03 * width, middle - 2.0 * width, middle + 2.0 * width))
             steps.append((places[1], 0.03 * width, width / 3.0, width * 3.0))
         found += [
-            Variable(ADDED, name, name, probe, lower, upper) for name, probe, lower, upper in steps
+            Variable(name, name, probe, lower, upper, name=ADDED)
+            for name, probe, lower, upper in steps
         ]
     return tuple(found)
 

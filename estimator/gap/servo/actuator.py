@@ -53,29 +53,22 @@ from rig.plant import (
 )
 
 from .effects import EFFECTS, NOT_TOLD_APART, nuisances
-from .lanes import IN_LANES
+from .lanes import IN_LANES, SEEN_1, SEEN_2, parameters_of
 from .layout import ServoLayout
-from .memory import (
-    BEHIND,
-    COMMAND,
-    CORRECTED,
-    MEMORY,
-    NEXT,
-    PATH,
-    REMEMBERED,
-    SEEN,
-    SEEN_1,
-    SEEN_2,
-    parameters_of,
-)
 
-STATES: Final = (
-    "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
-    "friction_state", "supply_pressure", "return_pressure", "seen_pressure_1", "seen_pressure_2",
-)  # fmt: skip
-"""Names of the states: those of the rig, then both pressures behind the lag of their
-transducers."""
 _FAULT: Final = tuple(NO_FAULT)
+
+# The memory holds, in this order: the command, the command's path before the step and after it, the
+# encoder's memory, how far the encoder's reading is behind the ram, the ram's position when it was
+# last remembered, and the sum of the filter's corrections of that position.
+COMMAND: Final = 0
+PATH: Final = 1
+NEXT: Final = PATH + PATH_SIZE
+SEEN: Final = NEXT + PATH_SIZE
+BEHIND: Final = SEEN + TRANSDUCERS_SIZE
+REMEMBERED: Final = BEHIND + 1
+CORRECTED: Final = REMEMBERED + 1
+MEMORY: Final = CORRECTED + 1
 
 
 @njit(DRIVE, cache=True, error_model="numpy")
@@ -133,13 +126,9 @@ def _remember(before, state, memory, parameters):
 
 @njit(READ, cache=True, error_model="numpy")
 def _read(state, memory, parameters, readings):
+    par = parameters_of(parameters)
     means = reading_means(
-        state[4] - memory[BEHIND],
-        state[SEEN_1],
-        state[SEEN_2],
-        state[0],
-        state[7],
-        parameters_of(parameters),
+        state[4] - memory[BEHIND], state[SEEN_1], state[SEEN_2], state[0], state[7], par
     )
     readings[0], readings[1], readings[2] = means.position, means.pressure_1, means.pressure_2
     readings[3] = means.spool
@@ -188,7 +177,7 @@ def _shares(values: Mapping[str, float]) -> Array:
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     volume = sum(chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par))
     spring = 4.0 * par.bulk_modulus * par.piston_area**2 / volume
-    shares = np.ones((4, len(STATES)))
+    shares = np.ones((4, SEEN_2 + 1))
     shares[0] = exp(-par.position_delay * (spring / total_mass(par)) ** 0.5)
     shares[0, 4] = 1.0
     return shares
@@ -265,18 +254,10 @@ def _edges_rate(states: Array, values: Mapping[str, float], chamber: int) -> Arr
     return np.asarray(valve_conductance(par) * drops * _chamber_rate(states, values, chamber))
 
 
-def _force_rate(states: Array, values: Mapping[str, float]) -> Array:
-    mass = values["moving_mass"] + values["payload_mass"]
-    return np.full(len(states), -TICK / mass)
-
-
-def _spool_rate(states: Array, values: Mapping[str, float]) -> Array:
-    return np.full(len(states), values["valve_natural_frequency"] ** 2 * TICK)
-
-
 EQUATIONS: Final = (
     Equation(
-        "force balance", "N", 5, _force_rate, ("N", 1.0),
+        "force balance", "N", 5,
+        lambda x, v: np.full(len(x), -TICK / (v["moving_mass"] + v["payload_mass"])), ("N", 1.0),
         ("velocity", "position", "pressure difference", "pressure 1"),
     ),
     Equation(
@@ -298,7 +279,10 @@ EQUATIONS: Final = (
         "valve edges", "m", 2, lambda x, v: _edges_rate(x, v, 0), ("um", 1e6), ("spool opening",),
         ((3, lambda x, v: _edges_rate(x, v, 1)),),
     ),
-    Equation("spool", "m", 1, _spool_rate, ("um", 1e6), ("command", "spool opening")),
+    Equation(
+        "spool", "m", 1, lambda x, v: np.full(len(x), v["valve_natural_frequency"] ** 2 * TICK),
+        ("um", 1e6), ("command", "spool opening"),
+    ),
 )  # fmt: skip
 
 
@@ -403,7 +387,7 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
             Parameter(name, known[name].unit, known[name].lower, known[name].upper)
             if name in known
             else Parameter(name, "", -np.inf, np.inf, 0.0)
-            for name in Parameters._fields
+            for name in own
         )
         + SLOT_PARAMETERS,
         nominal=model.parameters._asdict() | EMPTY_SLOTS,
@@ -420,7 +404,6 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         begin=_begin,
         violent=_violent,
         shares=_shares,
-        memories=("position_delay", "position_backlash"),
         not_told_apart=NOT_TOLD_APART,
         in_lanes=IN_LANES,
         measures=_measures,

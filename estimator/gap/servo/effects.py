@@ -1,11 +1,17 @@
-"""This module says how each effect of the catalogue is fitted: its probes, bounds and starts."""
+"""This module says how each effect of the catalogue is fitted: its probes, bounds and starts.
+
+It also reads effects off curves that were discovered. Such an effect is known by where it enters,
+against what, and in which regime. The catalogue's formula may explain nothing of it: straight edges
+shift the flow at large openings too, a spool that is worn round does so near its null alone.
+"""
 
 from typing import Final
 
-from estimator.gap.plant import Effect, Knob, Nuisance, Proposal
+import numpy as np
+
+from estimator.gap.plant import Array, Effect, Knob, Likeness, Nuisance, Proposal
 from rig.plant import CATALOGUE, NOMINAL, Parameters
 
-from .likeness import LIKE
 from .proposals import (
     propose_end_stop,
     propose_position_delay,
@@ -19,39 +25,80 @@ _FLOWS: Final = "flows of both chambers"
 _FORCE: Final = "force balance"
 
 
-def _knob(
-    name: str, key: str, probe: float, logarithmic: bool = False, upper: float | None = None
-) -> Knob:
-    """Return an effect's knob with the catalogue's plausible bounds.
+Places = tuple[tuple[str, str], ...]
+"""Names of places that a disturbance may enter, each with the quantity that it depends on."""
 
-    `upper` replaces the upper bound. `probe` is in SI units.
+
+_MOST: Final = 0.5
+"""Least part of a curve's squares that must be of an effect's kind: half."""
+_NEAR: Final = 1.0 / 3.0
+"""Part of a curve's range about 0 in which a peak counts as being at the valve's null."""
+
+
+def _underlap(at: Array, values: Array) -> float | None:
+    """Return the underlap, m, of a curve of openings (k,) that peaks at the null of the spool."""
+    top = int(np.argmax(np.abs(values)))
+    near = abs(at[top]) < _NEAR * np.max(np.abs(at))
+    fades = max(values[0], values[-1]) < _MOST * values[top]
+    return float(values[top]) if values[top] > 0.0 and near and fades else None
+
+
+def _uneven_friction(at: Array, values: Array) -> float | None:
+    """Return the asymmetry of friction, N, of a force (k,) that is the same in both directions.
+
+    A force against extension that is the same in both directions adds to the friction of extension.
     """
-    of = next(knob for knob in CATALOGUE[name].parameters if knob.name == key)
-    return Knob(
-        key, of.field, probe, of.lower, of.upper if upper is None else upper,
-        (of.followed_by,) if of.followed_by else (), logarithmic,
-    )  # fmt: skip
+    reach = min(-at[0], at[-1])
+    speeds = np.linspace(0.0, reach, len(at))[1:] if reach > 0.0 else np.empty(0)
+    forth, back = np.interp(speeds, at, values), np.interp(-speeds, at, values)
+    even, odd = 0.5 * (forth + back), 0.5 * (forth - back)
+    if not even @ even > _MOST * (even @ even + odd @ odd):
+        return None
+    return float(np.mean(even))
+
+
+def _scale(at: Array, values: Array) -> float | None:
+    """Return the scale of a transducer whose error (k,) grows in proportion to its reading."""
+    used = at != 0.0
+    slope = float(np.median(values[used] / at[used]))
+    lacks = values - slope * at
+    return 1.0 + slope if lacks @ lacks < _MOST * (values @ values) else None
 
 
 def _effect(
-    name: str, where: str, *knobs: Knob, starts: tuple[dict[str, float], ...] = (),
-    propose: Proposal | None = None,
+    name: str, where: str, probes: float | dict[str, float], *starts: float,
+    logarithmic: bool = False, upper: float | None = None, propose: Proposal | None = None,
+    own: Places = (), like: Likeness | None = None,
 ) -> Effect:  # fmt: skip
-    return Effect(
-        name, CATALOGUE[name].equation, where, knobs, starts, _UNSEEN.get(name, ""), propose,
-        _OWN.get(name, ()), LIKE.get(name, ()),
-    )  # fmt: skip
+    """Return an effect with the catalogue's plausible bounds.
 
-
-def _one(
-    name: str, where: str, probe: float, *starts: float, logarithmic: bool = False
-) -> Effect:  # fmt: skip
-    """Return an effect whose only knob is "value".
-
-    It needs `starts` if the cost has no slope at the neutral value.
+    Args:
+        name: name of the effect in the catalogue.
+        where: equation or channel that it enters.
+        probes: probe of each knob, SI, or that of the only knob "value".
+        starts: starts of the knob "value"; it needs some if the cost has no slope at its neutral
+            value.
+        logarithmic: whether fits step in the logarithm of the first knob.
+        upper: upper bound of the knobs, in place of the catalogue's.
+        propose: as in `Effect`.
+        own: as in `Effect`.
+        like: the curve that is this effect; None if none is known.
     """
-    knob = _knob(name, "value", probe, logarithmic)
-    return _effect(name, where, knob, starts=tuple({"value": start} for start in starts))
+    known = {knob.name: knob for knob in CATALOGUE[name].parameters}
+    knobs: list[Knob] = []
+    for key, probe in (probes if isinstance(probes, dict) else {"value": probes}).items():
+        of = known[key]
+        knobs.append(
+            Knob(
+                key, of.field, probe, of.lower, of.upper if upper is None else upper,
+                (of.followed_by,) if of.followed_by else (), logarithmic and not knobs,
+            )
+        )  # fmt: skip
+    return Effect(
+        name, CATALOGUE[name].equation, where, tuple(knobs),
+        tuple({"value": at} for at in starts), _UNSEEN.get(name, ""), propose, own,
+        (like,) if like else (),
+    )  # fmt: skip
 
 
 _SHUT: Final = "what a closed valve does, where the spool stays near its null too seldom"
@@ -101,7 +148,7 @@ _OIL: Final = tuple(
     for i in (1, 2)
     for place in ("bulk modulus", f"flow, chamber {i}")
 )  # fmt: skip
-_LINES_OWN: Final = tuple(
+_SUPPLY: Final = tuple(
     (place, of)
     for place in ("supply pressure", "return pressure", "discharge coefficient")
     for of in ("", "velocity", "spool opening")
@@ -114,115 +161,94 @@ _RAM: Final = (("force balance", "position"), ("force balance", ""))
 _SEEN_AT: Final = tuple(
     ("reading of position_m", of) for of in ("", "position", "velocity", "direction")
 )
-_OWN: Final[dict[str, tuple[tuple[str, str], ...]]] = {
-    "spool_null_bias": (("null of the spool", ""), *_EDGES),
-    "valve_deadband": _EDGES,
-    "valve_underlap_leakage": _EDGES,
-    "valve_flow_asymmetry": _EDGES,
-    "valve_hysteresis": _PATH,
-    "valve_bandwidth": _PATH,
-    "valve_rate_limit": _PATH,
-    "command_delay": _PATH,
-    "entrained_air": _OIL,
-    "bulk_modulus": _OIL,
-    "supply_pressure": _LINES_OWN,
-    "supply_droop": _LINES_OWN,
-    "supply_ripple": _LINES_OWN,
-    "return_back_pressure": _LINES_OWN,
-    "friction_asymmetry": _FRICTION,
-    "stiction_level": _FRICTION,
-    "coulomb_level": _FRICTION,
-    "stribeck_velocity": _FRICTION,
-    "viscous_friction": _FRICTION,
-    "presliding_compliance": _FRICTION,
-    "internal_leakage": _LEAKS,
-    "external_leakage_1": _LEAKS,
-    "external_leakage_2": _LEAKS,
-    "spring_load": _RAM,
-    "constant_force": _RAM,
-    "end_stop": _RAM,
-    **{
-        f"pressure_{i}_{what}": (
-            (f"reading of pressure_{i}_Pa", f"pressure {i}"), (f"reading of pressure_{i}_Pa", ""),
-        )
-        for i in (1, 2)
-        for what in ("bias", "gain")
-    },
-    "pressure_lag": tuple(
-        (f"reading of pressure_{i}_Pa", of) for i in (1, 2) for of in (f"pressure {i}", "velocity")
-    ),
-    "position_gain": _SEEN_AT,
-    "position_delay": _SEEN_AT,
-    "position_backlash": _SEEN_AT,
-}  # fmt: skip
-"""Places and quantities in which an effect's formula is a curve (`Effect.own`)."""
+
+
+def _seen(chamber: int, *of: str) -> Places:
+    """Return the reading of a chamber's pressure, 1 or 2, against each of some quantities."""
+    return tuple((f"reading of pressure_{chamber}_Pa", each) for each in of)
+
 
 _N: Final = NOMINAL
 EFFECTS: Final = {
     effect.name: effect
     for effect in (
-        _one("spool_null_bias", _FLOWS, 3e-7),
-        _one("valve_deadband", _FLOWS, 3e-7, 1e-6, 5e-6, 2e-5),
-        _one("valve_underlap_leakage", _FLOWS, 3e-7, 1e-6, 5e-6, 2e-5),
-        _one("valve_flow_asymmetry", _FLOWS, 0.003),
-        _one("valve_hysteresis", _VALVE, 1e-7, 5e-7, 2e-6, 8e-6),
-        _one("valve_bandwidth", _VALVE, 10.0, logarithmic=True),
+        _effect("spool_null_bias", _FLOWS, 3e-7, own=(("null of the spool", ""), *_EDGES)),
+        _effect("valve_deadband", _FLOWS, 3e-7, 1e-6, 5e-6, 2e-5, own=_EDGES),
         _effect(
-            "valve_rate_limit", _VALVE, _knob("valve_rate_limit", "value", 3e-4, True, 1.0),
-            propose=propose_rate_limit,
+            "valve_underlap_leakage", _FLOWS, 3e-7, 1e-6, 5e-6, 2e-5, own=_EDGES,
+            like=Likeness("valve edges", "spool opening", _underlap),
         ),
-        _one("command_delay", _VALVE, 2e-4, 1e-3, 5e-3, 1.5e-2),
-        _one("entrained_air", _FLOWS, 1e-3),
+        _effect("valve_flow_asymmetry", _FLOWS, 0.003, own=_EDGES),
+        _effect("valve_hysteresis", _VALVE, 1e-7, 5e-7, 2e-6, 8e-6, own=_PATH),
+        _effect("valve_bandwidth", _VALVE, 10.0, logarithmic=True, own=_PATH),
+        _effect(
+            "valve_rate_limit", _VALVE, 3e-4, logarithmic=True, upper=1.0,
+            propose=propose_rate_limit, own=_PATH,
+        ),
+        _effect("command_delay", _VALVE, 2e-4, 1e-3, 5e-3, 1.5e-2, own=_PATH),
+        _effect("entrained_air", _FLOWS, 1e-3, own=_OIL),
         # These starts lie beyond the tolerance of the nuisance, where the effect is far from
         # linear.
-        _one(
+        _effect(
             "bulk_modulus", _FLOWS, 0.01 * _N.bulk_modulus,
             0.6 * _N.bulk_modulus, 0.8 * _N.bulk_modulus, 1.4 * _N.bulk_modulus,
-            logarithmic=True,
+            logarithmic=True, own=_OIL,
         ),
-        _one("supply_pressure", _FLOWS, 0.005 * _N.supply_pressure),
-        _one("supply_droop", _FLOWS, 3e11),
+        _effect("supply_pressure", _FLOWS, 0.005 * _N.supply_pressure, own=_SUPPLY),
+        _effect("supply_droop", _FLOWS, 3e11, own=_SUPPLY),
         _effect(
-            "supply_ripple", _FLOWS,
-            _knob("supply_ripple", "amplitude", 2e4),
-            _knob("supply_ripple", "frequency", 2e-3),
-            _knob("supply_ripple", "phase", 0.05),
-            propose=propose_ripple,
+            "supply_ripple", _FLOWS, {"amplitude": 2e4, "frequency": 2e-3, "phase": 0.05},
+            propose=propose_ripple, own=_SUPPLY,
         ),
-        _one("return_back_pressure", _FLOWS, 3e11),
-        _one("friction_asymmetry", _FORCE, 10.0),
-        _one("stiction_level", _FORCE, 30.0),
-        _one("coulomb_level", _FORCE, 10.0),
-        _one("stribeck_velocity", _FORCE, 1e-3, logarithmic=True),
-        _one("viscous_friction", _FORCE, 10.0),
-        _one("presliding_compliance", _FORCE, 1e6, logarithmic=True),
-        _one("internal_leakage", _FLOWS, 3e-10, 5e-10, 4e-9),
-        _one("external_leakage_1", _FLOWS, 3e-10, 3e-10, 3e-9),
-        _one("external_leakage_2", _FLOWS, 3e-10, 3e-10, 3e-9),
+        _effect("return_back_pressure", _FLOWS, 3e11, own=_SUPPLY),
         _effect(
-            "spring_load", _FORCE,
-            _knob("spring_load", "stiffness", 300.0), _knob("spring_load", "contact", 2e-3),
-            propose=propose_spring,
+            "friction_asymmetry", _FORCE, 10.0, own=_FRICTION,
+            like=Likeness("force balance", "velocity", _uneven_friction),
         ),
-        _one("constant_force", _FORCE, 10.0),
-        _one("payload_mass", _FORCE, 0.5),
+        _effect("stiction_level", _FORCE, 30.0, own=_FRICTION),
+        _effect("coulomb_level", _FORCE, 10.0, own=_FRICTION),
+        _effect("stribeck_velocity", _FORCE, 1e-3, logarithmic=True, own=_FRICTION),
+        _effect("viscous_friction", _FORCE, 10.0, own=_FRICTION),
+        _effect("presliding_compliance", _FORCE, 1e6, logarithmic=True, own=_FRICTION),
+        _effect("internal_leakage", _FLOWS, 3e-10, 5e-10, 4e-9, own=_LEAKS),
+        _effect("external_leakage_1", _FLOWS, 3e-10, 3e-10, 3e-9, own=_LEAKS),
+        _effect("external_leakage_2", _FLOWS, 3e-10, 3e-10, 3e-9, own=_LEAKS),
         _effect(
-            "end_stop", _FORCE,
-            _knob("end_stop", "stiffness", 1e6, True),
-            _knob("end_stop", "low", 5e-5), _knob("end_stop", "high", 5e-5),
-            propose=propose_end_stop,
+            "spring_load", _FORCE, {"stiffness": 300.0, "contact": 2e-3},
+            propose=propose_spring, own=_RAM,
         ),
-        _one("pressure_1_bias", "pressure_1_Pa", 1e4),
-        _one("pressure_2_bias", "pressure_2_Pa", 1e4),
-        _one("pressure_1_gain", "pressure_1_Pa", 2e-3),
-        _one("pressure_2_gain", "pressure_2_Pa", 2e-3),
-        _one("pressure_lag", "pressure_1_Pa and pressure_2_Pa", 2e-4, 1e-3, 5e-3, 2e-2),
-        _one("position_gain", "position_m", 1e-3),
+        _effect("constant_force", _FORCE, 10.0, own=_RAM),
+        _effect("payload_mass", _FORCE, 0.5),
         _effect(
-            "position_delay", "position_m", _knob("position_delay", "value", 2e-4),
-            starts=({"value": 1e-3},), propose=propose_position_delay,
+            "end_stop", _FORCE, {"stiffness": 1e6, "low": 5e-5, "high": 5e-5},
+            logarithmic=True, propose=propose_end_stop, own=_RAM,
         ),
-        _one("position_backlash", "position_m", 2e-5, 5e-5, 2e-4, 8e-4),
+        *(
+            _effect(
+                f"pressure_{i}_bias", f"pressure_{i}_Pa", 1e4, own=_seen(i, f"pressure {i}", "")
+            )
+            for i in (1, 2)
+        ),
+        *(
+            _effect(
+                f"pressure_{i}_gain", f"pressure_{i}_Pa", 2e-3, own=_seen(i, f"pressure {i}", ""),
+                like=Likeness(f"reading of pressure_{i}_Pa", f"pressure {i}", _scale),
+            )
+            for i in (1, 2)
+        ),
+        _effect(
+            "pressure_lag", "pressure_1_Pa and pressure_2_Pa", 2e-4, 1e-3, 5e-3, 2e-2,
+            own=(*_seen(1, "pressure 1", "velocity"), *_seen(2, "pressure 2", "velocity")),
+        ),
+        _effect(
+            "position_gain", "position_m", 1e-3, own=_SEEN_AT,
+            like=Likeness("reading of position_m", "position", _scale),
+        ),
+        _effect(
+            "position_delay", "position_m", 2e-4, 1e-3,
+            propose=propose_position_delay, own=_SEEN_AT,
+        ),
+        _effect("position_backlash", "position_m", 2e-5, 5e-5, 2e-4, 8e-4, own=_SEEN_AT),
     )
 }  # fmt: skip
 

@@ -5,13 +5,18 @@ lane has its own state, parameters and memory, and takes the integration steps t
 needs. The memory holds less than that of `command_path` and `transducers`: only what consecutive
 samples need, and no times. Past samples are looked up here by their number. Those functions look
 them up by their time, because the emulated rig may be read at any moment.
+
+`parameters_of` and the states behind the lag of the transducers are those of a rig alone as well.
 """
 
 from collections.abc import Mapping, Sequence
 from math import exp, floor
-from typing import Final
+from typing import Any, Final
 
+import numba.extending
 import numpy as np
+from numba import types
+from numba.core import cgutils
 
 from estimator.gap.plant import (
     DRIVE_IN_LANES,
@@ -40,8 +45,10 @@ from rig.plant import (
     whole_ticks,
 )
 
-from .memory import SEEN_1, SEEN_2, parameters_of
-
+SEEN_1: Final = 9
+SEEN_2: Final = 10
+"""SEEN_1 and SEEN_2 are the indices of the pressures behind the lag of their transducers. These
+states come after the rig's own."""
 _FAULT: Final = tuple(NO_FAULT)
 _FRICTION_LAW: Final = Parameters._fields.index("friction_law")
 _TERM_KINDS: Final = tuple(name for name in Parameters._fields if name.endswith("_kind"))
@@ -63,6 +70,29 @@ _STEPPED: Final = _BEHIND + 1
 _REMEMBERED: Final = _STEPPED + 1
 _CORRECTED: Final = _REMEMBERED + 1
 _MEMORY: Final = _CORRECTED + 1
+
+
+_PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
+# With its declared type, callers would have to pass the context that numba adds by itself.
+intrinsic: Final[Any] = numba.extending.intrinsic
+
+
+@intrinsic
+def parameters_of(typing_context, values):
+    """Return the `Parameters` of an array float64 (count,), in compiled code.
+
+    The array holds a value for each field, in the order of the fields.
+    """
+
+    def emit(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        fields = [
+            builder.load(cgutils.gep_inbounds(builder, data, index))
+            for index in range(len(Parameters._fields))
+        ]
+        return context.make_tuple(builder, signature.return_type, fields)
+
+    return _PARAMETERS_TYPE(values), emit
 
 
 def _begin(states: Array, inputs: Array, values: Sequence[Mapping[str, float]]) -> Array:

@@ -27,14 +27,10 @@ class ServoLayout(Layout):
         others: list[int] = []
         for index, each in enumerate(additions):
             room = len(tables) + len(symbols) < MOST_TERMS
-            if not (is_held(term_of(each)) and room):
-                others.append(index)
-            elif each.form != "table":
-                symbols.append(index)
-            elif len(tables) < MOST_TABLES:
-                tables.append(index)
-            else:
-                others.append(index)
+            kind = tables if each.form == "table" else symbols
+            if kind is tables:
+                room = room and len(tables) < MOST_TABLES
+            (kind if room and is_held(term_of(each)) else others).append(index)
         return [*tables, *symbols], others
 
     def values(self, additions: Sequence[Addition]) -> dict[str, float]:

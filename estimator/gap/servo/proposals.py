@@ -110,10 +110,8 @@ def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> 
     The true limit is near one of them, because the spool hardly exceeds a limit that acts.
     """
     speed = np.abs(np.concatenate([trace.states[:, _SPOOL_VELOCITY] for trace in traces]))
-    return tuple(
-        {"value": max(float(limit), 5e-3)}
-        for limit in (0.95 * np.quantile(speed, 0.999), 0.5 * np.quantile(speed, 0.999))
-    )
+    fastest = float(np.quantile(speed, 0.999))
+    return tuple({"value": max(part * fastest, 5e-3)} for part in (0.95, 0.5))
 
 
 def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:

@@ -6,18 +6,39 @@ parts. Disturbances are free curves, and explain much in the likeness of an effe
 that explains four fifths of the excess keeps its name, unless disturbances alone predict better and
 are not a curve of the effect's own variable. So do effects that explain four fifths of what such a
 curve does, where that explains four fifths of the excess.
+
+An effect is named by where it enters, against what, and in which regime; its formula is a first
+guess. A disturbance that was discovered in an effect's own place, against its own quantity, is that
+effect with another form, if the effect's formula explains most of the excess, or if the curve runs
+as the effect does.
 """
 
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Plant
-from estimator.gap.search import FORM, SETTLED, DiscoveredModel, Discovering, Discovery, Found
+from estimator.gap.plant import KNOTS, Array, Effect, Plant
+from estimator.gap.prediction import Fitted, Variable
+from estimator.gap.search import (
+    CHANCE,
+    FORM,
+    SETTLED,
+    DiscoveredModel,
+    Discovering,
+    Discovery,
+    Found,
+    Named,
+    deviate,
+)
 
-from .own_form import EXPLAINED, SURE, OwnForm, by_formula, by_likeness, in_place_of_several
-
+EXPLAINED: Final = 0.8
+"""Part of the excess in prediction error that an effect's formula must take away by itself."""
+MOST_OF: Final = 0.75
+"""Part of what other effects explain beside one that a correction of that one must explain."""
+SURE: Final = 2.0
+"""Normal deviate beyond which one model predicts worse than another."""
 WHOLE: Final = 0.98
 """Part of the excess that disturbances alone must take away for the named effects to be given up
 before both are tried together."""
@@ -28,6 +49,23 @@ HALF: Final = 0.5
 PINNED: Final = 1e-3
 """Part of a size's plausible range. A size that is nearer than this to an end of the range counts
 as being at that end. This bound was chosen: it is far less than the errors of fitted sizes."""
+
+
+@dataclass(frozen=True)
+class OwnForm:
+    """An effect of the catalogue with the model in which it has a formula or a form of its own.
+
+    Attributes:
+        named: the effect, with what it gains.
+        fitted: fit with the effect.
+        variables: variables of that fit.
+        corrected: model with the effect and its correction; None if it is to be looked for.
+    """
+
+    named: Named
+    fitted: Fitted
+    variables: tuple[Variable, ...]
+    corrected: DiscoveredModel | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +104,7 @@ def choose(
     excess = found.refitted.cost - floor * found.samples
     given = DiscoveredModel(found.fitted, found.filtered, found.variables)
     pinned = _pinned(plant, found)
-    one = in_place_of_several(discovering, found, pinned)
+    one = _in_place_of_several(discovering, found, pinned)
     if one is not None:
         _take(found, one)
         pinned = _pinned(plant, found)
@@ -79,7 +117,7 @@ def choose(
     nothing_named = Choice(alone, False, {}, tuple(alone.discoveries))
     own = None
     if not found.named or found.explained < EXPLAINED:
-        own = by_formula(discovering, found, alone)
+        own = _by_formula(discovering, found, alone)
         if own is not None:
             _take(found, own)
     parts = len(found.named) + len(names.discoveries)
@@ -108,7 +146,7 @@ def _take(found: Found, one: OwnForm) -> None:
 
 def _by_its_curve(discovering: Discovering, found: Found, alone: DiscoveredModel) -> Choice | None:
     """Return the choice of an effect whose curve was discovered; None if there is none."""
-    own = by_likeness(discovering, found, alone)
+    own = _by_likeness(discovering, found, alone)
     if own is None or own.corrected is None:
         return None
     _take(found, own)
@@ -132,13 +170,6 @@ def _pinned(plant: Plant, found: Found) -> set[str]:
         if any(abs(value - end) <= near for end in ends):
             names.add(named.effect)
     return names
-
-
-def _beats(one: Array, other: Array, least: float) -> bool:
-    """Return whether block costs `one` are less than `other`, by `least` and beyond chance."""
-    gains = other - one
-    error = float(np.sqrt(len(gains)) * np.std(gains, ddof=1))
-    return float(gains.sum()) > max(least, SURE * error)
 
 
 def _is_own(plant: Plant, found: Found, alone: DiscoveredModel) -> bool:
@@ -179,3 +210,117 @@ def _divided(
         else:
             corrections[name] = each
     return corrections, tuple(others)
+
+
+# Effects whose formula is not the rig's
+
+
+def _in_place_of_several(
+    discovering: Discovering, found: Found, pinned: Collection[str]
+) -> OwnForm | None:
+    """Return one effect with a correction that does what several named effects do; None if none is.
+
+    The effects share a place and a quantity, so that a curve there may be the same as several of
+    their formulas. The one that explains most must explain `EXPLAINED` of the excess by itself,
+    and its correction `MOST_OF` what the others explain beside it, or as much as they do to within
+    chance. Effects in `pinned`, whose size is at an end of what is plausible, do not compete.
+    """
+    effects = [discovering.plant.effects[named.effect] for named in found.named]
+    if len(effects) < 2 or not set(effects[0].own).intersection(*(e.own for e in effects[1:])):
+        return None
+    excess = found.refitted.cost - found.floor * found.samples
+    likely = [each for each in effects if each.name not in pinned]
+    best = _explaining_most(discovering, found, likely)
+    if best is None or best.named.gain < EXPLAINED * excess:
+        return None
+    own = discovering.plant.effects[best.named.effect].own
+    model = discovering.run(best.fitted, best.variables, found.floor, 1, own)
+    if not model.discoveries:
+        return None
+    rest = best.fitted.cost - found.fitted.cost
+    if _beats(found.fitted.costs, model.fitted.costs, (1.0 - MOST_OF) * rest):
+        return None
+    return replace(best, corrected=model)
+
+
+def _by_formula(discovering: Discovering, found: Found, alone: DiscoveredModel) -> OwnForm | None:
+    """Return the effect to which the first disturbance belongs; None if there is none.
+
+    Of the effects whose own curve was discovered, it is the one that explains most, and it explains
+    `EXPLAINED` of the excess by itself. There is none either where a single effect of these was
+    named before.
+    """
+    excess = found.refitted.cost - found.floor * found.samples
+    if not alone.discoveries or excess <= 0.0:
+        return None
+    addition = alone.discoveries[0].addition
+    effects = owners(discovering.plant, addition.place, addition.of)
+    names = {named.effect for named in found.named}
+    if len(names) == 1 and names <= {each.name for each in effects}:
+        return None
+    best = _explaining_most(discovering, found, effects)
+    return None if best is None or best.named.gain < EXPLAINED * excess else best
+
+
+def owners(plant: Plant, place: str, of: str) -> list[Effect]:
+    """Return the effects of a plant whose formula is a curve of a quantity at a place."""
+    return [each for each in plant.effects.values() if (place, of) in each.own]
+
+
+def _by_likeness(discovering: Discovering, found: Found, alone: DiscoveredModel) -> OwnForm | None:
+    """Return the effect that the first disturbance is by its course (`Likeness`); None if none is.
+
+    The model has the disturbance in the place of the effect's formula.
+    """
+    if not alone.discoveries:
+        return None
+    first = alone.discoveries[0]
+    addition = first.addition
+    if addition.times:
+        return None
+    table = addition.form == "table"
+    at = np.array(addition.at) if table else np.linspace(*first.reach, KNOTS)
+    values = addition.shape(at)
+    top = int(np.argmax(np.abs(values)))
+    error = first.errors[top] if table else first.errors[0]
+    size = values[top] if table else addition.values[0]
+    for effect in discovering.plant.effects.values():
+        knob = effect.knobs[0]
+        for like in effect.like:
+            if (like.place, like.of) != (addition.place, addition.of):
+                continue
+            value = like.read(at, values)
+            if value is None or not knob.lower <= value <= knob.upper:
+                continue
+            moved = abs(value - discovering.plant.nominal[knob.parameter])
+            read = (value, moved * abs(error / size))
+            named = replace(_named(effect, found, alone.fitted), read=read)
+            return OwnForm(named, alone.fitted, alone.variables, alone)
+    return None
+
+
+def _beats(one: Array, other: Array, least: float) -> bool:
+    """Return whether block costs `one` are less than `other`, by `least` and beyond chance."""
+    gains = other - one
+    error = float(np.sqrt(len(gains)) * np.std(gains, ddof=1))
+    return float(gains.sum()) > max(least, SURE * error)
+
+
+def _explaining_most(
+    discovering: Discovering, found: Found, effects: Sequence[Effect]
+) -> OwnForm | None:
+    """Return the effect whose formula explains most by itself; None if no model is sound."""
+    best: OwnForm | None = None
+    for effect in effects:
+        fitted, variables = discovering.with_effect(found.refitted.values, effect)
+        if fitted is None or (best is not None and fitted.cost >= best.fitted.cost):
+            continue
+        best = OwnForm(_named(effect, found, fitted), fitted, variables)
+    return best
+
+
+def _named(effect: Effect, found: Found, fitted: Fitted) -> Named:
+    """Return an effect with what it gains over the refit of the nuisances in a fit with it."""
+    gains = found.refitted.costs - fitted.costs
+    gain = float(gains.sum())
+    return Named(effect.name, gain, gain / found.samples, CHANCE, deviate(gains))

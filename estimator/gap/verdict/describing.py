@@ -1,12 +1,15 @@
-"""This module describes disturbances that were discovered, and leaves out those not wanted."""
+"""This module describes disturbances that were discovered, and leaves out those not wanted.
 
-from collections.abc import Mapping
+It reports channels that are stuck in a recording as such disturbances, too.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Addition, Plant, as_term
+from estimator.gap.plant import Addition, Plant, Stuck, as_term, stuck_stretches
 from estimator.gap.prediction import (
     Curve,
     Discovered,
@@ -18,6 +21,7 @@ from estimator.gap.prediction import (
 )
 from estimator.gap.search import ADDED, NORMAL_95, Discovery, Found, Search, addition_variables
 from rig.plant import unit_per
+from rig.recording import Recording
 
 from .choosing import Choice
 from .lexicon import LEXICON, is_leak, likely_parts, shape_of
@@ -35,6 +39,7 @@ _DRAWN: Final = 121
 """Number of points at which a form in symbols is drawn."""
 _TURNS: Final = 4
 """Number of periods of a tone that are drawn."""
+_STUCK: Final = "stuck_channel"
 
 
 @dataclass(frozen=True)
@@ -50,20 +55,9 @@ class Wanted:
     discovered: bool = True
     leaks: bool = False
 
-
-@dataclass(frozen=True)
-class Kept:
-    """The model without what is not wanted: values of all parameters, and its disturbances."""
-
-    values: Values
-    held: tuple[Discovery, ...]
-
-    def writes(self, each: Discovery) -> bool:
-        """Return whether the model file has a disturbance; it has no tones.
-
-        The phase of a tone does not hold in other recordings.
-        """
-        return each.addition.form != "tone" and any(held is each for held in self.held)
+    def allows(self, each: Discovered) -> bool:
+        """Return whether the model may hold a disturbance while its gap is computed."""
+        return self.discovered and (self.leaks or not each.suspected_leak)
 
 
 def described_as(each: Discovery, plant: Plant) -> Discovered:
@@ -138,14 +132,14 @@ def _rival(addition: Addition, reach: tuple[float, float] | None, plant: Plant) 
     return f"{name} in {addition.place} of {addition.of or 'nothing'}{times}"
 
 
-def kept_of(
+def without_unwanted(
     search: Search,
     found: Found,
     choice: Choice,
     described: Mapping[int, Discovered],
     wanted: Wanted,
-) -> Kept:
-    """Return the model without the disturbances that are not wanted, refitted.
+) -> Values:
+    """Return all values of the model without the disturbances that are not wanted, refitted.
 
     Args:
         search: the search whose records are refitted.
@@ -156,23 +150,56 @@ def kept_of(
     """
     layout = search.plant.layout
     everything = (*choice.corrections.values(), *choice.discovered)
-    held = tuple(
-        each
-        for each in everything
-        if wanted.discovered and (wanted.leaks or not described[id(each)].suspected_leak)
-    )
+    held = [each for each in everything if wanted.allows(described[id(each)])]
     if len(held) == len(everything) or layout is None:
-        return Kept(found.fitted.values, held)
+        return found.fitted.values
     given = layout.additions(search.plant.nominal)
     additions = [*given, *(each.addition for each in held)]
     values = {**found.fitted.values, **layout.values(additions)}
     own = addition_variables(layout, additions, range(len(given), len(additions)))
     others = [v for v in found.variables if v.name != ADDED]
-    return Kept(search.refits.settled(values, (*others, *own))[0].values, held)
+    return search.refits.settled(values, (*others, *own))[0].values
 
 
-def measured(discovered: Discovered, each: Discovery, fitter: Fitter, judged: Fitter) -> Discovered:
+def measured(discovered: Discovered, each: Discovery, judged: Fitter) -> Discovered:
     """Return a disturbance with the held-out gap before it was added and with it."""
     before, after = (known_phases(values, judged) for values in (each.before, each.after))
-    gaps = channel_gaps(fitter.predictor, judged.records, before, after, fitter.pool)
+    gaps = channel_gaps(judged.predictor, judged.records, before, after, judged.pool)
     return replace(discovered, gap=mean_gap(gaps))
+
+
+def stuck_channels(recordings: Sequence[Recording], plant: Plant) -> list[Discovered]:
+    """Return each channel that is stuck in any of the recordings, in the order of the outputs.
+
+    The filter leaves out what such a channel repeats, so that the model written has no part of it
+    and no gap is computed from it.
+
+    Raises:
+        KeyError: a recording lacks a channel of the plant.
+    """
+    stretches = [each for recording in recordings for each in stuck_stretches(recording, plant)]
+    return [
+        _stuck(index, [each for each in stretches if each.output == index], plant)
+        for index in sorted({each.output for each in stretches})
+    ]
+
+
+def _stuck(index: int, stretches: Sequence[Stuck], plant: Plant) -> Discovered:
+    """Return one channel's stretches as a disturbance of its reading."""
+    output = plant.outputs[index]
+    place = f"reading of {output.channel}"
+    unit, factor = unit_of(place, plant)
+    times = [
+        f"{each.value * factor:.4g} {unit} from {each.first * plant.period:.3g} s to "
+        f"{each.end * plant.period:.3g} s of {each.source}"
+        for each in stretches
+    ]
+    none = np.empty(0)
+    return Discovered(
+        _STUCK, place, "", "", _STUCK,
+        f"The reading of {output.channel} repeats one value, which its noise would not let it do: "
+        f"{'; '.join(times)}. These readings are left out of every fit and every gap",
+        likely_parts(_STUCK, place, plant), (), none, none, none, output.unit, "",
+        float("nan"), float("nan"), float("nan"),
+        in_model=False, experiment=LEXICON[_STUCK].experiment,
+    )  # fmt: skip

@@ -17,13 +17,12 @@ from estimator.gap.prediction import (
     Fitter,
     Predictor,
     Separation,
-    Values,
     Variable,
-    effect_variables,
     freed,
     nuisance_variable,
+    with_effect_of,
 )
-from estimator.gap.search import FORM, Alternative, Found, Named, cosines, deviate
+from estimator.gap.search import FORM, Found, Named, cosines, deviate
 
 SETTLES: Final = 5.0
 """Least normal deviate that must be predicted of an experiment. Three would decide, but predictions
@@ -59,6 +58,11 @@ class Trial:
         """
         return self.z >= SETTLES and self.share < 1.0 - SURE * FORM
 
+    @property
+    def merit(self) -> tuple[bool, float]:
+        """Return what the better of two trials has more of."""
+        return self.settles, self.z
+
 
 def separations(
     plant: Plant, found: Found, pool: ThreadPoolExecutor, seed: int = 1
@@ -86,89 +90,56 @@ def _separation(
 ) -> Separation:
     rivals = named.indistinguishable
     effects = (named.effect, *(rival.effect for rival in rivals))
-    best: Trial | None = None
-    for motion in plant.motions():
-        stage = _Stage(plant, found, named, motion, pool, seed)
-        # An experiment is judged by the rival that it excludes worst.
-        worst = min((stage.against(rival) for rival in rivals), key=_merit)
-        if best is None or _merit(worst) > _merit(best):
-            best = worst
-    if best is None:
+    # A motion is judged by the rival that it excludes worst.
+    tried = [
+        min(_trials(plant, found, named, motion, pool, seed), key=lambda trial: trial.merit)
+        for motion in plant.motions()
+    ]
+    if not tried:
         in_words = "no motion is known for this plant"
         return Separation(effects, in_words, {}, float("nan"), float("nan"))
+    best = max(tried, key=lambda trial: trial.merit)
     if not best.settles:
-        reasons = [
-            plant.not_told_apart.get(frozenset((named.effect, rival.effect)), "")
-            for rival in rivals
-        ]
-        why = "; ".join(reason for reason in reasons if reason)
+        pairs = [frozenset((named.effect, rival.effect)) for rival in rivals]
+        why = "; ".join(filter(None, map(plant.not_told_apart.get, pairs)))
         in_words = f"none of the motions tried separates them{': ' if why else ''}{why}"
         return Separation(effects, in_words, {}, best.cosine, best.z)
     in_words = f"{best.motion.name}, {best.motion.told}"
     return Separation(effects, in_words, best.motion.campaign, best.cosine, best.z)
 
 
-def _merit(trial: Trial) -> tuple[bool, float]:
-    return trial.settles, trial.z
+def _trials(
+    plant: Plant, found: Found, named: Named, motion: Motion, pool: ThreadPoolExecutor, seed: int
+) -> list[Trial]:
+    """Return the results to be expected of a motion, for a named effect against each rival.
 
-
-class _Stage:
-    """Simulates one motion of a rig that is the model found, and compares rivals in it."""
-
-    def __init__(
-        self,
-        plant: Plant,
-        found: Found,
-        named: Named,
-        motion: Motion,
-        pool: ThreadPoolExecutor,
-        seed: int,
-    ) -> None:
-        self._plant, self._named, self._motion = plant, named, motion
-        self._truth: Values = found.fitted.values
-        blank = made_of(motion.name, motion.inputs, motion.course, plant)
-        looped = Predictor(replace(plant, steering=plant.loop))
-        record = looped.twin(blank, self._truth, seed)
-        self._filtered = Fitter(Predictor(plant), [record], pool).filtered(self._truth)
-        self._right = self._filtered.costs(self._truth)
-        effect = plant.effects[named.effect]
-        self._variables = without_variables(plant, found.variables, effect)
-        neutral = neutralised(plant, self._truth, effect)
-        self._without = self._filtered.fit(neutral, self._variables, 3, 1e-3)
-
-    def against(self, rival: Alternative) -> Trial:
-        """Return the result to be expected of the motion, for the named effect against a rival."""
-        effect = self._plant.effects[rival.effect]
-        variables = freed(self._variables, effect)
-        wrong = self._filtered.fit(rival.fitted.values, variables, 3, 1e-3)
-        gain = max(self._without.cost - float(self._right.sum()), 0.0)
-        loss = wrong.cost - float(self._right.sum())
+    The motion is simulated by a rig that is exactly the model found.
+    """
+    truth, effect = found.fitted.values, plant.effects[named.effect]
+    blank = made_of(motion.name, motion.inputs, motion.course, plant)
+    record = Predictor(replace(plant, steering=plant.loop)).twin(blank, truth, seed)
+    filtered = Fitter(Predictor(plant), [record], pool).filtered(truth)
+    right = filtered.costs(truth)
+    variables = without_variables(plant, found.variables, effect)
+    neutral = with_effect_of(truth, effect, plant.nominal)
+    without = filtered.fit(neutral, variables, 3, 1e-3)
+    base, gain = without.values, max(without.cost - float(right.sum()), 0.0)
+    trials = []
+    for rival in named.indistinguishable:
+        other = plant.effects[rival.effect]
+        wrong = filtered.fit(rival.fitted.values, freed(variables, other), 3, 1e-3)
+        loss = wrong.cost - float(right.sum())
         # The rival's loss in the experiment adds to its known loss in the present recordings.
-        losses = (1.0 - rival.share) * self._named.gain + loss
-        total = self._named.gain + gain
-        cosine = self._cosine(wrong.values, effect)
-        return Trial(self._motion, deviate(wrong.costs - self._right), cosine, 1.0 - losses / total)
-
-    def _cosine(self, wrong: Values, rival: Effect) -> float:
-        """Return the cosine of the signatures of effect and rival, from the model with neither."""
-        base = self._without.values
-        changes = {}
-        for effect, values in (
-            (self._plant.effects[self._named.effect], self._truth), (rival, wrong)
-        ):  # fmt: skip
-            changed = dict(base)
-            for variable in effect_variables(effect):
-                changed = variable.put(changed, values[variable.parameter])
-            changes[effect.name] = changed
-        return float(cosines(self._filtered, base, self._variables, changes)[1])
-
-
-def neutralised(plant: Plant, values: Values, effect: Effect) -> dict[str, float]:
-    """Return a copy of all values in which an effect's parameters are as in the model given."""
-    changed = dict(values)
-    for variable in effect_variables(effect):
-        changed = variable.put(changed, plant.nominal[variable.parameter])
-    return changed
+        losses = (1.0 - rival.share) * named.gain + loss
+        # The signatures are those from the model with neither effect.
+        changes = {
+            effect.name: with_effect_of(base, effect, truth),
+            other.name: with_effect_of(base, other, wrong.values),
+        }
+        cosine = float(cosines(filtered, base, variables, changes)[1])
+        share = 1.0 - losses / (named.gain + gain)
+        trials.append(Trial(motion, deviate(wrong.costs - right), cosine, share))
+    return trials
 
 
 def without_variables(

@@ -1,35 +1,50 @@
-"""This module checks that a fitted model predicts no worse than the model as given.
+"""This module holds a fitted model against recordings that nothing was fitted to.
 
-If it predicts worse, the model as given is written instead. Predictions over the horizon are
-compared. A refit claims nothing, so that it must not raise the held-out gap at all. Named effects
-have evidence of their own, and a held-out motion that hardly shows them may raise the gap by a
-trifle. Named effects are given up if the errors grow by more than chance.
+If the fitted model predicts worse than the model as given, the latter is written instead.
+Predictions over the horizon are compared. A refit claims nothing, so that it must not raise the
+held-out gap at all. Named effects have evidence of their own, and a held-out motion that hardly
+shows them may raise the gap by a trifle. Named effects are given up if the errors grow by more than
+chance.
+
+It is also told how surely each named effect lowers the error there, and how much of what is left
+other values of the nuisances would take. Friction is not the same from run to run: a model that is
+fitted to some recordings cannot predict that of others, whatever it holds.
 """
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from estimator.gap.plant import Array, Plant, Record
 from estimator.gap.prediction import (
+    Fitter,
     GapResult,
     Predictor,
     Values,
     Variable,
+    channel_gaps,
     filtered_errors,
+    mean_gap,
     mean_squares,
     slices_of,
 )
+from estimator.gap.search import CHANCE, Found, Named, Refits, deviate
 
-from .choosing import PINNED
-from .own_form import SURE
+from .choosing import PINNED, SURE
 
 TRIFLE: Final = 0.1
 """Growth of errors, in noise variances, for which no effect is given up: ten times what matters to
 a prediction."""
+LOOKED_INTO: Final = 0.1
+"""Least gap, in noise variances, that is looked into: ten times what matters to a prediction."""
+PART: Final = 0.05
+"""Part of the gap of the model as given that the model written must leave to be looked into, and
+part of what is left that the refit must take away to be told."""
+_MOVED: Final = 2e-3
+"""Part of its value that a nuisance must move to be told."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +86,7 @@ def growth(
         return np.array([mean_squares(errors[block]) for block in blocks]) / variances
 
     tasks = [(record, values) for values in (given, fitted) for record in records]
-    found = list(pool.map(squares, tasks))
-    before, after = (
-        np.concatenate(part) for part in (found[: len(records)], found[len(records) :])
-    )
+    before, after = np.split(np.concatenate(list(pool.map(squares, tasks))), 2)
     known = np.isfinite(before)
     if not np.isfinite(after[known]).all():
         return Growth(np.inf, 0.0)
@@ -141,8 +153,8 @@ def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> Non
 
     Effects stay named if the model with them may be worse by chance only. If it is worse beyond
     chance, effects in the result are given up, and the verdict becomes `unknown_effect`; without
-    effects the verdict stays. The gaps of the channels are emptied, to be measured anew by the
-    caller.
+    effects the verdict stays. Nothing that was discovered is in the model written. The gaps of the
+    channels are emptied, to be measured anew by the caller.
 
     Args:
         result: result of the workflow; changed in place.
@@ -156,6 +168,7 @@ def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> Non
         result.verdict, result.effects, result.experiments = "unknown_effect", [], []
         result.rest, result.explained = result.where, float("nan")
     result.values, result.names, result.as_given = dict(plant.nominal), (), True
+    result.discovered = [replace(each, in_model=False) for each in result.discovered]
     result.channels = []
 
 
@@ -188,4 +201,56 @@ def ends_in_words(variables: Sequence[Variable], values: Values) -> list[str]:
     return [
         f"{' and '.join(names)} {were} refitted to {end}: something else is wrong that this makes "
         "up for in part, or the rig is farther from its model than that"
+    ]
+
+
+def held_out_deviate(refits: Refits, found: Found, named: Named, judged: Fitter) -> float:
+    """Return the normal deviate of a named effect's gain on the held-out recordings.
+
+    It is only reported: nothing is decided by it. Where what the effect changes in the predictions
+    costs less than `CHANCE`, the held-out motion shows nothing of the effect, and the deviate is
+    NaN. That cost is not the square of the change: on a stop that the model lacks, a few readings
+    would then outweigh all others. `judged` is the fitter of the held-out records.
+    """
+    values = found.fitted.values
+    held_out = judged.filtered(values)
+    without = found.refitted if named.read else refits.without(found, named.effect)[1]
+    both = zip(held_out.innovations(values), held_out.innovations(without.values), strict=True)
+    expected = held_out.costs_of([one - other for (one, _), (other, _) in both]).sum()
+    if expected < CHANCE:
+        return float("nan")
+    return deviate(held_out.costs(without.values) - held_out.costs(values))
+
+
+def changed_since(judged: Fitter, values: Values, gap: tuple[float, float]) -> list[str]:
+    """Return a list with one remark in words, on nuisances that differ in the held-out recordings.
+
+    The nuisances are refitted to the held-out recordings, for this remark alone: neither the gap
+    nor the model written gets anything of it. Without a change that matters the list is empty.
+
+    Args:
+        judged: fitter of the held-out recordings.
+        values: values of all parameters in the model written.
+        gap: gap held out, before and after, in noise variances.
+    """
+    before, left = gap
+    if not left > max(LOOKED_INTO, PART * before):
+        return []
+    refits = Refits(judged)
+    refitted = refits.settled(values, refits.nuisances)[0].values
+    gaps = channel_gaps(judged.predictor, judged.records, values, refitted, judged.pool)
+    still = mean_gap(gaps)[1]
+    names = [variable.parameter for variable in refits.nuisances]
+    moved = {name: refitted[name] / values[name] - 1.0 for name in names if values[name]}
+    told = ", ".join(
+        f"{name} {abs(change):.1%} {'more' if change > 0.0 else 'less'}"
+        for name, change in moved.items()
+        if abs(change) > _MOVED
+    )
+    if not told or not left - still > PART * left:
+        return []
+    return [
+        f"of the {left:.3g} noise variances left on the recordings held out, {left - still:.2g} "
+        f"would go with nuisances refitted to these alone ({told}): the machine was not quite the "
+        "same there, or the model errs otherwise in that motion"
     ]

@@ -4,7 +4,6 @@ A shape has a name, parts of a rig that make it, and an experiment that would co
 how a disturbance looks, not what its cause is. `sentences` puts a disturbance into a sentence.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,207 +24,155 @@ _POINTS: Final = 201
 
 @dataclass(frozen=True)
 class Word:
-    """An entry of the lexicon.
+    """An entry of the lexicon: what a shape means.
 
     Attributes:
-        name: name of the shape.
-        parts: parts of a rig that make such a shape, likeliest first, by the kind of place that it
-            enters (`kind_of`); "" for any other kind.
         experiment: what to run to confirm it.
+        parts: parts of a rig that make such a shape, likeliest first; those of a place of another
+            kind than the attributes below, or of a kind whose attribute is empty.
+        force: the same of a place of this kind (`kind_of`), and so on.
+        flow: as `force`.
+        valve: as `force`.
+        edges: as `force`.
+        reading: as `force`.
+        oil: as `force`.
+        supply: as `force`.
     """
 
-    name: str
-    parts: Mapping[str, str]
     experiment: str
+    parts: str
+    force: str = ""
+    flow: str = ""
+    valve: str = ""
+    edges: str = ""
+    reading: str = ""
+    oil: str = ""
+    supply: str = ""
 
 
 _SLOW: Final = "slow strokes over the whole length, both ways"
 _TWO_SUPPLIES: Final = "the same motion at two supply pressures"
 LEXICON: Final = {
-    word.name: word
-    for word in (
-        Word(
-            "constant",
-            {
-                "force": "a weight, a preloaded spring, or a seal whose friction is other",
-                "flow": "a leak, or a connection that is not shut",
-                "valve": "a spool that is off its centre",
-                "edges": "edges of the spool that are worn, or ground with another lap",
-                "reading": "a transducer whose zero is off",
-                "": "a value of the data sheet that does not hold",
-            },
-            "the same motion with another load, and a rest at both ends",
-        ),
-        Word(
-            "periodic_in_position",
-            {
-                "force": "the teeth of a rack, the pitch of a screw, or the poles of a motor",
-                "reading": "an encoder whose wheel is eccentric, or the teeth that it runs on",
-                "": "something that turns as the ram moves",
-            },
-            f"{_SLOW}, at two speeds: the pitch stays the same",
-        ),
-        Word(
-            "local_in_position",
-            {
-                "force": "a tight spot, a guide that is bent, or a seal that passes a burr",
-                "flow": "a bore that is worn or scored there",
-                "reading": "a damaged piece of the scale",
-                "": "a damaged place of the stroke",
-            },
-            f"{_SLOW}, through that place",
-        ),
-        Word(
-            "grows_with_pressure",
-            {
-                "force": "a seal that is pressed on by the pressure",
-                "flow": "a leak, or a hose that widens",
-                "reading": "a transducer whose gain is off, or that is not linear",
-                "oil": "air in the oil",
-                "": "a part that gives way under pressure",
-            },
-            _TWO_SUPPLIES,
-        ),
-        Word(
-            "power_of_velocity",
-            {
-                "force": "drag of oil in a line or port, or a damper",
-                "flow": "a narrow line or port",
-                "": "a flow through something narrow",
-            },
-            "strokes at three speeds",
-        ),
-        Word(
-            "depends_on_velocity",
-            {
-                "force": "friction whose course is other than the model's, or a damper",
-                "flow": "a seal that carries oil along, or a piston area that is other",
-                "reading": "a transducer that is late",
-                "": "something that moves with the ram",
-            },
-            "ramps from creep to full speed",
-        ),
-        Word(
-            "depends_on_position",
-            {
-                "force": "a spring, a load that hangs over, or a bore that narrows",
-                "flow": "a bore that is worn, or a volume other than the model's",
-                "reading": "a scale that is not straight",
-                "": "something that changes along the stroke",
-            },
-            _SLOW,
-        ),
-        Word(
-            "depends_on_pressure",
-            {
-                "force": "seals that are pressed on, or unequal piston areas",
-                "flow": "air in the oil, a hose, or a valve that opens",
-                "reading": "a transducer that is not linear",
-                "oil": "air in the oil, or a hose",
-                "": "a part that gives way under pressure",
-            },
-            _TWO_SUPPLIES,
-        ),
-        Word(
-            "depends_on_opening",
-            {
-                "flow": "edges of the spool that are worn, or not square",
-                "valve": "edges of the spool that are worn, or not square",
-                "edges": "edges of the spool that are worn, or not square",
-                "reading": "crosstalk of the valve's command into the transducer's cable",
-                "": "the valve or its amplifier",
-            },
-            "slow strokes through null",
-        ),
-        Word(
-            "depends_on_a_quantity",
-            {"": "something that the model does not have"},
-            "a motion in which this quantity changes and all others stay",
-        ),
-        Word(
-            "threshold",
-            {
-                "force": "a stop or a spring that is met, or a cushion",
-                "flow": "a relief or check valve that opens",
-                "valve": "a spool that is held until it is asked to go far",
-                "": "something that opens or is met there",
-            },
-            "a motion that passes the threshold slowly",
-        ),
-        Word(
-            "tone",
-            {
-                "flow": "the strokes of a pump, or a pulsation damper",
-                "supply": "the strokes of a pump, or a controller of it that hunts",
-                "force": "a machine beside the rig, or something that turns on it",
-                "": "hum of the mains, or a pump",
-            },
-            "a rest with the pump on, then off",
-        ),
-        Word(
-            "trend",
-            {
-                "reading": "a transducer or amplifier that drifts",
-                "valve": "an amplifier that drifts, or a valve that warms",
-                "": "oil that warms",
-            },
-            "the same motion cold and warm",
-        ),
-        Word(
-            "step_in_time",
-            {
-                "reading": "a transducer that was knocked, or a connector that slipped",
-                "flow": "a leak that opened",
-                "": "something that came loose or slipped",
-            },
-            "the same motion again: it stays as it was at the end",
-        ),
-        Word(
-            "lag",
-            {"": "a filter, slow electronics, or a long line to the transducer"},
-            "steps and fast sines",
-        ),
-        Word(
-            "resonance",
-            {"": "a pilot stage, a mass on a spring, or a line"},
-            "a sweep through its frequency",
-        ),
-        Word(
-            "random_delay",
-            {"": "a bus or a controller that is overloaded"},
-            "small steps, many of them",
-        ),
-        Word(
-            "play",
-            {"valve": "a spool that sticks, or hysteresis of its magnet",
-             "": "a worn joint, or a coupling with play"},
-            "small reversals",
-        ),
-        Word(
-            "saturation",
-            {"": "an amplifier or a valve at its end"},
-            "large and small steps",
-        ),
-        Word(
-            "stuck_channel",
-            {"": "a transducer or cable that failed"},
-            "a look at the channel alone",
-        ),
-        Word(
-            "mixed_up_channel",
-            {"": "cables that are swapped"},
-            "a look at the cables",
-        ),
-    )
-}  # fmt: skip
+    "constant": Word(
+        "the same motion with another load, and a rest at both ends",
+        "a value of the data sheet that does not hold",
+        force="a weight, a preloaded spring, or a seal whose friction is other",
+        flow="a leak, or a connection that is not shut",
+        valve="a spool that is off its centre",
+        edges="edges of the spool that are worn, or ground with another lap",
+        reading="a transducer whose zero is off",
+    ),
+    "periodic_in_position": Word(
+        f"{_SLOW}, at two speeds: the pitch stays the same",
+        "something that turns as the ram moves",
+        force="the teeth of a rack, the pitch of a screw, or the poles of a motor",
+        reading="an encoder whose wheel is eccentric, or the teeth that it runs on",
+    ),
+    "local_in_position": Word(
+        f"{_SLOW}, through that place",
+        "a damaged place of the stroke",
+        force="a tight spot, a guide that is bent, or a seal that passes a burr",
+        flow="a bore that is worn or scored there",
+        reading="a damaged piece of the scale",
+    ),
+    "grows_with_pressure": Word(
+        _TWO_SUPPLIES,
+        "a part that gives way under pressure",
+        force="a seal that is pressed on by the pressure",
+        flow="a leak, or a hose that widens",
+        reading="a transducer whose gain is off, or that is not linear",
+        oil="air in the oil",
+    ),
+    "power_of_velocity": Word(
+        "strokes at three speeds",
+        "a flow through something narrow",
+        force="drag of oil in a line or port, or a damper",
+        flow="a narrow line or port",
+    ),
+    "depends_on_velocity": Word(
+        "ramps from creep to full speed",
+        "something that moves with the ram",
+        force="friction whose course is other than the model's, or a damper",
+        flow="a seal that carries oil along, or a piston area that is other",
+        reading="a transducer that is late",
+    ),
+    "depends_on_position": Word(
+        _SLOW,
+        "something that changes along the stroke",
+        force="a spring, a load that hangs over, or a bore that narrows",
+        flow="a bore that is worn, or a volume other than the model's",
+        reading="a scale that is not straight",
+    ),
+    "depends_on_pressure": Word(
+        _TWO_SUPPLIES,
+        "a part that gives way under pressure",
+        force="seals that are pressed on, or unequal piston areas",
+        flow="air in the oil, a hose, or a valve that opens",
+        reading="a transducer that is not linear",
+        oil="air in the oil, or a hose",
+    ),
+    "depends_on_opening": Word(
+        "slow strokes through null",
+        "the valve or its amplifier",
+        flow="edges of the spool that are worn, or not square",
+        valve="edges of the spool that are worn, or not square",
+        edges="edges of the spool that are worn, or not square",
+        reading="crosstalk of the valve's command into the transducer's cable",
+    ),
+    "depends_on_a_quantity": Word(
+        "a motion in which this quantity changes and all others stay",
+        "something that the model does not have",
+    ),
+    "threshold": Word(
+        "a motion that passes the threshold slowly",
+        "something that opens or is met there",
+        force="a stop or a spring that is met, or a cushion",
+        flow="a relief or check valve that opens",
+        valve="a spool that is held until it is asked to go far",
+    ),
+    "tone": Word(
+        "a rest with the pump on, then off",
+        "hum of the mains, or a pump",
+        flow="the strokes of a pump, or a pulsation damper",
+        supply="the strokes of a pump, or a controller of it that hunts",
+        force="a machine beside the rig, or something that turns on it",
+    ),
+    "trend": Word(
+        "the same motion cold and warm",
+        "oil that warms",
+        reading="a transducer or amplifier that drifts",
+        valve="an amplifier that drifts, or a valve that warms",
+    ),
+    "step_in_time": Word(
+        "the same motion again: it stays as it was at the end",
+        "something that came loose or slipped",
+        reading="a transducer that was knocked, or a connector that slipped",
+        flow="a leak that opened",
+    ),
+    "lag": Word(
+        "steps and fast sines", "a filter, slow electronics, or a long line to the transducer"
+    ),
+    "resonance": Word(
+        "a sweep through its frequency", "a pilot stage, a mass on a spring, or a line"
+    ),
+    "random_delay": Word("small steps, many of them", "a bus or a controller that is overloaded"),
+    "play": Word(
+        "small reversals",
+        "a worn joint, or a coupling with play",
+        valve="a spool that sticks, or hysteresis of its magnet",
+    ),
+    "saturation": Word("large and small steps", "an amplifier or a valve at its end"),
+    "stuck_channel": Word("a look at the channel alone", "a transducer or cable that failed"),
+    "mixed_up_channel": Word("a look at the cables", "cables that are swapped"),
+}
 """All shapes by name. Curves show no `resonance`, `random_delay`, `stuck_channel` and
 `mixed_up_channel`: whoever finds these in another way names them so."""
 
 
 def likely_parts(name: str, place: str, plant: Plant) -> str:
     """Return which parts of a rig make a shape with this name at a place, in words."""
-    parts = LEXICON[name].parts
-    return parts.get(kind_of(place, plant), parts.get("", next(iter(parts.values()))))
+    word, kind = LEXICON[name], kind_of(place, plant)
+    return (getattr(word, kind) if kind else "") or word.parts
 
 
 _KINDS: Final = {
@@ -385,9 +332,7 @@ def is_leak(addition: Addition, low: float, high: float) -> bool:
     """
     if addition.place == _ACROSS:
         return True
-    if addition.place not in _LEAKING:
-        return False
-    if addition.of != _LEAKING[addition.place]:
+    if addition.of != _LEAKING.get(addition.place):
         return False
     x = np.linspace(low, high, 101)
     out = -addition.shape(x)

@@ -9,8 +9,7 @@ tried to their end.
 
 from estimator.gap.search import DiscoveredModel, Discovering, Found
 
-from .choosing import BEYOND, WHOLE
-from .own_form import owners
+from .choosing import BEYOND, WHOLE, owners
 
 
 class OneCurve:

@@ -24,8 +24,10 @@ def has_tones(layout: Layout | None, values: Values) -> bool:
     return layout is not None and any(a.form == "tone" for a in layout.additions(values))
 
 
-def without_tones(layout: Layout, values: Values) -> dict[str, float]:
+def without_tones(layout: Layout | None, values: Values) -> dict[str, float]:
     """Return the values of all parameters with all that they hold, except tones."""
+    if layout is None:
+        return dict(values)
     kept = [each for each in layout.additions(values) if each.form != "tone"]
     return {**values, **layout.values(kept)}
 
@@ -73,6 +75,6 @@ def _phase(beginning: Fitter, values: Values, name: str) -> float:
     filtered = beginning.filtered({**values, name: 0.0})
     costs = [float(filtered.costs({**values, name: float(phase)}).sum()) for phase in phases]
     start = float(phases[int(np.argmin(costs))])
-    variable = Variable(ADDED, name, name, 0.03, start - 10.0, start + 10.0)
+    variable = Variable(name, name, 0.03, start - 10.0, start + 10.0, name=ADDED)
     fitted = filtered.fit({**values, name: start}, [variable], 4)
     return float(fitted.values[name])

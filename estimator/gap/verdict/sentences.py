@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Plant
-from estimator.gap.search import NORMAL_95
+from estimator.gap.search import NORMAL_95, places_of, varying_of
 
 _NOUNS: Final = {
     "force balance": ("A force against extension", "A force towards extension",
@@ -57,14 +57,13 @@ def sentence(
     y = addition.shape(x)
     small = 0.05 * float(np.abs(y).max())
     positive, negative, either = _nouns(addition, plant)
+    noun, sign = either, 1.0
     if addition.form in ("wave", "tone"):
-        noun, sign = either.split(",")[0], 1.0
+        noun = either.split(",")[0]
     elif y.min() >= -small:
-        noun, sign = positive, 1.0
+        noun = positive
     elif y.max() <= small:
         noun, sign = negative, -1.0
-    else:
-        noun, sign = either, 1.0
     return f"{noun} {_Predicate(addition, name, errors, plant, (low, high), sign).words()}"
 
 
@@ -100,39 +99,37 @@ class _Predicate:
         if form == "bump":
             middle, width = self._addition.at
             near = f"about {self._at(middle)}, within {self._at(width)} to either side"
-            return f"that acts where {self._of} is {near}: {self._size(1.0)} in the middle"
+            return f"that acts where {self._of} is {near}: {self._size()} in the middle"
         if form == "hinge":
-            per = f"{self._size(1.0 / self._of_factor)} per {self._of_unit or 'unit'}"
-            grows = "grows by" if self._sign * self._addition.values[0] > 0.0 else "falls by"
             begins = f"that begins where {self._of} passes {self._at(self._addition.at[0])}"
-            return f"{begins}, and {grows} {per.removeprefix('-')} beyond"
+            return f"{begins}, and {self._grows()} by {self._slope()} beyond"
         if form == "constant" or not self._addition.of:
-            return f"that is always there: {self._size(1.0)}"
+            return f"that is always there: {self._size()}"
+        if form == "x":
+            return self._proportional()
         return self._power(form)
 
+    def _proportional(self) -> str:
+        if self._addition.of == DIRECTION:
+            return f"that turns with {self._of}: {self._size()} while extending"
+        if self._name == "lag":
+            late = f"{-1e3 * self._addition.values[0]:.3g} ms"
+            return f"that grows with {self._of}, as if it came {late} late"
+        grows = "drifts" if self._addition.of == TIME_NAME else self._grows()
+        return f"that {grows} with {self._of}, by {self._slope()}"
+
     def _power(self, form: str) -> str:
-        """Return the words for one of the forms `x`, `|x|`, `x^2` and `x |x|`."""
+        """Return the words for one of the forms `|x|`, `x^2` and `x |x|`."""
         low, high = self._reach
-        if form == "x":
-            if self._addition.of == DIRECTION:
-                return f"that turns with {self._of}: {self._size(1.0)} while extending"
-            if self._name == "lag":
-                late = f"{-1e3 * self._addition.values[0]:.3g} ms"
-                return f"that grows with {self._of}, as if it came {late} late"
-            per = f"{self._size(1.0 / self._of_factor)} per {self._of_unit or 'unit'}"
-            grows = "grows" if self._sign * self._addition.values[0] > 0.0 else "falls"
-            if self._addition.of == TIME_NAME:
-                grows = "drifts"
-            return f"that {grows} with {self._of}, by {per.removeprefix('-')}"
         far = high if abs(high) >= abs(low) else low
-        how = {"|x|": "the magnitude of", "x^2": "the square of", "x |x|": "the square of"}[form]
+        how = "the magnitude of" if form == "|x|" else "the square of"
         turned = " and turns with its sign" if form == "x |x|" and low < 0.0 < high else ""
         shape = float(self._addition.shape(np.array([far]))[0]) / self._addition.values[0]
         return f"that goes with {how} {self._of}{turned}: {self._size(shape)} at {self._at(far)}"
 
     def _wave(self) -> str:
         period = self._addition.at[0]
-        swings = f"by {self._size(1.0).removeprefix('-')} to either side"
+        swings = f"by {self._size().removeprefix('-')} to either side"
         if self._addition.of == TIME_NAME:
             begins = ", and begins each recording at another phase"
             begins = begins if self._addition.form == "tone" else ""
@@ -143,7 +140,7 @@ class _Predicate:
         values = self._addition.values
         ends = sorted({int(np.argmin(values)), int(np.argmax(values))})
         word = "while" if self._addition.of == DIRECTION else "at"
-        at = [f"{self._value(k)} {word} {self._at(self._addition.at[k])}" for k in ends]
+        at = [f"{self._size(knot=k)} {word} {self._at(self._addition.at[k])}" for k in ends]
         says = {
             "constant": "that is nearly the same everywhere",
             "local_in_position": f"that acts at one place along {self._of}",
@@ -158,17 +155,23 @@ class _Predicate:
         }.get(self._name, f"that depends on {self._of}")
         return f"{says}: from {at[0]} to {at[1]}" if len(at) > 1 else f"{says}: {at[0]}"
 
-    def _size(self, shape: float) -> str:
-        """Return the size of a form in symbols where the form is `shape`, with its interval."""
-        error = self._errors[0] if len(self._errors) else float("nan")
-        scale = self._factor * shape
-        return shown(self._sign * self._addition.values[0] * scale, abs(error * scale), self._unit)
+    def _grows(self) -> str:
+        return "grows" if self._sign * self._addition.values[0] > 0.0 else "falls"
 
-    def _value(self, k: int) -> str:
-        """Return a table's value at its knot k, with its interval."""
-        error = self._errors[k] if k < len(self._errors) else float("nan")
-        value = self._sign * self._addition.values[k] * self._factor
-        return shown(value, error * self._factor, self._unit)
+    def _slope(self) -> str:
+        """Return the size per unit of the quantity, without its sign."""
+        size = self._size(1.0 / self._of_factor).removeprefix("-")
+        return f"{size} per {self._of_unit or 'unit'}"
+
+    def _size(self, shape: float = 1.0, knot: int = 0) -> str:
+        """Return the value at a table's knot, or of a form in symbols, with its interval.
+
+        It is the value where the form is `shape`, of a table that of the knot itself.
+        """
+        error = self._errors[knot] if knot < len(self._errors) else float("nan")
+        scale = self._factor * shape
+        value = self._sign * self._addition.values[knot] * scale
+        return shown(value, abs(error * scale), self._unit)
 
     def _at(self, x: float) -> str:
         """Return a value of the quantity, SI, in the unit in which it is shown."""
@@ -218,26 +221,14 @@ def shown(value: float, error: float, unit: str) -> str:
 
 def unit_of(place: str, plant: Plant) -> tuple[str, float]:
     """Return the unit in which a disturbance of a place is shown, and its number in one SI unit."""
-    for equation in plant.equations:
-        if equation.name == place:
-            return equation.shown
-    for varying in plant.varying:
-        if varying.name == place:
-            return varying.shown
-    for output in plant.outputs:
-        if place == f"reading of {output.channel}":
-            return output.shown or (output.unit, 1.0)
-    return "", 1.0
+    places = (*places_of(plant), *varying_of(plant))
+    return next((each.shown for each in places if each.name == place), ("", 1.0))
 
 
 def si_unit_of(place: str, plant: Plant) -> str:
     """Return the SI unit of a disturbance of a place."""
-    places = {
-        **{each.name: each.unit for each in plant.equations},
-        **{each.name: each.unit for each in plant.varying},
-        **{f"reading of {each.channel}": each.unit for each in plant.outputs},
-    }
-    return places.get(place, "")
+    places = (*places_of(plant), *varying_of(plant))
+    return next((each.unit for each in places if each.name == place), "")
 
 
 def quantity_unit(of: str, plant: Plant) -> tuple[str, float]:

@@ -9,7 +9,7 @@ stated errs at rest as much as in motion, and does not count.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -92,29 +92,29 @@ def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> 
     """
     plant = filtered.predictor.plant
     floors = np.mean([mean_costs(twin, values) for twin in twins], axis=0)
-    innovations = filtered.innovations(values)
-    of_twins = [twin.innovations(values) for twin in twins]
-    excess, used = [], []
-    for index, (of_record, blocks) in enumerate(zip(filtered.used, filtered.blocks, strict=True)):
-        inside = slice(blocks[0].start, blocks[-1].stop)
-        floor = np.mean([cost_of(twin[index][0][inside]) for twin in of_twins], axis=0)
-        excess.append(cost_of(innovations[index][0][inside]) - floor)
-        used.append(of_record[inside])
-    above, known = np.concatenate(excess), np.concatenate(used)
+    costs, *of_twins = (
+        cost_of(_inside(filtered, [innovations for innovations, _ in each.innovations(values)]))
+        for each in (filtered, *twins)
+    )
+    above, known = costs - np.mean(of_twins, axis=0), _inside(filtered, filtered.used)
     quantities = {
-        name: np.concatenate(
-            [
-                value[blocks[0].start : blocks[-1].stop]
-                for value, blocks in zip(parts, filtered.blocks, strict=True)
-            ]
-        )
-        for name, parts in _quantities(filtered, values).items()
+        name: _inside(filtered, parts) for name, parts in _quantities(filtered, values).items()
     }
     return [
         _of_channel(plant, output.channel, above[known[:, k], k], float(floors[k]),
                     {name: value[known[:, k]] for name, value in quantities.items()})
         for k, output in enumerate(plant.outputs)
     ]  # fmt: skip
+
+
+def _inside(filtered: Filtered, parts: Sequence[Any]) -> Any:
+    """Return an array (n, ...) of each record, from the first block to the last, all in one."""
+    return np.concatenate(
+        [
+            part[blocks[0].start : blocks[-1].stop]
+            for part, blocks in zip(parts, filtered.blocks, strict=True)
+        ]
+    )
 
 
 def compared(left: Sequence[Unsettled], filtered: Filtered, values: Values) -> list[Unsettled]:
@@ -185,14 +185,14 @@ def _of_channel(
         quantities: quantities (n,) that the errors may depend on, by name.
     """
     mean = float(above.mean()) if len(above) else 0.0
-    even = (np.full(1, mean), np.zeros(1))
+    one = np.zeros(1)
+    best, most = Unsettled(channel, TIME.name, one, one + mean, one, mean, "s", floor), 0.0
+    if not len(above):
+        return best
     units = {name: region.unit for name, region in plant.regions.items()}
     for name, unit in zip(plant.inputs, plant.input_units, strict=True):
         units[f"rate of {name}"] = f"{unit}/s"
-    best, most = Unsettled(channel, TIME.name, np.zeros(1), *even, mean, "s", floor), 0.0
     for name, value in quantities.items():
-        if len(value) == 0:
-            continue
         ends = np.unique(np.quantile(value, np.linspace(0.0, 1.0, BINS + 1)))
         if len(ends) < 3:
             continue

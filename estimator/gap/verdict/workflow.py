@@ -3,15 +3,14 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import PHASES, Knob, Plant, Record, record_of
+from estimator.gap.plant import PHASES, Plant, record_of
 from estimator.gap.prediction import (
     Curve,
-    DetectionLimit,
     Discovered,
     Estimate,
     Filtered,
@@ -31,6 +30,7 @@ from estimator.gap.prediction import (
     unheard,
     unsuitable,
     usable,
+    with_effect_of,
     worse_than_resting,
 )
 from estimator.gap.search import (
@@ -51,16 +51,21 @@ from estimator.gap.search import (
 )
 from rig.recording import Recording
 
-from .another_day import changed_since
 from .choosing import Choice, choose
-from .confirming import held_out_deviates
-from .describing import Wanted, described_as, kept_of, measured
+from .describing import Wanted, described_as, measured, stuck_channels, without_unwanted
 from .experiments import separations
 from .judging import Evidence, Judgement, judge
-from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
+from .keeping import (
+    at_an_end,
+    changed_since,
+    ends_in_words,
+    growth,
+    held_out_deviate,
+    take_back,
+    why_worse,
+)
 from .one_curve import OneCurve
 from .phases import BEGINNING_S, has_tones, known_phases, without_tones
-from .stuck_channels import stuck_channels
 from .unsettled import compared, unsettled
 
 _FORM: Final = 5e-3
@@ -75,7 +80,7 @@ def find_gap(
     plant: Plant,
     seed: int = 1,
     wanted: Wanted | None = None,
-    said: Callable[[str], None] | None = None,
+    said: Callable[[str], None] = lambda words: None,
 ) -> GapResult:
     """Return where a plant's model and its recordings disagree, and what the model lacks.
 
@@ -88,12 +93,11 @@ def find_gap(
         plant: plant with the model to be tested.
         seed: seed of the twins' sensor noise.
         wanted: what the model written may hold; None for all but suspected leaks.
-        said: is told in words what is being done.
+        said: is told in words what is being done; nobody is by default.
 
     Raises:
         KeyError: a recording lacks a channel of the plant.
     """
-    predictor = Predictor(plant)
     result = GapResult("inconclusive", [], values=dict(plant.nominal), as_given=True)
     result.identification = [(r.source, r.content_hash()) for r in recordings]
     result.holdout = [(r.source, r.content_hash()) for r in holdout]
@@ -107,42 +111,33 @@ def find_gap(
         replace(record_of(recording, plant), number=number if few else PHASES)
         for number, recording in enumerate((*recordings, *holdout))
     ]
-    whole, whole_judged = every[: len(recordings)], every[len(recordings) :]
-    records, judged = usable(whole, plant), usable(whole_judged, plant)
-    tell = said or _silent
+    both = [every[: len(recordings)], every[len(recordings) :]]
+    used = [usable(whole, plant) for whole in both]
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        fitter, judge_with = (Fitter(predictor, each, pool) for each in (records, judged))
-        result.reasons = unsuitable(fitter, judge_with)
+        fitter, judged = (Fitter(Predictor(plant), each, pool) for each in used)
+        result.reasons = unsuitable(fitter, judged)
         if not result.reasons:
             try:
-                _search(result, Search(fitter, seed), judge_with, wanted or Wanted(), tell)
+                _search(result, Search(fitter, seed), judged, wanted or Wanted(), said)
             except np.linalg.LinAlgError:
                 result.verdict, result.effects, result.channels = "inconclusive", [], []
                 result.discovered = []
                 result.values, result.names, result.as_given = dict(plant.nominal), (), True
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
-        _show(result, predictor, judged, pool)
-    _tell_stuck(result, [*recordings, *holdout], plant)
-    long = [record for record in (*whole, *whole_judged) if slices_of(record, plant.period)]
-    lost = sum(map(len, long)) - sum(map(len, [*records, *judged]))
+        _show(result, judged)
+    stuck = stuck_channels([*recordings, *holdout], plant)
+    result.discovered = [*result.discovered, *stuck]
+    if stuck and result.verdict == "adequate":
+        # A rig with a stuck channel is not as its model is.
+        result.verdict = "unknown_effect"
+    long = [record for whole in both for record in whole if slices_of(record, plant.period)]
+    lost = sum(map(len, long)) - sum(len(record) for records in used for record in records)
     if lost:
         result.reasons.append(
             f"{lost * plant.period:.1f} s of the recordings cannot be followed, as two readings or "
             "more are missing or at an end of their range there: they are left out"
         )
     return result
-
-
-def _tell_stuck(result: GapResult, recordings: Sequence[Recording], plant: Plant) -> None:
-    """Set the channels that are stuck in the result: a rig with one is not as its model is."""
-    stuck = stuck_channels(recordings, plant)
-    result.discovered = [*result.discovered, *stuck]
-    if stuck and result.verdict == "adequate":
-        result.verdict = "unknown_effect"
-
-
-def _silent(words: str) -> None:
-    """Tell nobody what is being done."""
 
 
 def _search(
@@ -161,8 +156,7 @@ def _search(
     said("looking for what the catalogue does not have")
     choice = choose(discovering, found, MATERIAL, curve.first)
     said("looking where the model was wrong, and what is left")
-    judgement = _judgement(result, search, found, choice, judged)
-    result.verdict, result.reasons = judgement.verdict, list(judgement.reasons)
+    result.verdict, result.reasons = _judgement(result, search, found, choice, judged)
     if result.verdict == "inconclusive":
         result.rest, result.channels = result.where, []
         result.reasons += ends_in_words(search.refits.nuisances, found.refitted.values)
@@ -182,37 +176,33 @@ def _judgement(
     The model that was chosen becomes that of the finding. Where the model was wrong and what is
     left are set in the result.
     """
-    refitted = found.filtered.at(found.refitted.values)
-    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
-    result.where = result.rest = _ranked(
-        before.curves(found.floor),
-        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
-    )
+    refitted, values = found.filtered.at(found.refitted.values), found.refitted.values
+    result.where = result.rest = _curves(refitted, values, search.refits.nuisances, found.floor)
     if not choice.named:
         found.named = []
     model = choice.model
-    values = known_phases(model.fitted.values, judged)
-    if values is not model.fitted.values:
-        model.fitted = Fitted(dict(values), model.fitted.costs)
-        model.filtered = search.fitter.filtered(values)
+    phased = known_phases(model.fitted.values, judged)
+    if phased is not model.fitted.values:
+        model.fitted = Fitted(dict(phased), model.fitted.costs)
+        model.filtered = search.fitter.filtered(phased)
     found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
     if choice.named or choice.discovered:
-        after = attribution(found.filtered, found.fitted.values, found.variables)
-        result.rest = _ranked(
-            after.curves(found.floor),
-            drifts(found.filtered, found.fitted.values, found.variables, found.floor),
-        )
+        result.rest = _curves(found.filtered, found.fitted.values, found.variables, found.floor)
     twins = search.twins.of(found.fitted.values)
     left = unsettled(found.filtered, twins, found.fitted.values)
-    left = compared(left, refitted, found.refitted.values)
+    # A disturbance of a reading does not count as located, because it explains much even of another
+    # rig, or of swapped channels.
+    places = {equation.name for equation in search.plant.equations}
     return judge(
         Evidence(
             found=found,
             discovered=choice.discovered,
             rest=result.rest,
-            located=_located(search.plant, result.where),
+            located=max(
+                (each.share for each in result.where if each.equation in places), default=0.0
+            ),
             resting=_resting(found.filtered, judged),
-            unsettled=left,
+            unsettled=compared(left, refitted, values),
             held_out=search.held_out_excess(judged, found.fitted.values),
         )
     )
@@ -223,81 +213,53 @@ def _set_answer(
 ) -> None:
     """Set effects, disturbances, the model written and its held-out gap in the result."""
     fitter, plant = search.fitter, search.plant
-    known = _known(search, found, judged)
     described = {
         id(each): described_as(each, plant)
         for each in (*choice.discovered, *choice.corrections.values())
     }
     # All is told of the whole model, and then what is not wanted is left out of that written.
-    kept = kept_of(search, found, choice, described, wanted)
-    layout = plant.layout
-    result.values, result.names = dict(kept.values), tuple(n.effect for n in found.named)
-    if layout is not None and has_tones(layout, kept.values):
-        result.values = without_tones(layout, kept.values)
-        result.reasons.append(
-            "the model written has no tone, as it begins each recording at another phase; the gap "
-            f"after has it, with the phase of the first {BEGINNING_S:g} s of what was held out"
-        )
-    result.as_given = False
-    result.discovered = [
-        measured(replace(described[id(each)], in_model=kept.writes(each)), each, fitter, judged)
-        for each in choice.discovered
-    ]
+    result.values = dict(without_unwanted(search, found, choice, described, wanted))
+    result.names, result.as_given = tuple(named.effect for named in found.named), False
+    result.discovered = []
+    for each in choice.discovered:
+        told = described[id(each)]
+        in_model = wanted.allows(told) and each.addition.form != "tone"
+        result.discovered.append(measured(replace(told, in_model=in_model), each, judged))
     result.reasons += [
         f"{each.text} It is suspected to be a leak, so that the model written does not have it: "
         "the leak detector would not see it; --accept-leaks adds it"
         for each in result.discovered
         if each.suspected_leak and not each.in_model and wanted.discovered
     ]
-    worse = _compare(result, fitter, judged, kept.values, named=bool(found.named))
+    _measure(result, judged)
+    gap = (result.gap_before, result.gap_after)
+    held_out, fitted_to = (
+        growth(each.predictor, each.records, plant.nominal, result.values, each.pool)
+        for each in (judged, fitter)
+    )
+    worse = why_worse(held_out, gap, fitted_to, named=bool(found.named))
+    errors = _standard_errors(search, found)
     corrections = {name: described[id(each)] for name, each in choice.corrections.items()}
     result.effects = [
-        _named(plant, found, named, known, corrections.get(named.effect)) for named in found.named
+        _named(search, found, named, errors, judged, corrections.get(named.effect))
+        for named in found.named
     ]
-    result.refitted = [
-        _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
-    ]
+    result.refitted = [_fitted(plant, found, v, errors) for v in found.variables if not v.key]
     if worse is None:
-        gap = (result.gap_before, result.gap_after)
         result.reasons += changed_since(judged, result.values, gap)
     else:
         names = " and ".join(named.effect for named in found.named)
         take_back(result, plant, names or "the refit", worse)
-        result.discovered = [replace(each, in_model=False) for each in result.discovered]
+    if has_tones(plant.layout, result.values):
+        result.values = without_tones(plant.layout, result.values)
+        result.reasons.append(
+            "the model written has no tone, as it begins each recording at another phase; the gap "
+            f"after has it, with the phase of the first {BEGINNING_S:g} s of what was held out"
+        )
     if result.verdict != "unknown_effect":
-        result.reasons += known.absorbed
-    result.limits = known.limits
+        result.reasons += absorbed(search, found)
+    result.limits = limits(found.filtered, found.fitted.values, found.variables)
     result.experiments = separations(plant, found, fitter.pool)
-
-
-@dataclass(frozen=True)
-class _Known:
-    """What is known of a finding in addition to its fit.
-
-    Attributes:
-        held_out: normal deviate of each effect's gain on the held-out recordings, by effect.
-        cosines: cosine of each effect's signature with those of its rivals, by effect and rival.
-        errors: standard errors, SI, by parameter.
-        limits: for each effect the smallest size that these motions would show.
-        absorbed: remarks in words on effects that the refit of a nuisance may stand for.
-    """
-
-    held_out: dict[str, float]
-    cosines: dict[str, dict[str, float]]
-    errors: dict[str, float]
-    limits: list[DetectionLimit]
-    absorbed: list[str]
-
-
-def _known(search: Search, found: Found, judged: Fitter) -> _Known:
-    """Return what is known of a finding in addition to its fit."""
-    return _Known(
-        held_out_deviates(search.refits, found, judged),
-        {n.effect: {} if n.read else _cosines(search, found, n) for n in found.named},
-        _standard_errors(search, found),
-        limits(found.filtered, found.fitted.values, found.variables),
-        absorbed(search, found),
-    )
 
 
 def _resting(filtered: Filtered, judged: Fitter) -> list[str]:
@@ -314,20 +276,17 @@ def _resting(filtered: Filtered, judged: Fitter) -> list[str]:
     return list(dict.fromkeys(channel for channels in found for channel in channels))
 
 
-def _ranked(*curves: list[Curve]) -> list[Curve]:
-    """Return all curves together, sorted by the share that they explain, the best first."""
-    return sorted((c for part in curves for c in part), key=lambda curve: -curve.share)
+def _curves(
+    filtered: Filtered, values: Values, variables: Sequence[Variable], floor: float
+) -> list[Curve]:
+    """Return the disturbances and drifts that would explain the cost above a floor.
 
-
-def _located(plant: Plant, curves: Sequence[Curve]) -> float:
-    """Return the part of the excess that the best disturbance of one equation explains.
-
-    A disturbance of a reading does not count, because it explains much even of another rig, or of
-    swapped channels.
+    They are sorted by the share that they explain, the best first; the arguments are those of
+    `drifts`.
     """
-    places = {equation.name for equation in plant.equations}
-    shares = [curve.share for curve in curves if curve.equation in places]
-    return max(shares, default=0.0)
+    curves = attribution(filtered, values, variables).curves(floor)
+    curves += drifts(filtered, values, variables, floor)
+    return sorted(curves, key=lambda curve: -curve.share)
 
 
 def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
@@ -336,63 +295,41 @@ def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
     They are given by the name of the effect. Nuisances and all else that was found are projected
     out.
     """
-    plant = search.plant
-    values = found.fitted.values
-    own = effect_variables(plant.effects[named.effect])
-    for variable in own:
-        values = variable.put(values, plant.nominal[variable.parameter])
-    changes = {named.effect: found.fitted.values}
+    plant, effect = search.plant, search.plant.effects[named.effect]
+    values = with_effect_of(found.fitted.values, effect, plant.nominal)
+    changes: dict[str, Values] = {named.effect: found.fitted.values}
     for rival in named.alternatives:
-        changed = dict(values)
-        for variable in effect_variables(plant.effects[rival.effect]):
-            changed = variable.put(changed, rival.fitted.values[variable.parameter])
-        changes[rival.effect] = changed
+        other = plant.effects[rival.effect]
+        changes[rival.effect] = with_effect_of(values, other, rival.fitted.values)
+    own = effect_variables(effect)
     kept = [v for v in found.variables if v not in own]
     alike = cosines(found.filtered, values, kept, changes)
     return dict(zip(changes, map(float, alike), strict=True))
 
 
-def _show(
-    result: GapResult, predictor: Predictor, judged: Sequence[Record], pool: ThreadPoolExecutor
-) -> None:
+def _show(result: GapResult, judged: Fitter) -> None:
     """Set the held-out gap and the free simulations in the result."""
-    if not judged:
+    if not judged.records:
         return
     # The gap of the fitted model is known already, from when it was judged.
     if not result.channels:
-        _measure(result, predictor, judged, result.values, pool)
+        _measure(result, judged)
     if result.channels:
-        result.free_runs = free_runs(predictor, judged, predictor.plant.nominal, result.values)
+        given = judged.predictor.plant.nominal
+        result.free_runs = free_runs(judged.predictor, judged.records, given, result.values)
 
 
-def _measure(
-    result: GapResult, predictor: Predictor, judged: Sequence[Record], values: Values,
-    pool: ThreadPoolExecutor,
-) -> None:  # fmt: skip
-    """Set the held-out gaps of the model as given and of one with these values.
+def _measure(result: GapResult, judged: Fitter) -> None:
+    """Set the held-out gaps of the model as given and of the one written.
 
     If one of them is not finite, both become NaN and the channels' gaps are left out.
     """
-    gaps = channel_gaps(predictor, judged, predictor.plant.nominal, values, pool)
+    given = judged.predictor.plant.nominal
+    gaps = channel_gaps(judged.predictor, judged.records, given, result.values, judged.pool)
     before, after = mean_gap(gaps)
     finite = bool(np.isfinite(before + after))
     result.channels = gaps if finite else []
     result.gap_before, result.gap_after = (before, after) if finite else (np.nan, np.nan)
-
-
-def _compare(
-    result: GapResult, fitter: Fitter, judged: Fitter, values: Values, *, named: bool
-) -> Worse | None:
-    """Set the held-out gap of a model with these values; return why it is worse, else None."""
-    predictor, pool = fitter.predictor, fitter.pool
-    given = predictor.plant.nominal
-    _measure(result, predictor, judged.records, values, pool)
-    held_out, fitted_to = (
-        growth(predictor, records, given, values, pool)
-        for records in (judged.records, fitter.records)
-    )
-    gap = (result.gap_before, result.gap_after)
-    return why_worse(held_out, gap, fitted_to, named=named)
 
 
 def _floor(search: Search, model: Found | DiscoveredModel) -> float:
@@ -449,36 +386,47 @@ def form_error(value: float, before: float) -> float:
     return _FORM * abs(size)
 
 
-def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, float]) -> Estimate:
-    value = found.fitted.values[variable.parameter]
-    before = plant.nominal[variable.parameter]
-    form = form_error(value, before) if variable.key else 0.0
-    error = np.hypot(errors[variable.parameter], form)
-    reach = float(NORMAL_95 * error)
-    end = not variable.key and at_an_end(variable, found.fitted.values)
-    unit = next(p.unit for p in plant.parameters if p.name == variable.parameter)
-    return Estimate(
-        variable.key or variable.parameter, variable.parameter, value, value - reach, value + reach,
-        unit, before, end,
-    )  # fmt: skip
+def _fitted(plant: Plant, found: Found, variable: Variable, errors: dict[str, float]) -> Estimate:
+    """Return the estimate of a fitted variable; `errors` has standard errors by parameter."""
+    name, values = variable.parameter, found.fitted.values
+    form = form_error(values[name], plant.nominal[name]) if variable.key else 0.0
+    end = not variable.key and at_an_end(variable, values)
+    error = float(np.hypot(errors[name], form))
+    return _estimate(plant, variable.key or name, name, values[name], error, at_an_end=end)
 
 
-def _read(plant: Plant, knob: Knob, value: float, error: float) -> Estimate:
-    """Return the value of a knob that was read off a curve; `error` is its standard error."""
-    unit = next(p.unit for p in plant.parameters if p.name == knob.parameter)
+def _estimate(
+    plant: Plant, key: str, parameter: str, value: float, error: float, *, at_an_end: bool = False
+) -> Estimate:
+    """Return a parameter's value with the interval that follows from its standard error."""
     reach = NORMAL_95 * error
-    return Estimate(
-        knob.key, knob.parameter, value, value - reach, value + reach, unit,
-        plant.nominal[knob.parameter],
-    )  # fmt: skip
+    unit = next(p.unit for p in plant.parameters if p.name == parameter)
+    before = plant.nominal[parameter]
+    return Estimate(key, parameter, value, value - reach, value + reach, unit, before, at_an_end)
 
 
 def _named(
-    plant: Plant, found: Found, named: Named, known: _Known, correction: Discovered | None
-) -> NamedEffect:
-    """Return a named effect as it is reported; `correction` is the curve that corrects it."""
-    effect = plant.effects[named.effect]
-    alike = known.cosines[named.effect]
+    search: Search, found: Found, named: Named, errors: dict[str, float], judged: Fitter,
+    correction: Discovered | None,
+) -> NamedEffect:  # fmt: skip
+    """Return a named effect as it is reported.
+
+    Args:
+        search: the search that found it.
+        found: finding with everything that was chosen.
+        named: the effect.
+        errors: standard errors, SI, by parameter.
+        judged: fitter of the held-out records.
+        correction: the curve that corrects the effect's formula; None if there is none.
+    """
+    plant, effect = search.plant, search.plant.effects[named.effect]
+    if named.read is None:
+        alike = _cosines(search, found, named)
+        own = [v for v in found.variables if v.name == effect.name and v.key]
+        estimates = tuple(_fitted(plant, found, v, errors) for v in own)
+    else:
+        alike, knob = {}, effect.knobs[0]
+        estimates = (_estimate(plant, knob.key, knob.parameter, *named.read),)
     possible = {a.effect for a in named.indistinguishable}
     rivals = [
         Rival(a.effect, a.share, a.z, alike.get(a.effect, float("nan")),
@@ -486,15 +434,9 @@ def _named(
         for a in named.alternatives
     ]  # fmt: skip
     return NamedEffect(
-        effect.name, effect.equation, effect.where,
-        (_read(plant, effect.knobs[0], *named.read),) if named.read else
-        tuple(_estimate(plant, found, v, known.errors) for v in found.variables
-              if v.name == effect.name and v.key),
-        named.gain, named.bar, named.z,
+        effect.name, effect.equation, effect.where, estimates, named.gain, named.bar, named.z,
         tuple(r for r in rivals if r.effect in possible),
         tuple(r for r in rivals if r.effect not in possible),
-        effect.unseen,
-        known.held_out[named.effect],
-        correction,
+        effect.unseen, held_out_deviate(search.refits, found, named, judged), correction,
         named.read is not None,
     )  # fmt: skip

@@ -127,7 +127,6 @@ def checked(
         if worse is not None:
             named = " and ".join(effect.name for effect in found.effects)
             take_back(found, plant, f"{named or 'the refit'}, on the check", worse)
-            found.discovered = [replace(each, in_model=False) for each in found.discovered]
             written = channel_gaps(predictor, records, given, given, pool)
     seconds = sum(map(len, records)) * plant.period
     names = tuple(effect.name for effect in again.effects)

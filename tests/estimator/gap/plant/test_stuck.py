@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 from estimator.gap.plant import Plant, record_of, stuck_stretches
 from estimator.gap.prediction import GapResult
 from estimator.gap.servo.actuator import servo_actuator
-from estimator.gap.verdict.stuck_channels import stuck_channels
+from estimator.gap.verdict.describing import stuck_channels
 from rig.plant import Model
 from rig.recording import Recording
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from estimator.gap.plant.records import record_of
+from estimator.gap.prediction.bands import unheard
 from estimator.gap.prediction.fit import Filtered, Fitter
 from estimator.gap.prediction.predictor import Predictor
-from estimator.gap.prediction.unheard_noise import unheard
 from tests.estimator.gap.wheel import ran, wheel
 
 

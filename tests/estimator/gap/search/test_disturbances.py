@@ -103,7 +103,7 @@ def _moved(
     return made_of("sled", pushed[:, None], readings, SLED)
 
 
-FITTED = Variable("drag", "", "drag", 1.0, 0.0, 1e4)
+FITTED = Variable("", "drag", 1.0, 0.0, 1e4, name="drag")
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.gap.plant.bands import band_powers, edges
+from estimator.gap.prediction.bands import band_powers, edges
 
 PERIOD = 1e-3
 
