@@ -123,7 +123,7 @@ def scale_sines(sines, peak, ticks):
 
     A lane whose peak is NaN stays as it is. The greatest value is searched at 32 points a period of
     the fastest sine, which finds it within 0.5 % (Ehlich and Zeller 1964, as in
-    `control.setpoints.trigonometric`).
+    `control.setpoints.periodic`).
 
     Args:
         sines: as in `rig.sweep.motions.Motions`, (4 s, LANES); the amplitudes are updated.
