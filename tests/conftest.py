@@ -14,12 +14,12 @@ from .compiling_once import compile_apart, compile_once, without_looking_for_gar
 
 HERE = Path(__file__).parent
 LONGEST = (
-    "console/test_in_chromium.py",
+    "rig/console/test_in_chromium.py",
     "estimator/gap/prediction/test_another_plant.py",
     "rig/supervisor/processes/test_publisher.py",
     "estimator/gap/verdict/test_keeping.py",
     "estimator/gap/prediction/test_another_period.py",
-    "console/test_started.py",
+    "rig/console/test_started.py",
     "chaos/test_ways_to_end.py",
     "rig/runner/campaign/test_compiling.py",
     "chaos/test_kill_and_resume.py",
@@ -27,8 +27,8 @@ LONGEST = (
     "rig/supervisor/processes/test_loop_process.py",
     "rig/runner/campaign/test_wire_replay.py",
     "rig/cli/campaigns/test_run.py",
-    "console/test_rig_state.py",
-    "console/test_page.py",
+    "rig/console/test_rig_state.py",
+    "rig/console/test_page.py",
     "rig/runner/experiments/test_gap_closing.py",
     "estimator/leaks/test_detection.py",
     "estimator/leaks/test_leak_statistic.py",

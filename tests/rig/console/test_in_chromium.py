@@ -135,4 +135,4 @@ def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
 
 
 def test_the_picture_of_the_readme_is_there() -> None:
-    assert (Path(__file__).parents[2] / "docs" / "images" / "console.png").stat().st_size > 20_000
+    assert (Path(__file__).parents[3] / "docs" / "images" / "console.png").stat().st_size > 20_000

@@ -24,7 +24,7 @@ from .site import Site, site_served
 
 WAIT_MS = 60_000
 """ms: how long a test waits for anything on the page; only a failure takes so long."""
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 WIDTH, HEIGHT = 1400, 1000
 # The sine is so slow that the ram stays within its limits even if the machine stalls for a second.
 SINE = {"type": "sine", "mean": "0.3 m", "amplitude": "0.06 m", "frequency": "0.2 Hz"}
