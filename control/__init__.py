@@ -1,6 +1,7 @@
-"""Position control and setpoint generators of the rig.
+"""The position loop, its compensation of leaks, and the setpoints of tests.
 
-What the loop calls is compiled. Setpoints become tables before the run begins.
+The functions that the loop calls are compiled. Setpoints are sampled into tables before a test
+begins.
 """
 
 from lazy_loader import attach_stub

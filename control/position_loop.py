@@ -1,4 +1,4 @@
-"""The rig's proportional position loop (section 5.2), compiled, and the move to its start."""
+"""The rig's proportional position loop (section 5.2), compiled, and the move to a test's start."""
 
 from math import isnan
 from typing import Final
@@ -35,9 +35,10 @@ def proportional_command(setpoint: float, position: float, gain: float, limit: f
 
 
 def raised_cosine(start: float, end: float, ticks: int) -> Array:
-    """Return setpoints in m (ticks,) that move from start to end along a raised cosine.
+    """Return setpoints in m, one a tick (ticks,), that go from `start` to `end` (m) without jerks.
 
-    The move takes the first three quarters of the ticks; then the setpoint rests at the end.
+    They follow half a period of a cosine in the first three quarters of the ticks, beginning with
+    `start` itself, and stay at `end` from then on.
     """
     ramp = max(int(_RAMP_PART * ticks), 1)
     progress = np.minimum(np.arange(ticks) / ramp, 1.0)

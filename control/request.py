@@ -40,14 +40,16 @@ class RequestError(ValueError):
 
 
 class Checks:
-    """Collects the problems of one request, so that all are reported at once.
+    """A collection of the problems of one request, so that all are reported at once.
 
-    At the end of a `with` block without another error, `finish` is called.
+    `require` notes a problem, and `finish` raises one error with all of them. A `with` block calls
+    `finish` at its end, unless another error ends it.
 
     Args:
         where: what the checked values belong to (`RequestProblem.where`).
         error: class of the error that `finish` raises.
-        of: object that has the checked values as attributes; None if `require` is given them.
+        of: object that has the checked values as attributes; None if every call of `require` gives
+            the value.
     """
 
     def __init__(self, where: str, error: type[RequestError], of: object = None) -> None:
@@ -66,7 +68,12 @@ class Checks:
     ) -> None:
         """Note a problem with `field` if `granted` is false; `finish` raises it later.
 
-        Its value in the message is `value`, or else the attribute of that name.
+        Args:
+            granted: whether the value can be granted.
+            field: name of the value (`RequestProblem.field`).
+            limit: the rule, as the end of a sentence: "is not above 0".
+            remedy: what the user should do instead, as an imperative.
+            value: the value to show; if None, the attribute `field` of the object `of` is shown.
         """
         if not granted:
             shown = getattr(self.of, field) if value is None else value

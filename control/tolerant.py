@@ -1,9 +1,9 @@
 """Tolerant control: compensation of a confirmed leak in the position loop's command.
 
 The proportional command would give a healthy rig a certain velocity. A leak lowers that velocity,
-and drained chambers change the flow through an opening. From the leak coefficients and both
-pressures, this module computes the opening that gives the same velocity in spite of the leak
-(docs/tolerant_control.md).
+and as it drains the chambers, the same opening of the valve passes another flow. From the leak
+coefficients and both pressures, this module computes the opening that gives the same velocity in
+spite of the leak (docs/tolerant_control.md).
 """
 
 from math import isnan, sqrt
@@ -27,8 +27,9 @@ between the position loop's crossover (3.5 rad/s) and the oil column's resonance
 that it affects neither."""
 
 FALSE_ALARM_FLOW: Final = 0.1 * LITRE_PER_MINUTE
-"""Flow in m^3/s of each leak that is not compensated. A false alarm may be this large, and the loop
-copes with a leak of this size. Of a larger leak, the excess is compensated."""
+"""The part of each leak's flow, in m^3/s, that is left without compensation. A false alarm may be
+this large, and the loop copes with a leak of this size. Of a larger leak, the excess is
+compensated."""
 
 _ROUNDING: Final = 2e4
 """Pressure drop in Pa below which the root is rounded off. Transducers with noise of 3e4 Pa read
@@ -41,10 +42,11 @@ The supply pressure itself may be off by as much. A ram that stalls is not drive
 
 @inlined
 def _root(drop):
-    """Return `rig.plant.signed_root` of a drop in Pa, rounded off at zero.
+    """Return sgn(drop) (sqrt(|drop| + c) - sqrt(c)) of a pressure drop in Pa, c = `_ROUNDING`.
 
-    The result is nowhere larger or steeper than the root. The compensation therefore never grows by
-    more than the leak, whatever the pressures do, and noise about zero hardly causes any.
+    This is the signed square root, rounded off about zero. It is nowhere larger or steeper than the
+    root itself, so that the compensation never grows by more than the leak, whatever the pressures
+    do, and noise about zero hardly causes any.
     """
     root = sqrt(abs(drop) + _ROUNDING) - sqrt(_ROUNDING)
     return root if drop >= 0.0 else -root
@@ -52,9 +54,10 @@ def _root(drop):
 
 @inlined
 def _beyond_false_alarms(coefficient, drop):
-    """Return the part of a leak coefficient to compensate; its flow is quoted at `drop` (Pa).
+    """Return the part of a leak coefficient that is compensated, in m^3/(s Pa^0.5); at least 0.
 
-    It is the excess over a coefficient with `FALSE_ALARM_FLOW`, or 0.
+    It is the excess over the coefficient of a leak with `FALSE_ALARM_FLOW` at the pressure drop
+    `drop` (Pa).
     """
     return max(coefficient - FALSE_ALARM_FLOW / sqrt(drop), 0.0)
 
@@ -62,6 +65,9 @@ def _beyond_false_alarms(coefficient, drop):
 @inlined
 def _compensated(command, k_1, k_2, k_12, p1, p2, par):
     """Return the command in V that moves a leaking ram as fast as `command` moves a healthy one.
+
+    k_1, k_2 and k_12 are the leaks' coefficients in m^3/(s Pa^0.5): of chamber 1, of chamber 2 and
+    between them. p1 and p2 are the chambers' pressures in Pa.
 
     With K = C_d w sqrt(2/rho), pressures above the return, p_s the supply and p_L = p1 - p2, a
     healthy rig moves at A v = K x sqrt((p_s - sgn(x) p_L) / 2) (Merritt 1967, ch. 6). Half the sum

@@ -22,7 +22,7 @@ _QUOTED_DROP: Final = 6.9e6
 
 
 def series_coefficient(first: Value, second: Value) -> Value:
-    """Return the coefficient of two square-root orifices in series, in the unit of theirs.
+    """Return the coefficient of two square-root orifices in series, in the unit of the arguments.
 
     They carry the same flow and their drops add up, dp = q^2 / k_1^2 + q^2 / k_2^2, so
     1/k^2 = 1/k_1^2 + 1/k_2^2 (Merritt 1967, ch. 3: orifices in series). It is 0 if either is shut.
@@ -34,9 +34,13 @@ def series_coefficient(first: Value, second: Value) -> Value:
 
 
 def coefficient_beside(series: Value, known: Value) -> Value:
-    """Return the coefficient of an orifice that has `series` in series with a `known` one.
+    """Return the coefficient of the second orifice, from those of the first and of both in series.
 
-    It is the inverse of `series_coefficient`. All are in one unit; `series` must be below `known`.
+    This is the inverse of `series_coefficient`. All coefficients are in one unit.
+
+    Args:
+        series: coefficient of both orifices in series, below `known`.
+        known: coefficient of the first orifice.
     """
     share = series / known
     return series / np.sqrt((1.0 - share) * (1.0 + share))

@@ -14,12 +14,16 @@ from .verdict import Verdict
 
 
 class OnFault(StrEnum):
-    """The reaction to a confirmed fault that a test asks for (docs/campaigns.md)."""
+    """What a test wants the loop to do when the detector has confirmed a fault."""
 
     IGNORE = "ignore"
+    """The fault is only recorded."""
     TOLERATE = "tolerate"
+    """The position loop compensates for confirmed leaks."""
     HOLD = "hold"
+    """The ram is held where it is until the end of the test."""
     TRIP = "trip"
+    """The rig trips."""
 
 
 class WhenUnmet(StrEnum):
@@ -33,7 +37,7 @@ class WhenUnmet(StrEnum):
 
 @dataclass(frozen=True)
 class Condition:
-    """Limits of a channel within which a campaign may run; in the unit of the channel's name.
+    """Limits of a channel within which a campaign may run, in the channel's SI unit.
 
     Attributes:
         channel: name of a signal that the rig measures.
@@ -58,7 +62,12 @@ class Condition:
 
 @dataclass(frozen=True)
 class SpringLoad:
-    """A spring that the ram runs against: stiffness in N/m, contact at m (section 7.1.1)."""
+    """A spring that the ram runs against (section 7.1.1).
+
+    Attributes:
+        stiffness: stiffness in N/m.
+        contact: position of the ram in m at which it touches the spring.
+    """
 
     stiffness: float
     contact: float
@@ -69,9 +78,10 @@ class CampaignTest:
     """One test of a campaign, after matrices and repeats have been expanded; SI units.
 
     Before the first recorded sample, from which times count, the position loop takes `settle_s`:
-    it moves the ram to `start_position_m` in the first three quarters and lets it rest there. Of
-    repeats of a test only `name`, `repeat` (counted from 1) and `seed` differ, not `test_name`.
-    `load` is None without a spring, and `expect` is the verdict that the test should find.
+    it moves the ram to `start_position_m` in the first three quarters and lets it rest there.
+    Repeats of a test have the same `test_name`; they differ in `name`, `repeat` (counted from 1)
+    and `seed`, and if their setpoint is drawn with that seed, in setpoint and start as well. `load`
+    is None without a spring, and `expect` is the verdict that the test should find.
     """
 
     name: str
@@ -93,12 +103,15 @@ class Campaign:
     """A list of tests on one rig, with the model and detector by which they are judged.
 
     Attributes:
+        name: name of the campaign.
+        description: text for people; may be empty.
         rig_name: name of the rig for which the tests were checked.
         model: model of the rig that the detector assumes.
         filter_name: `product`, `thesis-6` or `thesis-7`.
         false_alarms_per_day: alarms that the detector may raise on a healthy rig in a day.
         tests: the tests in the order in which they are run.
-        baseline: baseline that the detector assumes; None if it has the model only.
+        baseline: what healthy recordings of the rig say is normal, which the detector allows for;
+            None if it has the model only.
         baseline_file: path of the file from which the baseline was read; "" without one.
         source_files: SHA-256 of every file from which the campaign was read, by path.
         conditions: conditions of the rig; while one is not met, the campaign is held.

@@ -17,7 +17,7 @@ Value = TypeVar("Value", float, NDArray[np.float64])
 
 
 def to_litres_per_minute(flow: Value) -> Value:
-    """Return a flow in L/min that is given in m^3/s."""
+    """Return a flow in L/min, given in m^3/s."""
     return flow / LITRE_PER_MINUTE
 
 

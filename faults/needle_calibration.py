@@ -117,14 +117,15 @@ def batches(samples: Array, ticks: int) -> Array:
 
 
 def settled(values: Array) -> Array:
-    """Return batch values (m,) without leading ones that differ from the mean of the rest.
+    """Return batch values (m,) without the leading ones that differ from the mean of those after.
 
-    A value differs if it is off by more than three standard deviations. The noise is estimated from
-    successive differences (von Neumann 1941), which a drift hardly changes.
+    Values are left out one by one from the first, until one agrees with the mean of all after it to
+    three standard deviations. The noise is estimated from successive differences (von Neumann
+    1941), which a drift hardly changes.
 
     Raises:
-        UnsettledError: half of the values or more would have to be left out, or there are fewer
-            than three.
+        UnsettledError: half of the values or more would have to be left out, or fewer than three
+            would be left.
     """
     # The noise of the rest is known from two values on.
     for first in range(min(values.size - values.size // 2, values.size - 2)):
@@ -137,10 +138,10 @@ def settled(values: Array) -> Array:
 
 
 def meter_zero(flow: Array, ticks: int) -> Estimate:
-    """Return the zero of a flow meter in m^3/s, its reading without flow.
+    """Return the zero of a flow meter, its mean reading without flow in m^3/s, with standard error.
 
-    Each batch counts with its median, here and for a measured flow. A meter that reads nothing
-    below zero cuts off part of its noise, which would raise a mean much more.
+    Each batch counts with its median, as in `measured_coefficient`. A meter that reads nothing
+    below zero cuts off part of its noise, which would raise a mean much more than a median.
 
     Args:
         flow: samples (n,) without flow, m^3/s, at least two batches; NaN ones do not count.
@@ -154,10 +155,10 @@ def meter_zero(flow: Array, ticks: int) -> Estimate:
 def measured_coefficient(
     flow: Array, drop: Array, zero: Estimate, ticks: int
 ) -> tuple[Estimate, Estimate, float]:
-    """Return mean flow in m^3/s, coefficient in m^3/(s Pa^0.5), and mean drop in Pa.
+    """Return a bypass's mean flow in m^3/s, coefficient in m^3/(s Pa^0.5), and mean drop in Pa.
 
-    Batches before the coefficient has settled are left out (`settled`). The standard errors of flow
-    and coefficient include that of the zero.
+    Batches before the coefficient has settled are left out (`settled`). Flow and coefficient come
+    with standard errors, which include that of the zero.
 
     Args:
         flow: readings of the meter (n,), m^3/s; samples in which it or the drop is NaN do not
@@ -205,7 +206,7 @@ def calibrated_needle(
 
     Raises:
         CalibrationError: a mean pressure drop was below 0.3 MPa, a coefficient was not below that
-            of the open ball, or the largest opening had no flow that the meter distinguishes.
+            of the open ball, or the flow at the largest opening cannot be told from no flow.
         BypassError: the largest opening is not 1, or the points do not clearly increase
             (`NeedleCharacteristic`).
     """

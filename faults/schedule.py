@@ -104,7 +104,7 @@ class Fault:
 
     @property
     def column(self) -> str:
-        """Return the name in `rig.plant.faults.FAULT_COLUMNS` of the coefficient it changes."""
+        """Return the name, one of `FAULT_COLUMNS`, of the plant's coefficient for this fault."""
         return f"{self.kind}_linear" if self.linear else str(self.kind)
 
     @property
@@ -188,7 +188,7 @@ class FaultSchedule:
         """Return the coefficients that act in each tick, float64 (n_ticks, 8), SI.
 
         Columns are as `rig.plant.faults.FAULT_COLUMNS`. Row k has the coefficients at the time
-        k period_s, which the plant keeps constant over the tick.
+        k `period_s` (s), which the plant keeps constant over the tick.
         """
         time_s = period_s * np.arange(n_ticks, dtype=np.float64)
         table = np.zeros((n_ticks, len(FAULT_COLUMNS)))

@@ -1,8 +1,8 @@
-"""This table lists every channel: what is measured, which device supplies it, how it is shown.
+"""The table `CHANNELS` lists every channel: what supplies or computes it, and how it is shown.
 
 The names in shared memory, in the driver protocol, in recordings and in the stream are derived from
-it, and so are the numbers that the console's page and `rig monitor` show. docs/io_node.md describes
-how to add a channel.
+this table, and so are the numbers that the console's page and `rig monitor` show.
+docs/io_node.md describes how to add a channel.
 """
 
 from enum import Enum, auto

@@ -59,9 +59,10 @@ def source_key(root: Path) -> str:
 
 
 def drivers_key() -> str:
-    """Return a digest, 16 hex digits, of the other packages with drivers; "" if there are none.
+    """Return a digest, 16 hex digits, of other packages that announce drivers, with their sources.
 
-    numba cannot read code that it cached for a driver whose package is not installed any more.
+    It is "" if there are none. numba cannot read code that it cached for a driver whose package is
+    not installed any more.
     """
     modules = (entry.value.partition(":")[0] for entry in entry_points(group=DRIVERS))
     packages = sorted({module.partition(".")[0] for module in modules} - {"rig"})
@@ -89,9 +90,9 @@ def _sources_of(package: str) -> list[Path]:
 def use_compile_cache() -> None:
     """Make numba use the cache folder of the present sources, unless NUMBA_CACHE_DIR is set.
 
-    The folder is in the user's cache directory (XDG_CACHE_HOME, else ~/.cache). If it cannot be
-    written, numba chooses a folder by itself. When a folder is made, only the 12 that were used
-    last are kept.
+    NUMBA_CACHE_DIR is set to the folder, which is in the user's cache directory (XDG_CACHE_HOME,
+    else ~/.cache) and is made if missing. If it cannot be made, numba chooses a folder by itself.
+    When it is made, only the 12 folders that were used last are kept.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
@@ -111,7 +112,7 @@ def use_compile_cache() -> None:
 
 
 def marks_folder() -> Path | None:
-    """Return the folder for files that mark what is compiled; None without a cache to write to.
+    """Return the folder for files that mark what is compiled; None if there is no cache folder.
 
     Each processor type and each version of numba has another folder, as numba compiles anew for
     each of them. The folder is made if missing.

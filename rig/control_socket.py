@@ -1,4 +1,4 @@
-"""A running campaign has a socket in its folder, to which requests are sent by this module.
+"""This module sends requests to the socket that a running campaign has in its folder.
 
 `rig.runner.campaign.control_port` serves it. This module imports neither the loop nor the compiler,
 so that asking is quick.
@@ -96,8 +96,8 @@ def _why(error: Exception) -> str:
 def address_of(folder: Path) -> Iterator[str]:
     """Give the block the address of the control socket in a folder; the socket need not exist.
 
-    It is a short path by the folder's descriptor, as a socket's address has at most 107 bytes, and
-    is valid within the block only.
+    The address is a short path by way of an open descriptor of the folder, as a socket's address
+    has at most 107 bytes. It is valid within the block only.
 
     Raises:
         OSError: the folder cannot be opened.
@@ -112,9 +112,9 @@ def address_of(folder: Path) -> Iterator[str]:
 def line_from(connection: socket.socket, longest: int = LONGEST_LINE) -> bytes:
     """Receive a line and return it with its newline.
 
-    The connection's timeout, or 2 s without one, limits the whole line; it is changed meanwhile.
-    Whatever came together with the end of the line is returned too, since nothing should follow it:
-    the caller must refuse it.
+    The connection's timeout, or 2 s if it has none, is the time for the whole line; it is changed
+    meanwhile and restored. Bytes that came together with the end of the line are returned too;
+    nothing should follow the line, and the caller must refuse what does.
 
     Args:
         connection: the connection.

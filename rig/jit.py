@@ -5,8 +5,9 @@ fields as an argument of its own, and read each from Python by code of its own. 
 take the rig's parameters, of which there are more than a hundred, this would be most of the code to
 be compiled.
 
-What an operator gives for some types is asked once. Numba would try all definitions of the operator
-at each place where it stands, which takes a fifth of the time that compiling takes.
+The signature of an operator for given types is looked up once and kept. Numba would try all
+definitions of the operator at each place where it stands, which takes a fifth of the time that
+compiling takes.
 """
 
 from .compile_cache import use_compile_cache
@@ -52,7 +53,7 @@ default_manager.register(types.NamedUniTuple, _WholeUniTuple)
 
 @unbox(types.NamedUniTuple)
 def _read(kind: Any, given: Any, c: Any) -> Any:
-    """Read a named tuple of floats from Python in a loop, others as numba does."""
+    """Emit code that reads a named tuple from Python: floats in a loop, others as numba does."""
     if kind.dtype != types.float64:
         return unbox_tuple(kind, given, c)
     size = c.context.get_value_type(types.intp)
@@ -71,11 +72,11 @@ _ask = BaseFunction.get_call_type
 
 
 def _remembered(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
-    """Return the signature of an operator or another built-in function for some types.
+    """Return the signature of an operator or another built-in function for given types.
 
-    Answers of numba's own definitions are kept with the function's type, which is made anew when
-    definitions are added. What is itself to be compiled depends on the caller's options besides,
-    and is asked for each time.
+    This stands in place of numba's method. Signatures of numba's own definitions are kept with the
+    function's type, which is made anew when definitions are added. The signature of a definition
+    that is itself compiled depends on the caller's options too, and is looked up each time.
     """
     if kws:
         return _ask(self, context, args, kws)

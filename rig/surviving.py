@@ -54,7 +54,7 @@ class Surviving:
         return True
 
     def note(self, error: Exception) -> None:
-        """Count a failure; report it, unless the same one or `MOST_TOLD` others were reported."""
+        """Count a failure; report it unless the same one or `MOST_TOLD` others were reported."""
         self.count += 1
         line = failure(error)
         if line in self._told or len(self._told) >= MOST_TOLD:

@@ -82,8 +82,8 @@ class Pseudorandom:
     one.
 
     Raises:
-        SetpointError: a bound is not finite or below its lower one, a time is below 1 ms, the seed
-            is negative, or the quantity is not known.
+        SetpointError: a level is not finite, a time is below 1 ms or not finite, an upper bound is
+            below its lower bound, the seed is negative, or the quantity is not known.
     """
 
     lower: float
@@ -107,7 +107,11 @@ class Pseudorandom:
             checks.seed(self.seed)
 
     def sequence(self, until_s: float) -> tuple[Samples, Samples]:
-        """Return (ends, levels): level i ends at ends[i] in s; the last end is after `until_s`."""
+        """Return (ends, levels), both (n,), for the time from 0 to `until_s` (s) at least.
+
+        Level i (m or V) is held until ends[i] (s), the first one from 0 s on. The last end is after
+        `until_s`.
+        """
         count = 2 + int(max(until_s, 0.0) / self.hold_min_s)
         # Level and hold are drawn in pairs, so the sequence does not depend on how many are drawn.
         draws = np.random.Generator(np.random.PCG64(self.seed)).random((count, 2))

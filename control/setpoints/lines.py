@@ -1,6 +1,6 @@
 """Setpoints of straight lines between points, which are given or read from a CSV file.
 
-Every error in a file is reported with its line.
+A file's errors are reported with their lines.
 """
 
 import csv
@@ -25,7 +25,7 @@ _PROBLEMS_SHOWN: Final = 20
 class SetpointFileError(SetpointError):
     """The error of a setpoint file that is missing or unusable.
 
-    Each problem names file:line, or the file alone if it cannot be read.
+    Each problem names file:line, or the file alone if it belongs to no line.
     """
 
 
@@ -116,7 +116,7 @@ class FromFile:
 
 
 def _greatest_slope(times: Samples, values: Samples, duration_s: float) -> float:
-    """Return the greatest |slope| in m/s or V/s of lines between points within 0 to `duration_s`.
+    """Return the greatest |slope| in m/s or V/s within 0 to `duration_s` of lines through points.
 
     A line counts if any part of it lies within. The result is 0 if none does.
 

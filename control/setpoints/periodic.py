@@ -180,9 +180,10 @@ def _require_frequency(checks: Checks, name: str, frequency_hz: float) -> None:
 
 
 def _schroeder_phases(count: int) -> NDArray[np.float64]:
-    """Return the phases in rad (count,) that keep the peak of a flat multisine low.
+    """Return phases in rad (count,) for which a sum of equally strong sines has a low peak.
 
-    phase_k = -pi k (k - 1) / count (Schroeder 1970, IEEE Trans. Inf. Theory 16, 85).
+    The sines k = 1 to count ascend in frequency, and phase_k = -pi k (k - 1) / count (Schroeder
+    1970, IEEE Trans. Inf. Theory 16, 85).
     """
     k = np.arange(1, count + 1, dtype=np.float64)
     return -pi * k * (k - 1.0) / count
@@ -191,7 +192,7 @@ def _schroeder_phases(count: int) -> NDArray[np.float64]:
 def _supremum(
     harmonics: NDArray[np.intp], amplitudes: NDArray[np.float64], phases: NDArray[np.float64]
 ) -> float:
-    """Return a bound, at most 0.5 % too high, on |sum_i a_i sin(h_i x + phase_i)| over all x.
+    """Return the greatest |sum_i a_i sin(h_i x + phase_i)| over all x, or up to 0.5 % more.
 
     The harmonics h_i (n,) are distinct positive integers; amplitudes a_i and phases (rad) are (n,).
     A trigonometric polynomial of degree N is at most 1 / cos(pi N / M) above its largest value on

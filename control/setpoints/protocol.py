@@ -38,10 +38,10 @@ class Setpoint(Protocol):
 
 
 class SetpointChecks(Checks):
-    """The checks of a setpoint's parameters, whose quantity must be "position" or "command".
+    """A collection of problems of a setpoint's parameters; `finish` raises them as `SetpointError`.
 
-    `finish` raises `SetpointError`. `unit` is the unit of the setpoint's values: "m" for a
-    position, "V" for a command.
+    That the quantity is "position" or "command" is checked at the beginning. The attribute `unit`
+    is the unit of the setpoint's values: "m" for a position, "V" for a command.
     """
 
     def __init__(self, setpoint: Setpoint) -> None:

@@ -1,6 +1,7 @@
 """This package reads YAML files with units into rigs, models, campaigns and other objects.
 
-All mistakes of a file are reported together, each with line, value, limit and remedy.
+All mistakes of a file are reported together, each with its line, the value, the rule that it breaks
+and a remedy.
 """
 
 from lazy_loader import attach_stub

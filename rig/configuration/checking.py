@@ -103,13 +103,16 @@ class CheckReport:
 def check(
     reference: str | Path, rig_override: str | Path | None = None, base: Path | None = None
 ) -> CheckReport:
-    """Check a configuration, given by path or by name, dry-run a campaign, and return a report.
+    """Check a configuration, given by path or by name, and return a report on it.
+
+    A campaign is dry-run too; the warnings are part of the report.
 
     Args:
         reference: path of a file, or name of a configuration.
         rig_override: path or name of a rig to check a campaign against, instead of its own; other
             kinds do not use it.
-        base: folder from which relative paths are resolved; the working directory if None.
+        base: folder from which relative paths and names are resolved; the working directory if
+            None.
 
     Raises:
         ConfigError: lists every problem of the file and of all files it refers to.
@@ -155,9 +158,11 @@ def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, 
 
 
 def _kind_of(root: Located) -> Kind | None:
-    """Return the kind of which the file has the most keys.
+    """Return the kind of configuration of which the file has the most keys.
 
-    If it has no key of any kind, record a problem and return None.
+    The keys `name`, `description` and `parent`, which several kinds have, do not count, but a file
+    with a parent and no other known key is a model. If the file has no known key, record a problem
+    and return None.
     """
     keys = {key for key, _ in root.items()} - {"name", "description", "parent"}
     scores = {kind: len(keys & known) for kind, known in _KEYS.items()}

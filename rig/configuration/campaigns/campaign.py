@@ -45,7 +45,7 @@ class CampaignFile(Schema):
 
 
 class DetectorFile(Schema):
-    """Keys of the detector that judges a campaign."""
+    """Keys of `detector` in a campaign file: the detector that judges the tests."""
 
     filter: str = DEFAULT_FILTER
     false_alarms_per_day: Annotated[float, Physical("", 1e-3, 1e3, 1.0)] = 1.0
@@ -78,8 +78,8 @@ def load_campaign(
 def read_campaign(root: Located, rig_path: Path | None = None) -> tuple[Campaign, Rig] | None:
     """Return the campaign that a file describes, and its rig; None if there is any problem.
 
-    Problems are recorded, and earlier ones count too. `rig_path` replaces the rig that the file
-    names.
+    Problems are recorded in `root.sources`; the result is None also if a problem was recorded there
+    before. `rig_path` is the file of another rig to use instead of the one that `root` names.
     """
     sources = root.sources
     file = read_mapping(CampaignFile, root)
@@ -121,9 +121,10 @@ def _read_detector(item: Located | None) -> DetectorFile | None:
 def _read_baseline(
     entry: Located, detector: DetectorFile | None, model: Model | None
 ) -> Baseline | None:
-    """Return the detector's baseline; None if it names none or an unusable one.
+    """Return the baseline that the key `baseline` of a detector names; None if it names none.
 
-    Its path is relative to the campaign's folder. Problems are recorded.
+    The path in `detector` is relative to the campaign's folder. If the file cannot be used, record
+    the problems at `entry`, the value of the key, and return None, as without detector or model.
     """
     if detector is None or model is None or not detector.baseline:
         return None
@@ -158,8 +159,9 @@ def plain(value: Any) -> Any:
     """Return a value as dicts, lists, strings, numbers and None, which JSON can hold.
 
     A dataclass becomes a dict of its fields, with the name of its class under "type", so that a
-    sine differs from a chirp; fields that its repr hides are left out. Infinity, which means
-    "never" or "no limit", becomes None; NaN stays, and any other object becomes its text.
+    sine differs from a chirp; fields that its repr hides are left out. A named tuple becomes a dict
+    of its fields. Infinity, which means "never" or "no limit", becomes None; NaN stays, and any
+    other object becomes its text.
     """
     if is_dataclass(value) and not isinstance(value, type):
         public = {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.repr}

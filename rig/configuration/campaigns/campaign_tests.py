@@ -54,7 +54,8 @@ def read_tests(
 ) -> tuple[CampaignTest, ...]:
     """Return every usable test of a campaign; record the problems of the others.
 
-    There is one for each matrix combination and repeat; repeats are named "name #1" and so on.
+    There is one for each matrix combination and repeat. If a test has several repeats, they are
+    named "name #1" and so on.
 
     Args:
         tests: the list under the key `tests`; paths of setpoint files count from its file's folder.
@@ -88,7 +89,11 @@ def _add_duplicate(name: Located, first: Located) -> None:
 
 @dataclass
 class _TestReader:
-    """A reader of one test, whose matrix references are replaced by values already."""
+    """A reader of one test, whose matrix references are replaced by values already.
+
+    `read` yields the test's usable repeats and records problems. Paths of setpoint files count from
+    `folder`. If `rig` is None, limits are not checked.
+    """
 
     item: Located
     folder: Path
@@ -192,7 +197,7 @@ def _check_against_limits(setpoint: Setpoint, duration_s: float, item: Located, 
 
 
 def _expected(faults: tuple[Fault, ...]) -> Verdict:
-    """Return the verdict that is right for these faults: healthy, the one fault, or multiple."""
+    """Return the verdict that is right for these faults: healthy, the one kind, or multiple."""
     kinds = {fault.kind for fault in faults}
     if not kinds:
         return Verdict.HEALTHY

@@ -15,7 +15,10 @@ _MEASURABLE: Final = tuple(
 
 
 def measured_by(rig: Rig) -> tuple[str, ...]:
-    """Return the names of the signals with a unit that a rig measures."""
+    """Return the names of those signals that a rig measures and that have a unit.
+
+    For a hardware rig these are the signals that its drivers read.
+    """
     if rig.backend == "simulated":
         fitted = (
             ("spool_m", rig.has_spool_sensor),

@@ -33,7 +33,7 @@ class PlannedFault:
         fault: the fault.
         unit: SI unit of its coefficient.
         needle_opening: opening of the needle valve, 0 to 1; None where no needle makes the fault.
-        flow_m3_per_s: flow at 6.9 MPa across the leak; None for a blockage.
+        flow_m3_per_s: flow of the leak at a pressure drop of 6.9 MPa; None for a blockage.
     """
 
     fault: Fault
@@ -67,6 +67,7 @@ class PlannedTest:
         peak_speed_m_per_s: greatest speed of the setpoint in closed loop (inf if it jumps), or of
             the simulated ram in open loop.
         valve_speed_m_per_s: speed of an unloaded ram at the rig's largest command.
+        faults: the faults of the test.
         warnings: what will not go as commanded, and what the detector cannot find or size, each
             with its remedy.
     """
@@ -101,7 +102,8 @@ class PlannedTest:
 def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     """Return the plan of every test of a campaign, as it will run on the rig.
 
-    Open-loop tests are simulated with the rig's plant; the others are only computed.
+    For an open-loop test the ram's motion is simulated with the rig's plant, which takes time; for
+    the others the motion is taken from the setpoint.
     """
     return tuple(_plan(test, rig, campaign.filter_name) for test in campaign.tests)
 

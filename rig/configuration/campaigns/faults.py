@@ -55,8 +55,9 @@ class FaultFile(Schema):
 class _Size(NamedTuple):
     """The size of a fault, the key that gives it, and the range of sizes that its valve can make.
 
-    Coefficients are in SI; `coefficient` is None if the file's value is wrong. `shown_maximum` is
-    the maximum as text, in the terms of the key.
+    `coefficient`, `minimum` and `maximum` are coefficients of the fault in SI; `coefficient` is
+    None if the file's value is wrong. `shown_maximum` is the maximum for messages, as text in the
+    quantity of the key, such as a flow.
     """
 
     key: str
@@ -157,7 +158,10 @@ def _check_times(item: Located, file: FaultFile, duration_s: float | None) -> No
 
 
 def _check_size(item: Located, file: FaultFile) -> None:
-    """Record a problem unless a fault has exactly one size, which must be one of its type."""
+    """Record a problem unless a fault has exactly one size, of a key that its type allows.
+
+    A problem is also a flow without a pressure, or a pressure without a flow.
+    """
     allowed = _sizes(file)
     given = [key for key in SIZES if item.get(key) is not None]
     listing = ", ".join(f"{key} with pressure" if key == "flow" else key for key in allowed)
@@ -186,7 +190,8 @@ def _sizes(file: FaultFile) -> tuple[str, ...]:
 def _is_movable(item: Located, file: FaultFile, rig: Rig) -> bool:
     """Return whether the valves of a hardware rig can make the fault; else record a problem.
 
-    A driver must move the valves, and the fault must follow the square-root law of a needle.
+    A driver must move the valves, and the fault must follow the square-root law of a needle. A rig
+    that lacks the valve itself is left to the caller.
     """
     fitted = {**rig.bypass_valves, str(Verdict.RETURN_BLOCKAGE): rig.return_valve}
     if fitted.get(file.type) is not None and file.type not in rig.injectable:

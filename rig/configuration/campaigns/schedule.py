@@ -30,14 +30,14 @@ MOST_TIMES: Final = 1000
 
 
 class Missed(StrEnum):
-    """A policy on an entry's times that passed while the scheduler was not running.
-
-    They are skipped, or the campaign is run once, or once for each of them.
-    """
+    """A policy on an entry's times that passed while the scheduler was not running."""
 
     SKIP = "skip"
+    """The campaign is not run for them."""
     RUN_ONCE = "run_once"
+    """The campaign is run once for all of them together."""
     RUN_ALL = "run_all"
+    """The campaign is run once for each of them."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Entry:
         campaign: path or name of the campaign, as `rig run` takes it.
         rig: path or name of the rig; None for the campaign's own.
         cron: times as five cron fields, in the schedule's time zone.
-        every_s: period between the beginnings of two runs, counted from `start`.
+        every_s: period of the times in s, counted from `start`.
         at: the one time at which the campaign is run.
         start: time before which the campaign is not run; if None, `every_s` counts from 1970.
         missed: what to do about missed times.
-        retries: how often a run that failed (exit code 1) is run again.
-        retry_after_s: time to wait before a failed run is run again.
+        retries: how often, at most, a run that failed (exit code 1) is run again.
+        retry_after_s: time in s to wait before a failed run is run again.
         pace: pace of a simulated rig, as `rig run` takes it; None for the rig's own.
     """
 
@@ -83,7 +83,7 @@ class Schedule:
         entries: the campaigns with their times.
         hook: command that is executed after each run, as words that may hold `{run}` and other
             placeholders; empty for none.
-        grace_s: how late the scheduler may notice a time without the time counting as missed.
+        grace_s: how late, in s, the scheduler may notice a time before it counts as missed.
         halt: whether a run that tripped or was stopped halts the schedule.
     """
 
@@ -99,7 +99,8 @@ class Schedule:
     def times(self, entry: Entry, after: datetime, upto: datetime) -> list[datetime]:
         """Return an entry's times later than `after` and up to `upto`, in UTC, oldest first.
 
-        Both have a time zone. Only the newest `MOST_TIMES` are returned if there are more.
+        Both bounds must have a time zone. If there are more than `MOST_TIMES` times, only the
+        newest `MOST_TIMES` are returned.
         """
         times = takewhile(lambda time: time <= upto, self._times_from(entry, after))
         return list(deque(times, MOST_TIMES))
@@ -168,10 +169,10 @@ def load_schedule(path: Path) -> Schedule:
 
 
 def read_schedule(root: Located) -> Schedule | None:
-    """Return the schedule that a file describes; None if it has none.
+    """Return the schedule that a file describes; None if a key that it needs is missing or wrong.
 
     Problems are recorded. Entries with problems are left out, so that the schedule may only be used
-    if there are none.
+    if no problem was recorded.
     """
     file = read_mapping(ScheduleFile, root)
     if file is None:
@@ -265,9 +266,10 @@ def _check_cron(item: Located, text: str) -> None:
 
 
 def _check_campaign(item: Located) -> tuple[str, str | None]:
-    """Read and check an entry's campaign and rig, and return their absolute paths.
+    """Read and check an entry's campaign, on the entry's rig if it names one; record the problems.
 
-    The rig is None if the entry names none. Problems are recorded.
+    Return the absolute paths of campaign and rig. The campaign is "" if it is not found, the rig
+    None if the entry names none or it is not found.
     """
     rig = item.get("rig")
     rig_path, path = resolve("rig", rig), resolve("campaign", item.get("campaign"))

@@ -45,7 +45,7 @@ _LEVELS: Final[tuple[tuple[Physical, Quantity], ...]] = (
 
 
 class Level(NamedTuple):
-    """A value of a setpoint: metres of quantity "position", or volts of quantity "command"."""
+    """A value of a setpoint: a "position" in metres, or a "command" of the valve in volts."""
 
     value: float
     quantity: Quantity
@@ -58,7 +58,7 @@ class LevelField(Field):
         """Return the level: its SI value, and whether its unit makes it a position or a command.
 
         Raises:
-            QuantityError: it is neither a length nor a voltage, or outside the limits of that.
+            QuantityError: it is neither a length nor a voltage, or beyond +-5 m or +-100 V.
         """
         for physical, quantity in _LEVELS:
             try:
@@ -93,7 +93,7 @@ class SetpointContext(NamedTuple):
 
 
 class SetpointFile(Schema):
-    """The key that every setpoint has; its type decides on the other keys."""
+    """The key `type` that every setpoint has; a schema for each type adds the other keys."""
 
     type: str
 
@@ -112,7 +112,7 @@ class ConstantFile(SetpointFile):
     value: AnyLevel
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint."""
+        """Return a `Constant` of the context's quantity."""
         return Constant(self.value.value, context.quantity)
 
 
@@ -125,15 +125,15 @@ class SineFile(SetpointFile):
     phase: Phase = 0.0
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint."""
+        """Return a `Sine` of the context's quantity."""
         mean, amplitude = self.mean.value, self.amplitude.value
         return Sine(mean, amplitude, self.frequency, self.phase, context.quantity)
 
 
 class ChirpFile(SetpointFile):
-    """Keys of a chirp, which reaches its end frequency after `sweep_time`.
+    """Keys of a chirp, which reaches `end_frequency` after `sweep_time`.
 
-    Without that key it reaches it at the end of the test.
+    Without the key `sweep_time` it reaches that frequency at the end of the test.
     """
 
     amplitude: AnyLevel
@@ -144,7 +144,7 @@ class ChirpFile(SetpointFile):
     phase: Phase = 0.0
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint."""
+        """Return a `Chirp` of the context's quantity; its frequency goes on changing to the end."""
         mean, amplitude, start = self.mean.value, self.amplitude.value, self.start_frequency
         rate = (self.end_frequency - start) / (self.sweep_time or context.duration_s)
         return Chirp(mean, amplitude, start, rate, self.phase, context.quantity)
@@ -157,13 +157,13 @@ class StepsFile(SetpointFile):
     hold: Annotated[float, _HOLD]
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint."""
+        """Return a `Steps` of the context's quantity."""
         levels = tuple(level.value for level in self.levels)
         return Steps(levels, self.hold, context.quantity)
 
 
 class PseudorandomFile(SetpointFile):
-    """Keys of a pseudorandom setpoint, which uses the test's seed unless it gives one."""
+    """Keys of a pseudorandom setpoint, which uses the test's seed unless `seed` is given."""
 
     lower: AnyLevel
     upper: AnyLevel
@@ -171,7 +171,7 @@ class PseudorandomFile(SetpointFile):
     seed: int | None = None
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint."""
+        """Return a `Pseudorandom` of the context's quantity."""
         seed = context.seed if self.seed is None else self.seed
         lower, upper = self.lower.value, self.upper.value
         return Pseudorandom(lower, upper, *self.hold, seed, context.quantity)
@@ -186,7 +186,7 @@ class MultisineFile(SetpointFile):
     seed: int | None = None
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint."""
+        """Return a `Multisine` of the context's quantity."""
         mean, amplitude = self.mean.value, self.amplitude.value
         frequencies = tuple(self.frequencies)
         return Multisine(mean, amplitude, frequencies, self.seed, context.quantity)
@@ -199,10 +199,12 @@ class FromFileFile(SetpointFile):
     quantity: Quantity = "position"
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Read the file and return the setpoint.
+        """Read the file, in `context.folder` unless its path is absolute, and return the setpoint.
+
+        Its quantity is that of the file's key `quantity`, not that of the context.
 
         Raises:
-            SetpointFileError: the file is no setpoint; it lists every problem.
+            SetpointFileError: the file is missing or no setpoint file; it lists its problems.
         """
         return FromFile(context.folder / self.path, self.quantity)
 
@@ -219,7 +221,9 @@ SCHEMAS: Final[dict[str, type[SetpointFile]]] = {
 
 
 def schema_of(item: Located, schemas: Mapping[str, type[S]], what: str) -> type[S] | None:
-    """Return the schema of the type that a mapping names; if it names none, record that.
+    """Return the schema of the type that a mapping names.
+
+    If it names no type, or an unknown one, record a problem and return None.
 
     Args:
         item: the mapping, with its type under the key `type`.
@@ -238,9 +242,10 @@ def schema_of(item: Located, schemas: Mapping[str, type[S]], what: str) -> type[
 
 
 def read_setpoint(item: Located, context: SetpointContext) -> Setpoint | None:
-    """Return the setpoint that a mapping describes; None if it cannot be made.
+    """Return the setpoint that a mapping describes; if it cannot be made, record why, return None.
 
-    The problems are then recorded.
+    The levels' unit decides on the quantity, in place of the context's. A setpoint from a file is
+    read at once.
     """
     problems = item.sources.problems
     before = problems.reported

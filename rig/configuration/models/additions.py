@@ -1,7 +1,7 @@
 """The key `discovered` in the model file of a plant that a user describes.
 
-It has the same form as in a rig's model file (`discovered`), with the places and the quantities of
-the plant. The plant's slots hold all of these terms.
+It has the same form as in a rig's model file (module `discovered`), with the places and the
+quantities of the plant. The plant's slots hold all of these terms.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,11 @@ _EXAMPLE: Final = "write `- {to: EQUATION, of: REGION, form: x, size: ...}`"
 
 
 def vocabulary(thing: PlantDescription | Plant) -> Vocabulary:
-    """Return the places and the quantities of a plant."""
+    """Return the places that additions to a plant may name, and the quantities, with their units.
+
+    The places are its equations, the readings of its outputs and the parameters that may vary; the
+    quantities are its regions and the time.
+    """
     if isinstance(thing, Plant):
         regions = {each.name: each.unit for each in thing.regions.values()}
         varying = {each.name: each.unit for each in thing.varying}
@@ -34,9 +38,9 @@ def vocabulary(thing: PlantDescription | Plant) -> Vocabulary:
 
 
 def read_additions(root: Located, known: Vocabulary) -> list[Addition]:
-    """Return the additions that a model file gives; record the problems.
+    """Return the additions under the key `discovered` of a model file; record the problems.
 
-    An addition with a mistake is left out.
+    An addition with a mistake is left out. `known` is the vocabulary of the plant.
     """
     section = root.get(KEY)
     if section is None or section.value == "none":
@@ -49,7 +53,11 @@ def read_additions(root: Located, known: Vocabulary) -> list[Addition]:
 
 
 def written_additions(plant: Plant, values: Mapping[str, float]) -> Iterator[str]:
-    """Yield the lines of a model file with the additions in these values of all parameters."""
+    """Yield the lines of a model file that give a plant's additions; none if there are none.
+
+    `values` are the values of all parameters by name, SI, those of the plant's slots included,
+    which hold the additions.
+    """
     if plant.layout is not None:
         terms = [as_term(each) for each in plant.layout.additions(values)]
         yield from lines_of(terms, vocabulary(plant))

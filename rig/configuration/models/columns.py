@@ -1,7 +1,7 @@
 """This module reads which columns of a recording are which channels, in which unit or scale.
 
-The file of `--columns` has this alone; the model file of a plant from outside has it under
-`channels`.
+A file that a command takes by `--columns` holds nothing else; the model file of a plant that a user
+describes has it under the key `channels`.
 """
 
 from collections.abc import Mapping
@@ -38,10 +38,11 @@ OF_RIG: Final = (
 def column_in(
     name: str, entry: Located, unit: str, further: Mapping[str, Any] = MappingProxyType({})
 ) -> tuple[Column, dict[str, Any]]:
-    """Return the column that an entry gives a channel, and the values of its further keys.
+    """Return the column that an entry gives a channel, and the values of the entry's keys.
 
-    The entry is the column's name, or a mapping with `column`, and `unit` or `scale`. Mistakes are
-    recorded as problems.
+    The entry is the column's name, or a mapping with `column`, and `unit` or `scale`. The values
+    are None for keys that are absent or wrong; the mapping of values is empty unless the entry is a
+    mapping. Mistakes are recorded as problems.
 
     Args:
         name: name of the channel, which its column has if the entry gives none.
@@ -72,7 +73,7 @@ def column_in(
 
 
 def load_columns(path: Path) -> dict[str, Column]:
-    """Return the columns that a file of `--columns` gives the channels of the rig.
+    """Return channel of the rig -> column of a recording, from a file given by `--columns`.
 
     Raises:
         ConfigError: lists every problem of the file.

@@ -11,9 +11,9 @@ discovered:
   - {to: force balance, of: velocity, form: table, at: [-0.2 m/s, 0 m/s, 0.2 m/s],
      values: [-30 N, 0 N, 45 N]}
 
-Older files have the key `unknown_term` for it. An entry that the plant cannot hold, such as one
-that is added to a parameter or depends on the time, is kept with the model and written back. There
-may be four of these.
+Older files have the key `unknown_term` in its place. A term that the plant cannot hold, such as one
+that is added to a parameter or depends on the time, is kept with the model and written back, though
+the simulator and the filters ignore it. There may be four such terms.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,7 +63,7 @@ _TABLE_EXAMPLE: Final = (
 
 
 class _Term(Schema):
-    """Keys of a term."""
+    """Keys of a term; a schema made by `_schema` adds the key `of`."""
 
     to: str
     form: Literal[tuple(_FORMS)]  # type: ignore[valid-type]
@@ -90,8 +90,8 @@ class Vocabulary(NamedTuple):
     Attributes:
         places: name of each place that a term may be added to -> SI unit.
         quantities: name of each quantity that a term may depend on -> SI unit.
-        told: the places that a message on a wrong one names.
-        turns: whether the plant has a direction of motion.
+        told: the places that a message on an unknown place offers instead.
+        turns: whether the plant has a direction of motion, which `against_motion` needs.
     """
 
     places: Mapping[str, str]
@@ -127,9 +127,10 @@ class Terms(NamedTuple):
 
 
 def _numbers(form: str, unit: str) -> dict[str, Physical]:
-    """Return the keys, with units and limits, that locate a form along its quantity; {} for others.
+    """Return the keys that locate a form along its quantity, each with its unit and limits.
 
-    Their order is that of `at` and `by` of `AddedTerm`; `unit` is the SI unit of the quantity.
+    Their order is that of `at` and `by` of `AddedTerm`; `unit` is the SI unit of the quantity. For
+    a form that is not located so, such as a table, the result is empty.
     """
     if form == "wave":
         return {"pitch": Physical(unit, _LEAST), "phase": Physical("rad")}
@@ -225,7 +226,10 @@ def _quantity(item: Located, kind: Physical) -> float | None:
 
 
 def _knots(entry: Located, along: Physical, size: Physical) -> tuple[tuple[float, float], ...]:
-    """Return the knots of a table, with all its problems recorded; () if it has any."""
+    """Return the knots of a table, pairs (quantity, value) in SI; record its problems.
+
+    The keys `at` and `values` give them. If any problem was recorded, the result must not be used.
+    """
     problems = entry.sources.problems.found
     before = len(problems)
     at, values = _quantities(entry, "at", along), _quantities(entry, "values", size)
@@ -242,7 +246,10 @@ def _knots(entry: Located, along: Physical, size: Physical) -> tuple[tuple[float
 
 
 def _quantities(entry: Located, key: str, kind: Physical) -> list[float]:
-    """Return the quantities in a table's list; record its problems."""
+    """Return the quantities in the list under a key of a table, SI; record its problems.
+
+    Elements with a mistake are left out.
+    """
     item = _given(entry, key, _TABLE_EXAMPLE)
     if item is None:
         return []
@@ -259,7 +266,10 @@ def written_terms(model: Model) -> Iterator[str]:
 
 
 def lines_of(terms: Sequence[AddedTerm], known: Vocabulary) -> Iterator[str]:
-    """Yield the lines of a model file that give these terms; none if there are none."""
+    """Yield the lines of a model file that give these terms, from the key `discovered` on.
+
+    There are no lines if there are no terms. `known` gives the units.
+    """
     if not terms:
         return
     yield f"{KEY}:"
@@ -297,7 +307,10 @@ def term_lines(model: Model) -> Iterator[str]:
 
 
 def _remark(term: AddedTerm) -> str:
-    """Return what a person should know about a term, after a semicolon; "" for nothing."""
+    """Return a remark on a term for people, with a semicolon before it; "" if there is none.
+
+    It says that the term has no effect, or that it hides a leak.
+    """
     if not is_held(term):
         return "; simulator and filters ignore it"
     if term.place in MOVING_OIL:

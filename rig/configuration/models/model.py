@@ -58,7 +58,10 @@ PARAMETERS: Final = tuple(
 
 
 def physical(field: str) -> Physical:
-    """Return unit, limits and usual value of a plant's parameter; 0 does not count as usual."""
+    """Return unit, limits and usual value, in SI, of a plant's parameter.
+
+    The usual value is the nominal one, or None if that is 0.
+    """
     quantity = _QUANTITIES[field]
     usual = getattr(NOMINAL, field) or None
     return Physical(quantity.unit, quantity.lower, quantity.upper, usual)
@@ -90,9 +93,9 @@ BELONGS_TO_EFFECT: Final = {
 def read_model(root: Located, children: tuple[Path, ...] = ()) -> Model | None:
     """Return the model that a file describes, with what it takes over from its parents.
 
-    Return None if the file is unusable. Problems are recorded; where only a value is wrong, a model
-    with the parent's value is returned. `children` are the files that name this one as parent,
-    directly or not.
+    Return None if the file or its parent is unusable. Problems are recorded; where only a value is
+    wrong, a model with the parent's value is returned. `children` are the files that name this one
+    as parent, directly or not.
     """
     file = read_mapping(ModelFile, root)
     parent = _parent(root, (*children, root.place.path))
@@ -120,10 +123,11 @@ def _parent(root: Located, children: tuple[Path, ...]) -> Model | None:
 
 
 def override(base: Model, item: Located) -> Model:
-    """Return `base` changed by the keys parameters, friction_law, effects, discovered of `item`.
+    """Return a copy of `base` with the changes that a mapping gives.
 
-    Where a value is wrong, the base's value stays and a problem is recorded. An effect that the
-    file sets to nothing or "none" is switched off, and its parameters become those of `NOMINAL`.
+    The changes are under the keys parameters, friction_law, effects and discovered of `item`. Where
+    a value is wrong, the base's value stays and a problem is recorded. An effect that the file sets
+    to nothing or "none" is switched off, and its parameters become those of `NOMINAL`.
     """
     changes = _Overrides(base)
     changes.read(item)
@@ -146,7 +150,7 @@ def override(base: Model, item: Located) -> Model:
 
 
 def _terms(item: Located) -> Terms | None:
-    """Return the terms that a file gives; None if it gives none that can be used."""
+    """Return the terms that a file gives; None if it has no such key or its section is unusable."""
     now, older = item.get(KEY), item.get(OLD_KEY)
     if now is not None and older is not None:
         older.refuse(f"is the older name of {KEY}, which is given too", "keep one of them")
@@ -176,7 +180,10 @@ class ParameterReader:
                     self.read_effect(CATALOGUE[name], entry)
 
     def _kinds(self, fields: Mapping[str, str]) -> dict[str, Any]:
-        """Return the type of the value of each key, which stands for a parameter."""
+        """Return key -> annotated type of its value.
+
+        `fields` gives the parameter of each key, from which unit and limits of the value follow.
+        """
         return {key: Annotated[Any, self.field_of(physical(name))] for key, name in fields.items()}
 
     def field_of(self, quantity: Physical) -> Field:
@@ -184,11 +191,14 @@ class ParameterReader:
         raise NotImplementedError
 
     def read_effect(self, effect: PlantEffect, entry: Located) -> None:
-        """Read the entry of an effect."""
+        """Read the entry of a known effect and take what it gives."""
         raise NotImplementedError
 
     def set(self, field: str, value: Any, item: Located) -> None:
-        """Take the value of a parameter from its place in the file; None is no value."""
+        """Take the value of the parameter `field`; None, for a missing or wrong one, is ignored.
+
+        `item` is the value in the file, at which a problem is recorded.
+        """
         raise NotImplementedError
 
     def effect_values(
@@ -196,9 +206,9 @@ class ParameterReader:
     ) -> list[tuple[EffectParameter, Any, Located]]:
         """Return each parameter of an effect with its value and its place in the file.
 
-        A value is None if it is wrong or missing. If no parameter is given, the list is empty and a
-        problem is recorded. `alone` says whether the entry is the value itself, rather than a
-        mapping of parameters.
+        A value is None if it is wrong or missing. If the entry is empty, or is a bare value while
+        no parameter of the effect is called `value`, the list is empty and a problem is recorded.
+        `alone` says whether the entry is a bare value rather than a mapping of parameters.
         """
         names = [parameter.name for parameter in effect.parameters]
         if alone and "value" in names:
@@ -234,7 +244,10 @@ class _Overrides(ParameterReader):
             self.effects.append(effect.name)
 
     def let_follow(self, item: Located) -> None:
-        """Set each parameter that follows one which an effect shifts, unless the file gives it."""
+        """Scale each parameter that follows a shifted one (`followed_by`) as that is scaled.
+
+        A parameter that the file gives itself is left as it is. `item` is the section `effects`.
+        """
         for name, _ in item.items():
             for parameter in CATALOGUE[name].parameters if name in CATALOGUE else ():
                 follower, base = parameter.followed_by, self.base.parameters
@@ -269,7 +282,11 @@ class _Overrides(ParameterReader):
 
 
 def _check_together(model: Model, item: Located, changed: set[str]) -> None:
-    """Record a problem for each pair of contradicting parameters of which one is in `changed`."""
+    """Record a problem for each pair of contradicting parameters of which one is in `changed`.
+
+    The stroke must end above its beginning, the supply pressure be above the return pressure, and
+    the stiction not be below the Coulomb friction.
+    """
     par = model.parameters
     rules = (
         ("stroke_max", "stroke_min", "m", par.stroke_max > par.stroke_min),
@@ -288,7 +305,10 @@ def _check_together(model: Model, item: Located, changed: set[str]) -> None:
 
 
 def named_model(root: Located) -> Located:
-    """Return the model that a file names under `model`: `nominal` if it does not."""
+    """Return the value of a file's key `model`, the name or path of a model.
+
+    If the file does not have the key, the result is a value `nominal` at the place of `root`.
+    """
     return root.get("model") or replace(root, value="nominal", name="model")
 
 

@@ -23,11 +23,11 @@ _COMMENT_COLUMN: Final = 48
 
 
 def dump_model(model: Model, path: Path) -> None:
-    """Write a model file that loads back to the identical model; replace the file at once.
+    """Write a model to a file from which the identical model is read, and replace an older file.
 
     An effect whose parameters are not neutral is written as switched on, even if the model does not
-    list it; provenance is written as `plain_provenance`. After an error the old file, if any, is
-    unchanged.
+    list it; provenance is written as `plain_provenance` returns it. The file is replaced in one
+    step: after an error the old one, if any, is unchanged.
 
     Raises:
         ConfigError: a parameter is outside the range that a model file may hold.
@@ -107,12 +107,15 @@ def section_lines(
 
 
 def commented(text: str, comment: str) -> str:
-    """Return a line of a model file with a comment behind it, unless the comment is empty."""
+    """Return a line of a model file with a comment after it, or the line alone if that is empty."""
     return f"{text:<{_COMMENT_COLUMN}} # {comment}" if comment else text
 
 
 def _switched_on(model: Model) -> list[str]:
-    """Return the model's effects, and all others that have a parameter which is not neutral."""
+    """Return the names of the model's effects, and of all others that act by their parameters.
+
+    Those have a parameter that is not neutral; one that an effect only shifts does not count.
+    """
     acting = [
         effect.name
         for effect in CATALOGUE.values()

@@ -58,8 +58,8 @@ class PlantModel:
         columns: channel -> column of a recording, for channels that have another name or unit
             there.
         effects: names of the effects that the model file switches on.
-        content: the model file as plain values.
-        row_s: period of the rows of its recordings, s; None if any will do.
+        content: the model file as plain dicts, lists and scalars.
+        row_s: period in s that the rows of its recordings must have; None if any will do.
     """
 
     name: str
@@ -70,10 +70,13 @@ class PlantModel:
     row_s: float | None = None
 
     def read(self, path: str | Path) -> Recording:
-        """Return the recording in a file, with the plant's channel names, in SI, at its period.
+        """Return the recording in a file as samples of the plant's period, in SI.
+
+        The channels have the plant's names. Rows of another period are brought to the plant's.
 
         Raises:
-            RecordingError: lists every problem of the file.
+            RecordingError: lists every problem of the file. A period of the rows that is more than
+                10 % off `row_s` is one.
             PlantError: the plant's states do not stay finite along this recording.
         """
         period = self.plant.period
@@ -112,7 +115,7 @@ class _File(Schema):
 
 
 def catalogue(thing: PlantDescription | Plant) -> dict[str, dict[str, str]]:
-    """Return the effects that a plant's model may lack, as effect -> key in a file -> parameter."""
+    """Return the effects that a plant's model may have: effect -> key in a file -> parameter."""
     if isinstance(thing, Plant):
         return {
             effect.name: {knob.key: knob.parameter for knob in effect.knobs}
@@ -191,10 +194,10 @@ def read_plant_file(
 
 
 def _holding(plant: Plant, additions: Sequence[Addition], root: Located) -> Plant:
-    """Return the plant with the additions that the file gives.
+    """Return the plant with the additions that the file gives among its nominal values.
 
     Raises:
-        ConfigError: models of the plant hold none of them.
+        ConfigError: there are additions, and models of this plant cannot hold any.
     """
     if not additions:
         return plant
@@ -211,7 +214,10 @@ def _limits(parameter: Parameter) -> Any:
 
 
 def _values_in(root: Located, thing: PlantDescription | Plant) -> dict[str, float]:
-    """Return the values of all parameters by name, in SI; NaN where one is missing."""
+    """Return the values of all parameters by name, in SI; record the problems.
+
+    A parameter that the file does not give has its neutral value, or NaN if it has none.
+    """
     values = {p.name: nan if p.neutral is None else p.neutral for p in thing.parameters}
     section, own = root.get("parameters"), own_parameters(thing)
     under_effects = _effect_values(root, thing)
@@ -268,7 +274,7 @@ def _effect_values(root: Located, thing: PlantDescription | Plant) -> dict[str, 
 
 
 def _input_units(thing: PlantDescription | Plant) -> dict[str, str]:
-    """Return the unit of each input by its channel; empty if the unit is not known."""
+    """Return channel of each input -> its unit, which is "" if it is not known."""
     return {
         **{each: "" for each in thing.inputs if isinstance(each, str)},
         **{each.channel: each.unit for each in thing.inputs if not isinstance(each, str)},
@@ -278,9 +284,9 @@ def _input_units(thing: PlantDescription | Plant) -> dict[str, str]:
 def _channels(
     section: Located | None, thing: PlantDescription | Plant
 ) -> tuple[dict[str, Column], Any]:
-    """Return the column of each channel that the file names, and the outputs.
+    """Return the column of each channel that the section `channels` names, and all outputs.
 
-    The outputs have the noise, resolution and range that the file gives them.
+    The outputs have the noise, resolution and range that the file gives them, else the plant's.
     """
     if section is None:
         return {}, thing.outputs
@@ -301,7 +307,10 @@ def _channels(
 
 
 def _tolerances(section: Located | None, thing: PlantDescription | Plant) -> dict[str, float]:
-    """Return the fractions by which the file lets parameters differ; {} if it gives none."""
+    """Return parameter -> fraction of its value by which it may be wrong, as the file says.
+
+    The result is empty if the file gives none.
+    """
     if section is None:
         return {}
     share = Annotated[Any, Physical("", 0.0)]
@@ -310,7 +319,10 @@ def _tolerances(section: Located | None, thing: PlantDescription | Plant) -> dic
 
 
 def _errors(section: Located | None, thing: PlantDescription | Plant) -> dict[str, float]:
-    """Return the model errors that the file gives, by equation, in the equation's unit."""
+    """Return equation -> its model error in the equation's unit, for those that the file gives.
+
+    For a plant in full, which has no such errors, record a problem and return {}.
+    """
     if section is None:
         return {}
     if isinstance(thing, Plant):
@@ -347,9 +359,10 @@ def _known(section: Located, names: Sequence[str]) -> list[tuple[str, Located]]:
 def _steering(
     section: Located | None, thing: PlantDescription | Plant
 ) -> dict[tuple[str, str], float] | None:
-    """Return the gain from each input to each output that it steers.
+    """Return (input, output) -> gain of the feedback from the output, as `PlantDescription` has it.
 
-    Return None if the file does not have the section, {} if it says "none".
+    The gain is in the input's unit per the output's. Return None if the file does not have the
+    section, {} if it says "none".
     """
     if section is None:
         return None
@@ -372,10 +385,10 @@ def write_plant_file(
 ) -> None:  # fmt: skip
     """Write a model file with new values of all parameters, which reads back to the same floats.
 
-    The file switches on the model's effects and the added ones. Intervals in the provenance
-    (`effects`, `refitted`: key -> value, lower, upper) are written as comments beside the values
-    too, unless a refitted value was not kept (`kept` is false). If values or effects changed, the
-    word "revised" is appended to the model's name, once.
+    The file switches on the model's effects and the added ones. Intervals in the provenance (under
+    `effects` and `refitted`, each with `lower` and `upper`) are written as comments beside the
+    values too, unless a refitted value was not kept (`kept` is false). If a value changed or an
+    effect was added, the word "revised" is appended to the model's name, unless it ends so already.
 
     Args:
         model: the model as it was read.
@@ -410,9 +423,10 @@ def write_plant_file(
 
 
 def _intervals(provenance: Any, effects: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """Return the interval of each parameter, by its name, which is None where there is none.
+    """Return parameter -> its interval in the provenance, a mapping with `lower` and `upper`.
 
-    `effects` gives the parameter of each key of the effects that are switched on.
+    The interval is None for a parameter of an effect that was not fitted. `effects` are those that
+    are switched on: effect -> key in a file -> parameter.
     """
     given = provenance if isinstance(provenance, Mapping) else {}
     refitted: Mapping[str, Any] = given.get("refitted") or {}

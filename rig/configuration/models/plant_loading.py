@@ -1,4 +1,4 @@
-"""A plant that a user describes in Python is loaded here: `--plant MODULE:OBJECT`, and its file."""
+"""A plant that a user describes in Python is loaded here, with the values of its model file."""
 
 import importlib
 import importlib.util
@@ -24,7 +24,8 @@ def load_plant(
 ) -> PlantModel:
     """Return a plant that a user describes in Python, with the values of a model file.
 
-    The plant's `write` writes a model file of the same form; `PlantModel.read` reads a recording.
+    The module is imported, which runs its code. The function `write` of the returned plant writes a
+    model file of the same form.
 
     Args:
         reference: `module:object`, looked for in the working folder first, or `path.py:object`.
@@ -56,7 +57,11 @@ def load_plant(
 
 
 def _object(reference: str) -> PlantDescription | Plant:
-    """Import the module and return the plant or description that a reference names."""
+    """Import the module and return the plant or description that a reference names.
+
+    Raises:
+        PlantError: the module cannot be imported, or has no such object.
+    """
     source, _, name = reference.rpartition(":")
     if not source or not name:
         raise PlantError([f"names no object of a module; {_EXAMPLE}"])
@@ -76,7 +81,7 @@ def _object(reference: str) -> PlantDescription | Plant:
 
 @contextmanager
 def _found_from(folder: Path) -> Iterator[None]:
-    """Put a folder first on the import path within the block; `rig` does not look there itself."""
+    """Put a folder first on the import path within the block."""
     sys.path.insert(0, str(folder))
     try:
         yield
@@ -114,7 +119,7 @@ def _from_path(path: Path) -> ModuleType:
 
 
 def _broken(error: Exception) -> str:
-    """Return a message on the error that stopped a module's import, with file and line."""
+    """Return a message on an error that stopped the import of a module, with file and line."""
     if isinstance(error, SyntaxError):
         where = f"{error.filename}:{error.lineno}"
     else:

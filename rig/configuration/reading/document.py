@@ -62,20 +62,25 @@ class Located:
         return here
 
     def with_value(self, value: Any) -> "Located":
-        """Return another value with the place and the name of this one."""
+        """Return a `Located` that has another value and the place, name and sources of this one."""
         return Located(value, self.place, self.name, self.sources)
 
     def completed_by(self, defaults: "Located | None") -> "Located":
-        """Return a mapping with the entries of `defaults` for the keys that it does not have.
+        """Return this mapping, with entries of `defaults` for the keys that it does not have.
 
-        Whatever is no mapping is returned as it is; defaults that are no mapping have no entries.
+        If this is no mapping, it is returned as it is. Defaults that are None or no mapping add
+        nothing.
         """
         if defaults is None or not isinstance(self.value, dict):
             return self
         return self.with_value({**dict(defaults.items()), **self.value})
 
     def path_to(self, reference: str) -> Path:
-        """Return the path that a reference means, which counts from the folder of this file."""
+        """Return the path that a text in this file means.
+
+        A relative path counts from the file's folder; "~" is the user's home. The path need not
+        exist.
+        """
         return self.place.path.parent / Path(reference).expanduser()
 
     @property
@@ -124,7 +129,7 @@ class Sources:
     sha256: dict[Path, str] = field(default_factory=dict)
 
     def finished(self, found: T | None) -> T:
-        """Return what was read, which is None only if there are problems.
+        """Return `found`, unless problems were recorded; it may be None only if there are some.
 
         Raises:
             ConfigError: lists all problems that were recorded, if there are any.
@@ -134,10 +139,10 @@ class Sources:
         return found
 
     def read_bytes(self, path: Path, referrer: Located | None = None) -> bytes | None:
-        """Return a file's content and store its hash; if it is unreadable, add a problem.
+        """Return a file's content and keep its hash in `sha256`; None if it cannot be read.
 
-        Return None then. The problem is placed at `referrer`, the value that names the file, if
-        there is one.
+        A problem is added then. It is placed at `referrer`, the value that names the file, if there
+        is one.
         """
         try:
             content = path.read_bytes()
@@ -152,9 +157,9 @@ class Sources:
     def read_yaml(self, path: Path | None, referrer: Located | None = None) -> Located | None:
         """Return the mapping in a YAML file; if the file holds none, add a problem, return None.
 
-        Without a path, return None too. If the file cannot be read, the problem is placed at
-        `referrer`, the value that names it. A file above `MAX_BYTES` or with wrong syntax counts as
-        holding none. Of a repeated key the first value counts, and a problem is added.
+        Without a path, return None and add no problem. If the file cannot be read, the problem is
+        placed at `referrer`, the value that names it. A file above `MAX_BYTES` or with wrong syntax
+        counts as holding none. Of a repeated key the first value counts, and a problem is added.
         """
         content = self.read_bytes(path, referrer) if path is not None else None
         if path is None or content is None:
@@ -190,7 +195,7 @@ class Sources:
 
 
 def _check_depth(content: bytes) -> None:
-    """Read a file once, so that one nested too deeply is refused before its nodes are made.
+    """Parse a file's content once, to refuse one nested too deeply before its nodes are made.
 
     libyaml's reader makes nodes by calling itself, and would exhaust the stack of the process.
 

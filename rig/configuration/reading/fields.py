@@ -1,4 +1,4 @@
-"""Fields of schemas that hold quantities parse a value, check its limits and suggest a remedy."""
+"""Annotations of schemas' fields, which parse a quantity, check limits and suggest a remedy."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Relative(NamedTuple):
 
 
 class Field:
-    """An annotation of a schema's field, whose `parse` reads it or raises `QuantityError`."""
+    """An annotation of a schema's field, by whose `parse` pydantic reads the field's value."""
 
     def parse(self, raw: object) -> Any:
         """Return the field's value, parsed from a value of YAML.
@@ -44,7 +44,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Physical(Field):
-    """An annotation that makes a float a quantity: SI unit, limits in SI, and its usual value."""
+    """An annotation that makes a float a quantity: its SI unit, limits and usual value, all SI."""
 
     unit: str
     lower: float = -math.inf
@@ -55,9 +55,9 @@ class Physical(Field):
         """Return the SI value of a text with a unit, or of a bare number if the unit is "" or rad.
 
         Raises:
-            QuantityError: it is not this quantity, or it is outside the limits, which belong to the
-                range. The error names the limit in the unit that the file uses, and the value that
-                was probably meant, if there is one within the limits.
+            QuantityError: it is not this quantity, or it is below `lower` or above `upper`. The
+                error names the limit in the unit that the file uses, and the value that was
+                probably meant, if there is one within the limits.
         """
         reading = read(raw, self.unit)
         if self.lower <= reading.value <= self.upper:
@@ -95,7 +95,10 @@ class Physical(Field):
 
 @dataclass(frozen=True)
 class Adjustable(Field):
-    """An annotation of a quantity that may also be a signed deviation from the base's value."""
+    """An annotation of a quantity that a file may also give as a deviation from a base model's.
+
+    The deviation is a percentage with a sign, such as `-4 %`.
+    """
 
     physical: Physical
 
@@ -104,7 +107,8 @@ class Adjustable(Field):
 
         Raises:
             QuantityError: it is not this quantity, outside its limits, or a percentage without a
-                sign. For a quantity without a unit, a percentage without a sign is the value.
+                sign. Of a quantity that has no unit, a percentage without a sign is the value
+                itself.
         """
         if isinstance(raw, str) and raw.strip().endswith("%"):
             if raw.strip()[0] in "+-":
@@ -118,9 +122,9 @@ class Adjustable(Field):
 
 @dataclass(frozen=True)
 class Interval(Field):
-    """An annotation of a pair of quantities, the lower one first.
+    """An annotation of a range: a pair of quantities, the lower one first.
 
-    With `single`, a file may give one quantity that counts for both ends.
+    With `single`, a file may also give one quantity, which counts for both ends.
     """
 
     physical: Physical

@@ -1,4 +1,4 @@
-"""Configurations are found by path, beside the file that refers to them, or among the shipped."""
+"""Configurations are found by path, or by name in certain folders and among the shipped ones."""
 
 import shutil
 from collections.abc import Callable
@@ -73,18 +73,22 @@ def reference_in(item: Located | None) -> str | None:
 
 
 def asked(kind: Kind, reference: str | Path, sources: Sources) -> Located:
-    """Return a reference that a user gives, as if it were a value named after its kind."""
+    """Return a path or name that a user gives as a `Located`, which `resolve` takes.
+
+    Its name in messages is the kind. Problems with it are recorded in `sources`.
+    """
     return Located(str(reference), Place(Path(reference), 0, 0), kind, sources)
 
 
 def resolve(kind: Kind, item: Located | None, base: Path | None = None) -> Path | None:
     """Return the file that a reference means; if there is none, add a problem and return None.
 
-    A relative path is resolved from `base`. A name is looked for in the folder of its kind within
-    `base`, beside `base` if a file refers to it (so that an edited copy made by `rig init` wins),
-    in `base` itself unless that is a folder of one kind, and then among the shipped configurations.
-    The referring file itself is never the result. If the value is no name or path, the result is
-    None without a problem.
+    A relative path counts from the folder `base`. A name, without suffix, is looked for in the
+    folder of its kind (such as `rigs`) within `base`; if a file refers to it, in that folder beside
+    `base` too (so that an edited copy made by `rig init` wins); in `base` itself unless that is a
+    folder of one kind; and then among the shipped configurations. The first file found is returned,
+    but never the referring file itself. If the value is no name or path, the result is None without
+    a problem.
 
     Args:
         kind: kind of configuration that is wanted.
@@ -113,10 +117,10 @@ def resolve(kind: Kind, item: Located | None, base: Path | None = None) -> Path 
 
 
 def read_in(kind: Kind, item: Located | None, read: Callable[[Located], T | None]) -> T | None:
-    """Return the object of the configuration that a value refers to.
+    """Return what `read` makes of the configuration file that a value refers to.
 
-    `read` makes it from the mapping in the file. The result is None if there is no such file, or
-    if it cannot be used; the problems are recorded.
+    `read` gets the mapping in the file, and returns None if it cannot use that. The result is None
+    then, and if there is no such file; the problems are recorded.
     """
     path = resolve(kind, item)
     root = item.sources.read_yaml(path) if item is not None else None

@@ -15,19 +15,19 @@ MAX_TESTS: Final = 10_000
 
 
 class Choice(NamedTuple):
-    """One value of an axis, and the label that stands for it in tests' names."""
+    """One value of an axis, and the label that is written in its place in tests' names."""
 
     label: str
     value: Located
 
 
 def expand(test: Located) -> list[Located]:
-    """Return a copy of the test, without its matrix, for every combination of the matrix's axes.
+    """Return copies of a test without its matrix: one for each combination of the axes' values.
 
-    A value `${axis}` is replaced by the axis's value, which may be a list or a mapping, with its
-    place in the file. Within a longer text, `${axis}` is replaced by the value's text, and in
-    `name` by its label. [] if there are more than `MAX_TESTS` combinations. A test without a matrix
-    is returned once. Problems are recorded; an axis without usable values is left out.
+    In a copy, an entry `${axis}` is replaced by the axis's value, which may be a list or a mapping,
+    with its place in the file. Within a longer text, `${axis}` is replaced by the value's text, and
+    in `name` by its label. A test without a matrix gives one copy; more than `MAX_TESTS`
+    combinations give none. Problems are recorded; an axis without usable values is left out.
     """
     matrix = test.get("matrix")
     axes = _read_axes(matrix) if matrix is not None else {}

@@ -39,7 +39,7 @@ class Option(NamedTuple):
 
 
 def read_options(options: type[T], item: Located | None) -> T | None:
-    """Return an object of the class `options`, made from a mapping with its fields as keys.
+    """Return an object of the class `options`, made from a mapping with the class's fields as keys.
 
     If it cannot be made, record the problems and return None. If `item` is None, all fields have
     their defaults. The class is a dataclass or a named tuple.
@@ -70,7 +70,10 @@ def read_options(options: type[T], item: Located | None) -> T | None:
 
 
 def options_of(options: type) -> dict[str, Option]:
-    """Return, by name, the fields of a dataclass or named tuple that a file may give, in order."""
+    """Return name -> `Option` of the fields of a dataclass or named tuple, in their order.
+
+    Fields that the class's constructor does not take are left out.
+    """
     hints = get_type_hints(options, include_extras=True)
     if is_dataclass(options):
         usual = {f.name: _default(f) for f in fields(options) if f.init}
@@ -96,7 +99,7 @@ def _option(hint: Any, default: Any) -> Option:
 
 
 def kind_of(option: Option) -> Any:
-    """Return the type of an option; of `T | None`, return T."""
+    """Return the type of an option's value, which is T for an option of type `T | None`."""
     kinds = get_args(option.hint)
     if len(kinds) == 2 and type(None) in kinds:
         return next(kind for kind in kinds if kind is not type(None))
@@ -104,7 +107,10 @@ def kind_of(option: Option) -> Any:
 
 
 def _written(option: Option) -> Any:
-    """Return the type by which a schema checks an option; Any if `_reader` returns a function."""
+    """Return the type by which a schema checks an option, with its unit and limits.
+
+    It is Any for an option that a function of its own reads (`_reader`).
+    """
     kind, quantity = kind_of(option), option.quantity
     if _reader(option) is not None:
         return Any
@@ -138,10 +144,11 @@ def _is_section(kind: Any) -> bool:
 
 
 def _read_path(item: Located) -> Path | None:
-    """Return a path, resolved from the folder of the file that gives it.
+    """Return the path that an option gives, resolved from the folder of the file that gives it.
 
-    An option that is named after a kind of shipped file (`dbc`) may also give such a file's name.
-    If it is no path or there is no such file, add a problem and return None.
+    If it is no text, add a problem and return None. The path need not exist, unless the option is
+    named after a kind of configuration (`dbc`): such an option may give a name too, and if there is
+    no such file, a problem is added and the result is None.
     """
     reference = reference_in(item)
     if reference is None:
@@ -151,7 +158,10 @@ def _read_path(item: Located) -> Path | None:
 
 
 def _read_section(kind: type[T], item: Located) -> T | None:
-    """Return a nested section, written in place or in a map file that is given by path or name."""
+    """Return a nested section, written in place or in a map file that is given by path or name.
+
+    If it cannot be used, record the problems and return None.
+    """
     if reference_in(item) is None:
         return read_options(kind, item)
     root = item.sources.read_yaml(resolve("map", item), item)

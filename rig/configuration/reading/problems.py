@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Place(NamedTuple):
-    """A position in a file; line and column count from 1."""
+    """A position in a file; line and column count from 1, and are 0 where there is no line."""
 
     path: Path
     line: int
@@ -19,7 +19,8 @@ class Place(NamedTuple):
 class Problem:
     """One mistake: its place, the field, the value, the rule that it breaks, and a remedy.
 
-    `limit` is the rule, such as "is above 3 V". Line 0 means that the place is not in a file.
+    `limit` is the rule as a phrase that follows the value, such as "is above 3 V". Lines and
+    columns count from 1; line 0 means that the mistake is not at a line of a file.
     """
 
     path: str
@@ -50,7 +51,8 @@ class ConfigError(ValueError):
 class Problems:
     """A collection of the problems of all files of a configuration, each of them once.
 
-    `reported` also counts repetitions, which occur as the tests of a matrix share their mistakes.
+    `found` has the problems. `reported` counts them with repetitions, which occur as the tests of a
+    matrix share their mistakes; code compares it before and after a step to see whether it failed.
     """
 
     found: list[Problem] = field(default_factory=list)
@@ -100,7 +102,10 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def suggestion(word: str, known: Sequence[str], kind: str) -> str:
-    """Return the remedy for a misspelt name: the nearest known name, else a list of all of them."""
+    """Return the remedy for a misspelt name: the nearest known name, else a list of all of them.
+
+    `kind` says in the plural what the names are, for the list.
+    """
     near = nearest(word, known)
     listing = f"{kind}: {', '.join(known)}" if known else f"there are no {kind}"
     return f"did you mean {near}?" if near else listing

@@ -68,7 +68,10 @@ _ANGLE: Final = re.compile(r"rad|deg|°|turn|rev|rpm|Hz")
 
 
 class QuantityError(ValueError):
-    """The error of a text that is not the wanted quantity: the broken rule, and a remedy."""
+    """The error of a value that is not the wanted quantity: the broken rule, and a remedy.
+
+    `limit` is the rule as a phrase that follows the value, such as "has no unit".
+    """
 
     def __init__(self, limit: str, remedy: str) -> None:
         self.limit = limit
@@ -90,7 +93,7 @@ class Reading(NamedTuple):
 
 @cache
 def unit_factor(unit: str, si_unit: str) -> Decimal:
-    """Return the factor from `unit` to `si_unit`; 1 Hz counts as 2 pi rad/s.
+    """Return how many `si_unit` one `unit` is; 1 Hz counts as 2 pi rad/s.
 
     Raises:
         QuantityError: the unit is unknown.
@@ -127,7 +130,9 @@ def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
 
 
 def read(raw: object, si_unit: str) -> Reading:
-    """Return the quantity that a text or number gives; only for "" and "rad" it needs no unit.
+    """Return the quantity, of the kind that `si_unit` measures, that a text or number gives.
+
+    It must have a unit, unless `si_unit` is "" or "rad"; a bare number is in that unit then.
 
     Raises:
         QuantityError: it is no number or too large, or its unit is missing or wrong.
@@ -154,7 +159,8 @@ def read(raw: object, si_unit: str) -> Reading:
 def show(value: float, si_unit: str) -> str:
     """Return an SI value as text with four digits, in a unit that suits its size: `13.8 MPa`.
 
-    A flow is always in L/min. A value that suits no usual unit is in the SI unit.
+    The unit is the first usual one in which the number is from 0.1 to below 1000, else the SI unit.
+    A flow is always in L/min.
     """
     units = ("L/min",) if si_unit == "m^3/s" else dimension(si_unit).units
     scaled = [(float(Decimal(repr(value)) / unit_factor(unit, si_unit)), unit) for unit in units]

@@ -28,17 +28,21 @@ def unit_registry() -> "pint.UnitRegistry[Any]":
 
 
 def _made(folder: Path | None) -> "pint.UnitRegistry[Any]":
-    """Make a registry from pint's definitions, or from what a folder keeps of them."""
+    """Make a registry from pint's definitions.
+
+    With a folder, take what pint keeps there of them, or write it there; with None, keep nothing.
+    """
     import pint
 
     return pint.UnitRegistry(non_int_type=Decimal, on_redefinition="ignore", cache_folder=folder)
 
 
 def _kept(folder: Path) -> "pint.UnitRegistry[Any] | None":
-    """Return a registry from what a folder keeps, which takes a tenth of the time.
+    """Return a registry made from what a folder keeps, which takes a tenth of the time.
 
-    pint writes to its folder without a lock. So a new folder is filled under another name and then
-    renamed; a folder that cannot be read is removed.
+    If there is no such folder yet, it is made and filled. As pint writes to its folder without a
+    lock, that is done under another name, and the folder is renamed then. Return None if the folder
+    cannot be made, or if its content is of no use; it is removed in the latter case.
     """
     try:
         if folder.is_dir():

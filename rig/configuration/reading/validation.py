@@ -27,11 +27,12 @@ T = TypeVar("T")
 def read_mapping(
     schema: type[S], item: Located | None, hints: Mapping[str, str] | None = None
 ) -> S | None:
-    """Return a mapping validated by its schema; a key with a wrong or no value counts as absent.
+    """Return a mapping validated by its schema; record the problems.
 
-    Unknown keys, wrong values and missing keys are recorded as problems. Return None if a required
-    key is wrong or missing, if the value is no mapping, or if there is none. `hints` gives the
-    remedy for keys that belong somewhere else.
+    Problems are unknown keys, wrong values, and missing keys that are required. A key with a wrong
+    or no value counts as absent, so that it has its default. Return None if a required key is wrong
+    or missing, if the value is no mapping, or if `item` is None. `hints` gives the remedy for keys
+    that belong somewhere else.
     """
     if item is None:
         return None
@@ -60,10 +61,10 @@ def read_mapping(
 def checked(
     item: Located, fields: Mapping[str, Any], hints: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
-    """Return the values of a mapping for the keys of `fields`; None where absent or wrong.
+    """Return key -> value for all keys of `fields`; the value is None where absent or wrong.
 
     `fields` gives the type of each key's value, `hints` the remedy for misplaced keys. Mistakes are
-    recorded as problems.
+    recorded as problems, keys that are not in `fields` among them.
     """
     definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
     file = read_mapping(create_model("Section", __base__=Schema, **definitions), item, hints)

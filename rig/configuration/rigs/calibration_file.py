@@ -28,10 +28,11 @@ class NeedleReference(Schema):
 
 
 def find_needle(kind: str, item: Located) -> Located | None:
-    """Return the needle of the bypass `kind` from the calibration file that a rig file names.
+    """Return the entry of a bypass's needle in the calibration file that a rig file names.
 
-    If the file or its needle cannot be used, add a problem and return None. A relative path is
-    resolved from the folder of the rig file.
+    If the file cannot be used or has no such needle, add a problem and return None. `kind` is the
+    fault that the bypass makes; `item` is the mapping in the rig file that names the calibration
+    file, whose path is relative to the folder of the rig file.
     """
     reference = read_mapping(NeedleReference, item)
     if reference is None:
@@ -53,7 +54,7 @@ def find_needle(kind: str, item: Located) -> Located | None:
 def dump_calibration(
     path: Path, rig: str, date: datetime.date, needles: Mapping[str, NeedleCalibration]
 ) -> None:
-    """Write a calibration file; on an error, an existing file stays as it is.
+    """Write a calibration file, for rig files to name; on an error, an older file stays as it is.
 
     Args:
         path: path of the file.

@@ -1,7 +1,7 @@
 """These checks find out, before a hardware rig is opened, whether the parts of its file fit.
 
-They cover drivers, sensors, valves and limits. A mistake that only the device shows, such as a
-missing port or another identity, is found by its driver when this is opened.
+They cover drivers, sensors, valves and limits. A mistake that only a device shows, such as a
+missing port or another identity, is found by the device's driver when the driver is opened.
 """
 
 from typing import Final
@@ -31,9 +31,10 @@ def moved_faults(drivers: tuple[DriverSpec, ...]) -> tuple[str, ...]:
 
 
 def valves_of(kind: str) -> tuple[str, ...]:
-    """Return the output signals that make a kind of fault: ball and needle of its bypass.
+    """Return the names of the output signals by which a kind of fault is made.
 
-    The throttle in the return line has a needle only.
+    They are of the ball and the needle of its bypass. The throttle in the return line has a needle
+    only.
     """
     needle = f"{kind}_needle"
     return (needle,) if kind == Verdict.RETURN_BLOCKAGE else (f"{kind}_ball", needle)
@@ -64,7 +65,8 @@ def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...]) -> None:
 def check_rates(root: Located, loop: LoopSettings, drivers: tuple[PlacedDriver, ...]) -> None:
     """Check that the rates of loop, filters and fast device fit; record a problem for each mistake.
 
-    The exchange's timeout must also be below the loop's `stale_limit`.
+    The loop must run at the filters' rate of 1 kHz. If the fast device is slower than the loop, the
+    file must allow that. The exchange's timeout must be below the loop's `stale_limit`.
     """
     if loop.exchange_timeout >= loop.stale_limit:
         limit = f"is not below the stale_limit of {show(loop.stale_limit, 's')}"
@@ -84,7 +86,10 @@ def check_rates(root: Located, loop: LoopSettings, drivers: tuple[PlacedDriver, 
 def check_rungs(
     item: Located | None, rungs: tuple[ChannelLimit, ...], drivers: tuple[PlacedDriver, ...]
 ) -> None:
-    """Check that the fast driver reads every channel for which the file gives a limit."""
+    """Record a problem for each channel with a limit that the fast driver does not read.
+
+    `item` is the section `limits`, and `rungs` are the limits under its key `channels`.
+    """
     supplied = {signal for spec, _ in drivers if spec.kind == "fast" for signal in spec.inputs}
     for rung in rungs:
         if item is not None and rung.channel not in supplied:
@@ -108,7 +113,7 @@ def _check_fast(section: Located, drivers: tuple[PlacedDriver, ...]) -> None:
 
 
 def _check_shared(drivers: tuple[PlacedDriver, ...]) -> None:
-    """Check that no two drivers read or write the same signal, or use the same connection."""
+    """Record a problem where two drivers read or write one signal, or use one connection."""
     for use, remedy, things_of in (
         ("read by", "leave it out of one of them", lambda spec: spec.inputs),
         ("written by", "leave it out of one of them", lambda spec: spec.outputs),
@@ -126,15 +131,16 @@ def _check_shared(drivers: tuple[PlacedDriver, ...]) -> None:
 
 
 def _connections(spec: DriverSpec) -> tuple[str, ...]:
-    """Return the connection that only one driver can have, if the driver has one."""
+    """Return the connection that only this driver may use; () if the driver has none."""
     connection = connection_of(spec.options)
     return () if connection is None else (connection,)
 
 
 def _check_slower(section: Located, loop: LoopSettings, driver: PlacedDriver) -> None:
-    """Check that the file allows a fast device that is slower than the loop.
+    """Record a problem if the file does not allow a fast device that is slower than the loop.
 
-    `slower_device` must not be "refuse", and `stale_limit` must be two of its periods or more.
+    The setting `slower_device` must not be "refuse", and `stale_limit` must be two periods of the
+    device or more. `section` is the section `loop`.
     """
     rate, period = show(driver.spec.rate_hz, "Hz"), 1.0 / driver.spec.rate_hz
     if loop.slower_device == "refuse":

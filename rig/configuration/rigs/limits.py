@@ -40,7 +40,7 @@ class Limits:
     pressure_max_Pa: float  # noqa: N815
 
     def of(self, quantity: Quantity) -> Physical:
-        """Return the limits of a setpoint: of positions, in m, or of commands, in V."""
+        """Return the range of a setpoint with this quantity: positions in m, or commands in V."""
         if quantity == "position":
             return Physical("m", self.position_min_m, self.position_max_m)
         return Physical("V", -self.command_V, self.command_V)
@@ -58,8 +58,8 @@ class LimitsFile(Schema):
 def read_limits(item: Located | None, plant: Model | None) -> Limits | None:
     """Return a rig's limits; if the section is missing or unusable, return None.
 
-    If the plant is known, positions must lie within its stroke and the pressure above its supply
-    pressure; limits that do not are returned all the same. Problems are recorded.
+    If the plant is known, the position limits must lie within its stroke and the pressure limit
+    above its supply pressure; limits that do not are returned all the same. Problems are recorded.
     """
     file = read_mapping(LimitsFile, item)
     if item is None or file is None:
@@ -85,8 +85,8 @@ def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
     """Return the ladder that follows from a rig's limits.
 
     A chamber pressure above its limit trips the rig. A ram beyond its position limits is held; if
-    it gets halfway from a limit to the end of the stroke all the same, the rig trips. Each must
-    last for 3 ms.
+    it gets beyond the middle between a limit and the end of the stroke all the same, the rig trips.
+    Nothing is done before the channel has been beyond its limit for 3 ms.
     """
     low, high = limits.position_min_m, limits.position_max_m
     far_low, far_high = 0.5 * (low + par.stroke_min), 0.5 * (high + par.stroke_max)
@@ -129,7 +129,7 @@ def read_channel_limits(
             type of a bound.
         channels: channels whose unit is known; their bounds are read in this unit.
         known: channels that may have a limit here.
-        unknown: message on a channel that is not in `known`.
+        unknown: what a message says of a channel that is not in `known`: "is not known".
     """
     for element in elements:
         entry = element.get("channel")

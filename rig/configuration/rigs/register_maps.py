@@ -16,7 +16,7 @@ MAPS: Final[tuple[type[Map], ...]] = (RegisterMap, BypassRegisters)
 def read_map(root: Located) -> Map | None:
     """Return the map that a file describes; if it is unusable, record problems, return None.
 
-    It is read as the type of map of which the file has the most keys.
+    The file is read as a `RegisterMap` or as `BypassRegisters`, of whichever it has more keys.
     """
     keys = {key for key, _ in root.items()}
     best = max(MAPS, key=lambda kind: len(keys & set(options_of(kind))))
@@ -24,7 +24,7 @@ def read_map(root: Located) -> Map | None:
 
 
 def read_dbc(path: Path, sources: Sources) -> "Database | None":
-    """Return the CAN messages in a DBC file; if it is no DBC file, add a problem, return None."""
+    """Return the CAN messages in a DBC file; if it cannot be read, add a problem, return None."""
     # cantools takes a tenth of a second to import, and few configurations are DBC files.
     from rig.io import cantools
 

@@ -78,7 +78,7 @@ class Rig:
 
     @property
     def injectable(self) -> tuple[str, ...]:
-        """The kinds of fault whose valves the rig has and can move."""
+        """The kinds of fault whose valves the rig has and, on hardware, its drivers can move."""
         fitted = (*self.bypass_valves, *(["return_blockage"] if self.return_valve else []))
         if self.backend == "simulated":
             return fitted
@@ -172,10 +172,11 @@ def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
 
 
 def _with_parents(root: Located, children: tuple[Path, ...]) -> Located | None:
-    """Return the keys of a rig file, with its parents' values for keys that it does not give.
+    """Return the mapping of a rig file, with its parents' values for keys that it does not give.
 
     Name and description are not inherited. If a parent is unusable, or a rig is its own ancestor,
-    add a problem and return None. `children` are the files that led here.
+    add a problem and return None. `children` are the files that name this one as parent, directly
+    or not.
     """
     entry = root.get("parent")
     if entry is None or reference_in(entry) is None:
@@ -206,9 +207,10 @@ def _read_plant(item: Located | None) -> Model | None:
 def _read_drivers(
     root: Located, file: RigFile | None, loop: LoopSettings | None, rungs: tuple[ChannelLimit, ...]
 ) -> tuple[DriverSpec, ...]:
-    """Return the drivers of a hardware rig; () for a simulated rig, even if it inherits some.
+    """Return the drivers of a hardware rig, after checks against the rest of its file.
 
-    Problems are recorded, also where a simulated rig's own file has drivers.
+    The result is () for a simulated rig, even if it inherits drivers, and if a driver is unusable.
+    Problems are recorded, also if a simulated rig's own file has drivers.
     """
     item = root.get("drivers")
     if file is None or file.backend != "hardware":

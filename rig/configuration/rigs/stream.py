@@ -59,7 +59,10 @@ class LoginFile(Schema):
 
 
 class AccessFile(Schema):
-    """Keys of `access`, which list common names of certificates, or names of users."""
+    """Keys of `access`: who may read the stream, who may command, and which rigs may publish.
+
+    The names are common names of certificates with TLS, else users.
+    """
 
     readers: list[str] = Field(default_factory=list)
     commanders: list[str] = Field(default_factory=list)
@@ -67,7 +70,7 @@ class AccessFile(Schema):
 
 
 class OperatorFile(Schema):
-    """Keys of one entry of `commands`."""
+    """Keys of one entry of `commands`: an operator, the allowed commands, and a key's file."""
 
     operator: str
     allow: list[CommandName]
@@ -160,9 +163,11 @@ def _operators(item: Located | None) -> tuple[Operator, ...]:
 
 
 def _check_open(root: Located, settings: StreamSettings) -> None:
-    """Record a problem where more people could read or command the stream than the profile says.
+    """Record a problem where endpoints, TLS, login and access control of a profile do not fit.
 
-    This is so, for example, if it is served beyond this machine without TLS and without a login.
+    That is where more people could read or command the stream than the profile says, for example
+    if it is served beyond this machine without TLS and without a login, and where TLS is given for
+    no endpoint or the reverse.
     """
     # A problem with an empty key is placed as if the key were missing.
     root = root.with_value({key: item for key, item in root.items() if item.value is not None})

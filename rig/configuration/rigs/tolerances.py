@@ -1,4 +1,4 @@
-"""A YAML file gives the tolerances of figures by which two runs are compared.
+"""A tolerance file says by how much the figures of two runs may differ when they are compared.
 
 It has one entry for each figure or group of figures.
 """

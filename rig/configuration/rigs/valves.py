@@ -58,7 +58,10 @@ class NeedleFile(Schema):
 
 
 class _Points(Field):
-    """The annotation of a calibration table, [[opening, coefficient], ...]."""
+    """The annotation of a calibration table, [[opening, coefficient], ...].
+
+    `parse` returns pairs of an opening from 0 to 1 and a coefficient in m^3/(s Pa^0.5).
+    """
 
     def parse(self, raw: object) -> list[tuple[float, float]]:
         if not isinstance(raw, list) or not all(isinstance(p, list) and len(p) == 2 for p in raw):

@@ -76,13 +76,13 @@ class Distribution:
 
     @property
     def is_drawn(self) -> bool:
-        """Whether the values can differ from case to case."""
+        """Whether the values can differ from case to case, as `support` is more than one value."""
         low, high = self.support
         return low != high
 
 
 class Drawn(NamedTuple):
-    """A distribution as a file gives it: its values may be SI, `Relative`, or a `Level`."""
+    """A distribution as a file gives it; its values are SI numbers, `Relative` or `Level`."""
 
     kind: Kind
     values: tuple[Any, ...]
@@ -93,19 +93,19 @@ class Random(Field):
     """The annotation of a quantity that a file may give as a distribution.
 
     Attributes:
-        inner: the field that reads each value; its unit is that of a standard deviation too (metres
-            or volts for a level).
+        inner: the field that parses each value. A standard deviation is read in its unit too
+            (metres or volts for a level), but without its limits.
     """
 
     inner: Field
 
     def parse(self, raw: object) -> Drawn:
-        """Return the distribution that a value gives; a plain quantity is a `fixed` one.
+        """Return the distribution that a value of YAML gives; a plain quantity gives a `fixed` one.
 
         Raises:
-            QuantityError: it is neither a quantity nor a distribution, values are beyond the limits
-                or mix shares with quantities, ends are in the wrong order, or a standard deviation
-                is not above 0.
+            QuantityError: the value is neither a quantity nor a distribution, its values are beyond
+                the limits or mix shares with quantities, ends are in the wrong order, or a standard
+                deviation is not above 0.
         """
         if not isinstance(raw, dict):
             return Drawn("fixed", (self.inner.parse(raw),))
@@ -173,17 +173,17 @@ def _check_order(kind: str, low: float, high: float) -> None:
 
 
 def resolved(drawn: Drawn, limits: Physical, base: float = 0.0) -> Distribution:
-    """Return a distribution with absolute values in SI.
+    """Return the distribution that a file gives, with absolute values in SI.
 
     Args:
         drawn: the distribution as the file gives it.
-        limits: range that the values must lie in. Of a normal distribution the mean must, and the
-            distribution is cut off at the ends.
+        limits: range in which the values must lie. Of a normal distribution only the mean must lie
+            in it, and the distribution is cut off at its ends.
         base: the value from which `Relative` values deviate.
 
     Raises:
-        QuantityError: a value is beyond the limits, a deviation is from zero, the ends are in the
-            wrong order, or a log-uniform distribution begins at 0 or below.
+        QuantityError: a value is beyond the limits, a value is `Relative` and `base` is 0, the ends
+            are in the wrong order, or a log-uniform distribution begins at 0 or below.
     """
     if base == 0.0 and any(isinstance(value, Relative) for value in drawn.values):
         raise QuantityError("is a share of zero", "give the values themselves")

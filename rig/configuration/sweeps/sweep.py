@@ -73,7 +73,7 @@ class SweepFile(Schema):
 
 
 class LeaksFile(Schema):
-    """Keys of a sweep's leaks."""
+    """Keys of `leaks` in a sweep file: how many cases leak, where, how much and from when on."""
 
     healthy: Annotated[float, Physical("", 0.0, 1.0, 0.25)] = 0.25
     places: tuple[LeakName, ...] = get_args(LeakName)
@@ -95,7 +95,7 @@ def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
 
 
 def read_sweep(root: Located) -> Sweep | None:
-    """Return the sweep that a file describes; if there is any problem, record it, return None."""
+    """Return the sweep that a file describes; record all problems, and return None if any."""
     file = read_mapping(SweepFile, root)
     rig = _read_rig(root.get("rig"))
     model = _read_model(root)
@@ -165,7 +165,11 @@ def _read_model(root: Located) -> Model | None:
 
 
 class _Parameters(ParameterReader):
-    """A reader of `parameters` and `effects`, with a distribution for each field they give."""
+    """A reader of `parameters` and `effects`, with a distribution for each field they give.
+
+    After `read`, `distributions` has them by field of `Parameters`, and `followers` maps a field
+    to the one with which it is scaled. `base` are the rig's own parameters.
+    """
 
     def __init__(self, base: Parameters) -> None:
         self._base = base
@@ -206,7 +210,7 @@ class _Parameters(ParameterReader):
     def check_together(self) -> None:
         """Record a problem for each pair of parameters that may contradict each other in a case.
 
-        Fields that the file gives itself are removed from the followers before.
+        Before that, remove from `followers` the fields to which the file gives a distribution.
         """
         self.followers = {
             follower: field

@@ -120,7 +120,10 @@ def read_motions(item: Located | None, limits: Limits | None) -> tuple[SweptMoti
 
 
 class _Reader:
-    """A reader of one motion."""
+    """A reader of one motion of a sweep, whose `read` returns it; None if it cannot be made.
+
+    Problems are recorded. A motion that may go beyond the limits is returned all the same.
+    """
 
     def __init__(self, item: Located, limits: Limits | None) -> None:
         self._item, self._limits = item, limits
@@ -157,10 +160,11 @@ class _Reader:
     def _values(
         self, key: str, readers: list[Any], file: MotionFile
     ) -> tuple[Distribution, ...] | None:
-        """Return a distribution for each element of a list, or `count` copies of a single one.
+        """Return the distributions of a key's value; None if the file does not give the key.
 
-        Any other key has one. If any is wrong, or there are too many, problems are recorded and
-        None is returned, as it is where the file has no value.
+        A list (`levels`, `frequencies`) has one for each element; a single value in its place has
+        `count` copies. Any other key has one. If an element is wrong, or there are too many, record
+        problems and return None.
         """
         given = getattr(file, key)
         if given is None:
@@ -213,10 +217,7 @@ class _Reader:
 
 
 def reach(motion: SweptMotion) -> tuple[float, float]:
-    """Return bounds of the setpoints that a motion may reach: lowest and highest, m or V.
-
-    They hold for every value that its distributions allow.
-    """
+    """Return a lower and an upper bound, in m or V, of a motion's setpoints in all cases."""
     values = motion.values
     if "amplitude" in values:
         low, high = values["mean"][0].support

@@ -23,7 +23,7 @@ class SweptMotion:
     """One of the motions of a sweep; each case has one of them.
 
     Attributes:
-        name: name in the table of cases; the type, unless the file gives a name.
+        name: name in the table of cases, which is the type if the file gives none.
         type: type of setpoint, as in `control.setpoints`.
         share: weight by which cases get this motion, relative to the sum of all shares.
         quantity: `position` (m, closed loop) or `command` (V, open loop).
@@ -67,7 +67,7 @@ class Sweep:
         path: path of its file.
         rig: the rig that every case starts from.
         model: the model that filter and detector assume.
-        filter_name: the filter.
+        filter_name: name of the filter that judges.
         false_alarms_per_day: rate of false alarms that the detector aims at.
         duration_s: duration of a case.
         longest_step_s: longest step in s of the plant's integration (`rig.plant.integrator`).
@@ -103,7 +103,7 @@ class Sweep:
     def meaning(self) -> Any:
         """Everything that the results depend on, as a mapping of plain values in SI.
 
-        A sweep can be resumed only if this has not changed.
+        A sweep can be resumed only if this mapping has not changed.
         """
         rig = self.rig
         return plain(
@@ -131,7 +131,7 @@ class Sweep:
 
     @property
     def ticks(self) -> int:
-        """Number of samples of a case, the first and the last included."""
+        """Number of samples of a case at 1 kHz, those at its start and its end included."""
         return round(self.duration_s * 1000.0) + 1
 
     @property
