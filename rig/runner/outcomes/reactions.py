@@ -1,4 +1,4 @@
-"""Turns a test's decisions into rows for the loop, and finds in its rows what it did about them."""
+"""Turns decisions into rows for the loop, and finds in the loop's rows what it did about faults."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -20,7 +20,10 @@ _NO_FAULT: Final = (Verdict.HEALTHY, Verdict.INCONCLUSIVE)
 
 
 class DecisionRows:
-    """Turns the decisions of one test into rows; they must be given in the order of their times."""
+    """Turns the decisions of one test into rows that the loop reads.
+
+    The decisions must be given in the order of their times: since when a verdict holds is counted.
+    """
 
     def __init__(self) -> None:
         self._verdict = ""
@@ -69,7 +72,8 @@ class FaultAction:
     Attributes:
         at_s: when it began, s of the test.
         until_s: when it ended, s of the test; None if it lasted to the end.
-        what: in words, as an event of the recording: "tolerating external_leakage_1 0.42 L/min".
+        what: the action in words, as in an event of the recording: "holding the ram" or "tolerating
+            external_leakage_1 0.42 L/min".
     """
 
     at_s: float
@@ -78,7 +82,7 @@ class FaultAction:
 
     @property
     def holds(self) -> bool:
-        """Whether the loop held the ram; if not, it compensated for a leak."""
+        """Whether the loop held the ram; if not, it tolerated a leak, and compensated for it."""
         return self.what == _HOLDING
 
 
