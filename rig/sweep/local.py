@@ -114,7 +114,7 @@ def run_pool(
 def _start_worker() -> None:
     """Prepare this process of the pool to ignore Ctrl-C, and to end when its parent ends.
 
-    It also computes with small matrices in one thread, unless the environment says otherwise.
+    OpenBLAS is set to use one thread, unless the environment sets a number.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Each core has a process already, so that more threads for small matrices would gain nothing.

@@ -109,7 +109,7 @@ class Thesis7Lanes(NamedTuple):
 
 @inlined
 def _wave(sines, i, time_s):
-    """Return the value of sine i of a setpoint at a time in s, m or V."""
+    """Return the value, in m or V, of sine i of a setpoint at a time in s."""
     row = SINE_ROWS * i
     turns = load(sines, row + PHASE)
     turns += time_s * (load(sines, row + FREQUENCY) + time_s * load(sines, row + CHIRP))
@@ -160,9 +160,9 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
 
     Args:
         first: number of the first tick.
-        sines: (4 s, LANES).
-        levels: m or V, (k, LANES).
-        ends: s, (k, LANES).
+        sines: rows of the sines, (4 s, LANES).
+        levels: successive levels, m or V, (k, LANES).
+        ends: time at which each level ends, s, (k, LANES).
         held: index of the present level, (1, LANES); updated.
         setpoint: is filled with the setpoint of each tick, m or V, (ticks, LANES).
     """

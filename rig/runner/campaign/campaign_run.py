@@ -172,7 +172,7 @@ def bench_of(
 
     Args:
         campaign: the campaign to run.
-        rig: simulated, or on hardware.
+        rig: the rig, simulated or on hardware.
         directory: folder of the run.
         observer: shows the operator how compiling goes on; follows a session on hardware if it is
             an `Onlooker`, too.

@@ -28,7 +28,9 @@ SHUT_S: Final = 1.0
 
 @dataclass
 class _MeanFlow:
-    """The mean of a channel's absolute value over a time span, less its zero offset.
+    """The mean of a flow's absolute value over a time span, less the zero offset of its channel.
+
+    The mean is at least 0, and None while there is no reading in the span.
 
     Attributes:
         column: index of the channel's column.

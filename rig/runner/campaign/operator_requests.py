@@ -105,9 +105,9 @@ class Desk:
     def record(self, kind: str, **details: Any) -> None:
         """Write an entry to the journal, while no request of an operator is being written.
 
-        Before `open` and after `close` nothing is written. If another thread has locked the desk
-        for 5 s, its disk hangs; then nothing is written, so that the calling thread does not hang
-        as well.
+        Before `open` and after `close` nothing is written. Nothing is written either if another
+        thread keeps the desk locked for 5 s, as when the disk hangs, so that the calling thread
+        does not hang as well.
         """
         if not self._lock.acquire(timeout=_PATIENCE_S):
             return

@@ -200,7 +200,7 @@ class SimulatedBench:
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> McapWriter:
-        """Return the writer of a test's recording."""
+        """Return the writer of a test's new recording; the time of day is added to the metadata."""
         return McapWriter(path, channels, {**metadata, "start_ns": time.time_ns()})
 
 

@@ -101,7 +101,7 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=True)
 
     def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
-        """Send whether a pause is requested, and the conditions that hold the campaign."""
+        """Send whether a pause is requested, and the reasons why conditions hold the campaign."""
         self._inner.campaign_stands(pausing=pausing, held=held)
         with self._lock:
             self._campaign |= {"pausing": pausing, "held": list(held)}

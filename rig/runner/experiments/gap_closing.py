@@ -168,7 +168,7 @@ def close_gap(
     stop: StopFlag | None = None,
     seed: int = 0,
 ) -> GapResult:
-    """Run motions on a rig until its model is adequate, and return the result with what it lacked.
+    """Run motions on a rig until its model is adequate, and return what the given model lacked.
 
     The rounds also end when nothing more can be found, or after `rounds` of them. If the rig trips
     between two motions, while the model is being fitted, the result follows from the recordings so

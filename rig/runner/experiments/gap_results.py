@@ -53,6 +53,8 @@ def rig_plant(
 ) -> Plant:
     """Return a rig with a model as the gap workflow's `Plant`, whose `write` writes model files.
 
+    Discovered terms of the model that the plant cannot hold are left out.
+
     Args:
         model: the model to be tested.
         sensors: data sheet of the rig's transducers.

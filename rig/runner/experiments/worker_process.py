@@ -36,7 +36,7 @@ class ApartError(Exception):
 
 
 class Worker(Protocol):
-    """A function that calls another function, in this process or in one of its own."""
+    """A function that calls another function, in this process or in a new one."""
 
     def __call__(
         self, waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *Ts

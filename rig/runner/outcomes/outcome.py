@@ -37,7 +37,7 @@ class InjectedFault:
     """A fault that was injected into a test, as it was requested, and the flow that resulted.
 
     Attributes:
-        kind: one of the fault kinds.
+        kind: name of the kind of fault, such as `external_leakage_1`.
         at_s, until_s: begin and end, s of the test; `until_s` is None if it lasted to the end.
         coefficient: the requested size, SI (m^3/(s Pa^0.5), linear leaks m^3/(s Pa), return
             blockage Pa/(m^3/s)^2).

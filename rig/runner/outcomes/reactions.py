@@ -22,7 +22,8 @@ _NO_FAULT: Final = (Verdict.HEALTHY, Verdict.INCONCLUSIVE)
 class DecisionRows:
     """Turns the decisions of one test into rows that the loop reads.
 
-    The decisions must be given in the order of their times: since when a verdict holds is counted.
+    The decisions must be given in the order of their times, since the object remembers from when on
+    the verdict has been the same.
     """
 
     def __init__(self) -> None:
@@ -105,7 +106,7 @@ class Reactions:
         self.actions: list[FaultAction] = []
 
     def take(self, rows: Array) -> Iterator[tuple[float, str, str]]:
-        """Process the next rows, and yield each change of action in them as an event.
+        """Process the next rows, update `actions`, and yield each change of action as an event.
 
         An event is (time in s, kind of event, text). The rows are only processed as the events are
         taken from the iterator.

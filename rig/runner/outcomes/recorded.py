@@ -134,7 +134,7 @@ def detector_of(
     Args:
         recording: the recording of a campaign's test.
         model: the model that the new detector assumes.
-        filter_name: name of the filter whose estimates it is to judge.
+        filter_name: name of the filter whose estimates the new detector judges.
         false_alarms_per_day: rate of false alarms to allow.
     """
     metadata = recording.metadata

@@ -109,7 +109,10 @@ class JournalState:
 
     @property
     def recording(self) -> str | None:
-        """File name of the recording of the test that runs; None if no test runs, or before it."""
+        """File name of the recording of the test that runs.
+
+        It is None if no test runs, or if the recording has not begun.
+        """
         return None if self._present is None else self._recording
 
     def number_of(self, index: int) -> int:
@@ -119,8 +122,9 @@ class JournalState:
     def outcome(self, index: int, not_run: TestOutcome) -> TestOutcome:
         """Return the outcome of a test's latest attempt, whether the test is finished by it or not.
 
-        If a kill ended this attempt, the outcome is `not_run` with the status `interrupted`. The
-        `attempts` of the outcome are always the test's earlier attempts.
+        If a kill ended this attempt, the outcome is `not_run` with the status `interrupted`, and
+        with message and recording of the attempt. The `attempts` of the outcome are always the
+        test's earlier attempts.
 
         Args:
             index: index of the test.
@@ -163,7 +167,7 @@ class JournalState:
         self._open[index] = Attempt(number, status, phase, message, self._at, recording)
 
     def _interrupted(self, entry: Entry) -> None:
-        """Note that the campaign is resumed; a test that had begun and not ended was killed."""
+        """Note that the campaign is resumed; a test that had not ended is noted as killed."""
         what = "resumed"
         if self._present is not None:
             index, phase = self._present, self._phase
