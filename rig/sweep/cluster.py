@@ -19,7 +19,7 @@ _LOOK_S: Final = 2.0
 
 
 class ClusterError(ValueError):
-    """A cluster that cannot be used.
+    """Raised for a cluster that cannot be used.
 
     Attributes:
         problems: the reasons, one line each.
@@ -56,9 +56,10 @@ def run_cluster(
     stopped: Stopped,
     say: Callable[[str], None],
 ) -> Iterator[Judged]:
-    """Run chunks of cases on a cluster, and yield the result of each chunk as soon as it ends.
+    """Run chunks of cases on a cluster, and yield each chunk's result once it is there.
 
-    While the cluster has no worker, it waits for one. A chunk that fails is run twice more.
+    So the results may come in another order than the chunks. While the cluster has no worker, the
+    function waits for one. A chunk that fails is tried up to twice more.
 
     Args:
         chunks: the chunks to run.
@@ -68,7 +69,7 @@ def run_cluster(
         say: shows a line to the operator.
 
     Raises:
-        SweepError: a case could not be run, or the cluster is lost.
+        SweepError: a case could not be run, or the connection to the cluster was lost.
     """
     ended: queue.Queue[Any] = queue.Queue()
     running: set[Any] = set()
@@ -96,7 +97,10 @@ def run_cluster(
 
 
 def _wanted(client: Any, say: Callable[[str], None]) -> Iterator[int]:
-    """Yield how many chunks should be submitted at present; count the threads now and then."""
+    """Yield again and again how many chunks should be under way: three for each thread, at least 3.
+
+    The threads of the cluster are counted every 2 s. When there are none any more, a line says so.
+    """
     next_look, threads = 0.0, 1
     while True:
         now = time.monotonic()

@@ -25,7 +25,7 @@ class Cases:
     """Some cases with all that was drawn for them.
 
     Attributes:
-        chunk: number of the chunk that these cases are.
+        chunk: number of the chunk that these cases make up.
         numbers: numbers of the cases, int64 (n,).
         parameters: `rig.plant.parameters.Parameters` of each rig, float64 (fields, n).
         coefficients: coefficients of the leaks in the order of `rig.plant.LEAKS`, SI, float64
@@ -83,7 +83,7 @@ class Cases:
 
 
 def draw(sweep: Sweep, first: int, count: int) -> Cases:
-    """Return `count` cases of a sweep from number `first` on, as the chunk 0."""
+    """Return `count` cases of a sweep from number `first` on, with 0 as number of the chunk."""
     streams = Streams(sweep.seed, first, count)
     parameters, columns = _parameters(sweep, streams)
     noise = streams.drawn("noise", sweep.noise)

@@ -94,8 +94,8 @@ class SweepFolder:
     def done(self, chunks: Mapping[int, int]) -> dict[int, int]:
         """Return the number of cases of each finished chunk, by the chunk's number.
 
-        If the folder has the sweep's table, all chunks are finished. A part of the folder that is
-        damaged, or that does not fit any chunk, is deleted, so that its cases are run again.
+        If the folder has the sweep's table, all chunks are finished. The file of a chunk is deleted
+        if it is damaged, or has not as many cases as the chunk; these cases are then run again.
 
         Args:
             chunks: number of cases of each chunk of the sweep, by the chunk's number.
@@ -143,7 +143,10 @@ class SweepFolder:
 
 
 def identity(sweep: Sweep) -> dict[str, Any]:
-    """Return the identity of a sweep, JSON-able, with hashes of its meaning and of the program."""
+    """Return what identifies a sweep, JSON-able: name, file, meaning, and two hashes.
+
+    `sha256` is the hash of the sweep's meaning, `sources` that of the program's sources.
+    """
     text = json.dumps(sweep.meaning, sort_keys=True)
     return {
         "schema": SCHEMA,
@@ -167,8 +170,9 @@ def read_identity(path: Path) -> dict[str, Any] | None:
 def unfinished_folder(sweep: Sweep, runs: Path) -> Path | None:
     """Return the newest folder in `runs` with an unfinished run of the same sweep.
 
-    The newest is that whose `sweep.json` is newest; folders further below are not searched. The
-    result is None if there is none.
+    A run is unfinished if its folder has no table yet; it may have been begun by another version of
+    this program. The newest is that whose `sweep.json` is newest. Folders further below are not
+    searched. The result is None if there is no such folder.
     """
     same = identity(sweep)["sha256"]
     begun = [

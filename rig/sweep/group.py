@@ -81,6 +81,11 @@ class Group:
         setting: what all cases of the sweep share.
         cases: the cases from which those of the group are chosen.
         at: indices of the chosen cases, (LANES,).
+
+    Attributes:
+        motions: setpoints of the chosen cases, with sums of sines scaled to their peaks.
+        rigs: rigs of the chosen cases, at rest.
+        lanes: setpoints and noise of the chosen cases, before the first tick.
     """
 
     setting: Setting
@@ -107,7 +112,7 @@ class Group:
     def _starts(self) -> Array:
         """Return the positions at which the rams rest at first, m, (LANES,).
 
-        It is the first value of the setpoint; in open loop, the middle of the position limits.
+        A position is the setpoint at time 0; in open loop, the middle of the position limits.
         """
         sines = self.motions.sines.reshape(-1, SINE_ROWS, LANES)
         waves = sines[:, AMPLITUDE] * np.sin(2.0 * np.pi * sines[:, PHASE])
@@ -124,12 +129,13 @@ class Group:
         return f"cases {', '.join(map(str, np.unique(self.cases.numbers[self.at])))}"
 
     def outcome_columns(self, verdicts: NDArray[np.str_], ends_s: Array) -> Figures:
-        """Return columns with verdict, whether it is right, times, and false alarm, (LANES,) each.
+        """Return what follows from the verdicts as columns of the table, (LANES,) each.
 
-        The keys are `verdict`, `right`, `detected_at_s`, `latency_s` and `false_alarm`; see
-        `rig.sweep.table.FIGURES`. The times are NaN if the last verdict names no fault, and the
-        latency also if that verdict is wrong. An alarm is false if a verdict names a fault before
-        the onset, or at any time in a healthy case.
+        The keys are `verdict`, the last one; `right`, whether that is the injected fault;
+        `detected_at_s`, when it was first given; `latency_s`, from the onset until it was first
+        given after the onset; and `false_alarm`. Both times are NaN if the last verdict names no
+        fault, and the latency also if that verdict is wrong. An alarm is false if a verdict names a
+        fault at or before the onset, or at any time in a healthy case.
 
         Args:
             verdicts: the verdict after each block, (blocks, LANES).
@@ -168,9 +174,9 @@ class Group:
 
 
 def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:
-    """Yield for each group the indices of its cases, (LANES,).
+    """Yield for each group the indices of its cases, (LANES,), in the order of the cases.
 
-    The groups share no case. If cases are missing in the last group, its last case is repeated.
+    Groups share no case. If cases are missing in the last group, its last case is repeated.
     """
     for first in range(0, cases.numbers.size, LANES):
         yield np.minimum(first + np.arange(LANES), cases.numbers.size - 1)

@@ -43,18 +43,21 @@ def run_here(chunks: Iterator[Cases], setting: Setting, stopped: Stopped) -> Ite
 def run_pool(
     chunks: Iterator[Cases], setting: Setting, jobs: int, stopped: Stopped
 ) -> Iterator[Judged]:
-    """Run chunks of cases on a pool of processes, and yield the result of each as soon as it ends.
+    """Run chunks of cases on a pool of processes, and yield each chunk's result once it is there.
 
-    If a process dies, the chunks that were under way are run again by new processes.
+    So the results may come in another order than the chunks. If a process dies, the chunks that
+    have no result yet are run again by new processes.
 
     Args:
         chunks: the chunks to run.
         setting: what all cases of the sweep share.
         jobs: number of processes.
-        stopped: once it returns True, only chunks that are being run are still finished.
+        stopped: once it returns True, no further chunk is begun; those that a process has begun are
+            still finished, and their results are yielded.
 
     Raises:
-        SweepError: a case could not be run, or processes died too often with the same chunk.
+        SweepError: a case could not be run, or a process died more than three times while the same
+            chunk was under way.
     """
     deaths: Counter[int] = Counter()
     again: deque[Cases] = deque()
@@ -62,7 +65,11 @@ def run_pool(
     def results(
         pool: ProcessPoolExecutor, running: dict[Future[Judged], Cases]
     ) -> Iterator[Judged]:
-        """Run chunks on one pool; if it breaks, `running` has those without a result."""
+        """Run chunks on one pool, and yield their results.
+
+        If a process of the pool dies, BrokenProcessPool is raised, and `running`, which is updated,
+        then holds the submitted chunks without a result.
+        """
         while True:
             while len(running) < _QUEUED * jobs and not stopped():
                 cases = again.popleft() if again else next(chunks, None)
@@ -105,7 +112,10 @@ def run_pool(
 
 
 def _start_worker() -> None:
-    """Prepare a process of the pool: it ignores Ctrl-C, and ends when its parent ends."""
+    """Prepare this process of the pool to ignore Ctrl-C, and to end when its parent ends.
+
+    OpenBLAS is set to use one thread, unless the environment sets a number.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Each core has a process already, so that more threads for small matrices would gain nothing.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -95,7 +95,10 @@ class Motions:
     pace: Array
 
     def of(self, lanes: NDArray[np.intp]) -> "Motions":
-        """Return the motions of some of the cases, by the indices of these cases."""
+        """Return the motions of some of the cases, by the indices of these cases.
+
+        Rows of sines at the end that have no amplitude in any of these cases are left out.
+        """
         parts = {
             each.name: np.ascontiguousarray(getattr(self, each.name)[..., lanes])
             for each in fields(self)
@@ -107,9 +110,9 @@ class Motions:
 
 
 class _Course(NamedTuple):
-    """The motion of one case: levels and their ends, rows of sines, peak and pace, as `Motions`.
+    """The motion of one case: levels and their ends, rows of sines, peak and pace, as in `Motions`.
 
-    The last end does not count.
+    The last level has no end, so that the last of `ends` has no effect.
     """
 
     levels: Sequence[float]
@@ -175,7 +178,10 @@ def drawn_motions(
 def _columns_of(
     motion: SweptMotion, drawn: dict[str, list[Array]], chosen: NDArray[np.bool_]
 ) -> dict[str, Column]:
-    """Return the drawn quantities of a motion as columns, NaN for cases with another motion."""
+    """Return the quantities of a motion that are random as columns, by the columns' names.
+
+    Cases with another motion have NaN. Quantities that are the same in every case are left out.
+    """
     level = "m" if motion.quantity == "position" else "V"
     columns = {}
     for key, laws in motion.values.items():

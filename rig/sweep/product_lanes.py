@@ -25,7 +25,10 @@ _LEAST_HEALTHY: Final = 1e-12
 
 
 def judged_by_product(group: Group) -> Figures:
-    """Run a group's cases, and return the columns of `rig.sweep.table.FIGURES`, (LANES,) each.
+    """Run a group's cases with the product filter, judge them, and return the columns of results.
+
+    These are the columns of `rig.sweep.table.FIGURES` that the product filter can fill, (LANES,)
+    each.
 
     Raises:
         SweepError: a rig needed more integration steps than are allowed.
@@ -117,13 +120,16 @@ def _samples(time_s: Array, readings: Array) -> Samples:
 def _decided(
     detector: OilAccountDetector, held: Decision, samples: Samples, states: Array, *, last: bool
 ) -> Decision:
-    """Let the detector of a case judge a block, and return its decision, or the one held so far.
+    """Give the detector of a case the next block, and return the decision after the block.
+
+    The detector is only asked for a new decision if it sees a sign of a fault, if the decision
+    before named a fault, or in the last block; else the decision before is returned.
 
     Args:
         detector: the detector; updated.
         held: the decision before this block.
         samples: the readings of the case in the block.
-        states: the filter's estimates, (ticks, 11).
+        states: the filter's estimates in the block, (ticks, 11).
         last: whether this is the last block, after which there is always a decision.
     """
     outputs = np.full((len(states), len(OUTPUTS)), np.nan)

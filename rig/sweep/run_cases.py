@@ -1,8 +1,9 @@
 """Runs and judges cases on a worker, one group of lanes after another.
 
 Cases with the thesis's filter are judged by the thesis's pattern of moving averages, from sums over
-blocks of half a second. The decisions are those of `estimator.leaks.pattern.PatternDetector` after
-each block, at which its moving average of 4000 samples is the mean of eight blocks.
+blocks of half a second. The decisions are those that `estimator.leaks.pattern.PatternDetector`
+makes after each block: there its moving average of 4000 samples is the mean of the last eight
+blocks.
 """
 
 import os
@@ -57,8 +58,8 @@ class Judged:
         wall_s: wall-clock time that the cases took, s.
         source: hash of the program's sources in the worker.
         worker: name of the process that ran the cases.
-        start_s: time that this process took before to load the compiled code, s; 0 if it was
-            loaded already.
+        start_s: time that this process took to load the compiled code before it ran the cases, s;
+            0 if the code was loaded already.
     """
 
     chunk: int
@@ -97,7 +98,9 @@ def run_thesis7(group: Group) -> Array:
 
 
 def judge_cases(setting: Setting, cases: Cases) -> Figures:
-    """Run and judge cases, and return the columns of `rig.sweep.table.FIGURES`, (n,) each.
+    """Run and judge cases with the sweep's filter, and return the columns of results, (n,) each.
+
+    These are the columns of `rig.sweep.table.FIGURES` that the filter can fill.
 
     Raises:
         SweepError: a case could not be run.
@@ -153,7 +156,10 @@ def _load(setting: Setting, cases: Cases) -> float:
 
 
 def judged_by_pattern(sums: Array, group: Group) -> Figures:
-    """Return the columns of `rig.sweep.table.FIGURES` for a group's cases, (LANES,) each.
+    """Judge cases by the thesis's pattern of averages, and return the columns of results.
+
+    These are the columns of `rig.sweep.table.FIGURES` that the thesis's filter can fill, (LANES,)
+    each.
 
     Args:
         sums: `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES).
@@ -194,11 +200,11 @@ def judged_by_pattern(sums: Array, group: Group) -> Figures:
 
 
 def _still_case(setting: Setting, cases: Cases) -> Cases:
-    """Return one healthy case at rest; running it loads the compiled code for cases.
+    """Return one case without a leak and at rest; running it loads the compiled code for cases.
 
     Args:
         setting: what all cases of the sweep share.
-        cases: some cases of the sweep.
+        cases: some cases of the sweep; all that needs no other value is taken from the first.
     """
     none, zero = np.full(1, np.nan), np.zeros(1)
     level, endless = np.full((1, 1), setting.middle), np.full((1, 1), np.inf)

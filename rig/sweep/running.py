@@ -36,9 +36,9 @@ class Timing:
         rig_s: simulated time of these cases, s.
         process_s: processor time of all processes, without start-up, s.
         busy_s: wall-clock time that the processes were running cases, added up, s.
-        start_s: time from the start until the first process ran its first case, s.
+        start_s: time from the start until the first process began to run cases, s.
         elapsed_s: time from the start to the last result, s.
-        ready_s: for each process, time from the start until it ran its first case, s.
+        ready_s: time from the start until a process began to run cases, s, by the process's name.
     """
 
     cases: int = 0
@@ -50,7 +50,7 @@ class Timing:
     ready_s: dict[str, float] = field(default_factory=dict)
 
     def add(self, judged: Judged, cases: int, rig_s: float, received_s: float) -> None:
-        """Add the times of a chunk.
+        """Add the times of a chunk; only `elapsed_s` is left as it is.
 
         Args:
             judged: the chunk's result.
@@ -68,7 +68,8 @@ class Timing:
     def plain(self) -> dict[str, Any]:
         """Return the times as JSON-able values, with rates in simulated seconds per second.
 
-        A rate is None if no case was run.
+        The rates are those per second of processor time, per second in which a process ran cases,
+        and per second of a process since it began with them; None if no case was run.
         """
         after_start = sum(self.elapsed_s - ready_s for ready_s in self.ready_s.values())
         return {
@@ -106,7 +107,10 @@ def chunks_of(sweep: Sweep) -> dict[int, int]:
 
 
 def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
-    """Yield the first case and the number of cases of each batch that is drawn at once."""
+    """Yield the number of the first case, and how many cases, of each lot that is drawn at once.
+
+    A lot has whole chunks, except that the last one ends with the sweep.
+    """
     size = chunk_size(sweep)
     shelf = size * ceil(_SHELF / size)
     for first in range(0, sweep.cases, shelf):
@@ -114,7 +118,10 @@ def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
 
 
 def drawn_chunks(sweep: Sweep, wanted: Collection[int]) -> Iterator[Cases]:
-    """Yield the chunks whose numbers are in `wanted`, each of similar cases, in their order."""
+    """Yield the chunks whose numbers are in `wanted`, in ascending order of their numbers.
+
+    The cases that are drawn at once are sorted first, so that a chunk has similar cases.
+    """
     size, chunk = chunk_size(sweep), 0
     for first, count in _shelves(sweep):
         chunks = range(chunk, chunk + ceil(count / size))

@@ -68,7 +68,7 @@ class PowerBin:
     """The leaks of a sweep whose flows lie between two limits.
 
     Attributes:
-        low, high: the limits, m^3/s.
+        low, high: the limits, m^3/s; a flow of `low` belongs to the bin, one of `high` does not.
         right: share of these leaks that were named right.
     """
 
@@ -109,7 +109,10 @@ class PowerCurve:
 
     @property
     def separates(self) -> bool:
-        """Whether every leak that was named right is larger than every one that was not."""
+        """Whether every leak that was named right is larger than every one that was not.
+
+        It is False if all were named right, or none was.
+        """
         missed, named = self.missed_m3_per_s, self.named_m3_per_s
         return missed is not None and named is not None and missed < named
 
@@ -118,10 +121,12 @@ class PowerCurve:
 class Roc:
     """A receiver operating characteristic, for thresholds of a score from high to low.
 
+    The first threshold is infinite; the others are the scores that occur.
+
     Attributes:
         false_alarms: share of the healthy cases with a score at or above each threshold, (m,).
         found: share of the leaky cases with a score at or above each threshold, (m,).
-        area: area under the curve.
+        area: area under the curve of `found` over `false_alarms`, from 0 to 1.
     """
 
     false_alarms: Array
@@ -138,7 +143,8 @@ class Study:
         confusion: number of cases, by the injected fault, and then by the last verdict.
         false_alarms: share of the healthy cases with a false alarm at any time.
         right: share of the cases whose last verdict is right, by the injected fault.
-        power: power curve of each kind of leak, and of all leaks under the key `all`.
+        power: power curve of each kind of leak, and of all leaks under the key `all`; empty without
+            leaks.
         roc: receiver operating characteristics, under the same keys; empty without healthy cases.
         latency_s: median and 95 % quantile of the latencies of leaks named right; None if there
             are none.

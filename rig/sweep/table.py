@@ -1,6 +1,7 @@
 """Writes and reads the table of a sweep, with one row for each case, and its parts.
 
-A field's metadata has its unit and its description. While the sweep runs, each chunk is a part.
+The metadata of each column has the column's unit and description. While the sweep runs, each
+finished chunk is a file of its own, a part, from which the table is made at the end.
 """
 
 import os
@@ -64,10 +65,10 @@ def rows_of(cases: Cases, figures: Figures) -> pa.Table:
 
 
 def _array(values: np.ndarray) -> pa.Array:
-    """Return values (n,) as an Arrow array, in which NaN is missing.
+    """Return values (n,) as an Arrow array, in which a value that is NaN is missing.
 
-    It is made from the bytes because `pyarrow.array` would import pandas to check the type of its
-    argument, which takes a second while other processes wait.
+    The array is made from the bytes because `pyarrow.array` would import pandas to check the type
+    of its argument, which takes a second while other processes wait.
     """
     if values.dtype.kind in "US":
         words = [word.encode() for word in values.tolist()]
@@ -118,7 +119,10 @@ def write_part(rows: pa.Table, path: Path) -> None:
 
 @contextmanager
 def _durably(path: Path) -> Iterator[Path]:
-    """Yield a temporary path, whose file replaces `path` once its content is on disk."""
+    """Yield a temporary path to write to; at the end its file is synced to disk and becomes `path`.
+
+    After an exception in the context `path` stays as it was.
+    """
     with replacing(path) as partial:
         yield partial
         with partial.open("rb") as written:

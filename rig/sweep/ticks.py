@@ -109,7 +109,7 @@ class Thesis7Lanes(NamedTuple):
 
 @inlined
 def _wave(sines, i, time_s):
-    """Return the value of sine i of a setpoint at a time in s, m or V."""
+    """Return the value, in m or V, of sine i of a setpoint at a time in s."""
     row = SINE_ROWS * i
     turns = load(sines, row + PHASE)
     turns += time_s * (load(sines, row + FREQUENCY) + time_s * load(sines, row + CHIRP))
@@ -160,9 +160,9 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
 
     Args:
         first: number of the first tick.
-        sines: (4 s, LANES).
-        levels: m or V, (k, LANES).
-        ends: s, (k, LANES).
+        sines: rows of the sines, (4 s, LANES).
+        levels: successive levels, m or V, (k, LANES).
+        ends: time at which each level ends, s, (k, LANES).
         held: index of the present level, (1, LANES); updated.
         setpoint: is filled with the setpoint of each tick, m or V, (ticks, LANES).
     """
@@ -186,12 +186,13 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed):
-    """Run the seven-state filter of the thesis over a block of ticks, and fill in its `SUMS`.
+    """Run the thesis's seven-state filter over a block of ticks, and fill in the block's `SUMS`.
 
-    A block has `BLOCK` ticks, and one more if it begins with tick 0.
+    The filter's readings are made from the plants' log, with noise on the pressures. A block has
+    `BLOCK` ticks, and one more if it begins with tick 0.
 
     Args:
-        first: number of the first tick; tick 0 starts the filter.
+        first: number of the first tick; at tick 0 the filter makes no step yet.
         log: log of the chambers that `plant_ticks` has filled.
         rows: rows of this log at each tick, from `plant_ticks`, (ticks, LANES).
         rigs: `LaneRigs`.
@@ -243,14 +244,14 @@ def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed
 
 @inlined
 def _leak_flow(tick, p1, p2, back, rigs):
-    """Return the flow of the injected leaks at a tick, m^3/s; 0 until 2 s after the onset.
+    """Return the sum of the leaks' absolute flows at a tick, m^3/s; 0 until 2 s after the onset.
 
     Args:
         tick: number of the tick.
         p1: pressure in chamber 1, Pa.
         p2: pressure in chamber 2, Pa.
         back: return pressure, Pa.
-        rigs: `LaneRigs`.
+        rigs: `LaneRigs`, whose leaks and onset are used.
     """
     oil_1, oil_2 = max(p1, 0.0), max(p2, 0.0)
     flow = abs(load(rigs.faults, 0) * signed_root(oil_1 - back))
@@ -263,12 +264,16 @@ def _leak_flow(tick, p1, p2, back, rigs):
 def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
     """Run cases from their first tick to their last, one in each lane, and fill in their sums.
 
+    Plants run for some blocks, and then the filters run over the same blocks, in turns.
+
     Args:
-        ahead: number of blocks by which plants run ahead of the filter. With more, the costs of
-            the lanes' motions are more equal; with fewer, the log stays in the processor's cache.
+        ahead: number of blocks that the plants run before the filters follow. With more blocks the
+            lanes need more nearly equal numbers of integration steps, so that they wait less for
+            each other; with fewer the log stays in the processor's cache.
         rigs: `LaneRigs`; their plants are updated.
         cases: `CaseLanes` before the first tick; updated.
-        filters: `Thesis7Lanes`, whose sums determine the number of blocks; updated.
+        filters: `Thesis7Lanes`; updated. Their `sums` have a row for each block to be run, which is
+            filled in.
         loop: `LoopSetting`.
         like: `Parameters` whose friction law all rigs have.
         sensors: `SensorParameters`.
@@ -314,11 +319,13 @@ def reading_block(first, rigs, cases, loop, like, sensors, log, readings, flow):
         like: `Parameters` whose friction law all rigs have.
         sensors: `SensorParameters`.
         log: is filled with the plants' steps, (steps, `LOGGED`, LANES).
-        readings: is filled with `rig.loop.lane_ticks.LANE_READINGS`, (ticks, 6, LANES).
-        flow: sum of the leak flow as in `SUMS`, m^3/s, (1, LANES); updated.
+        readings: is filled with `rig.loop.lane_ticks.LANE_READINGS`, (ticks, 6, LANES); the
+            number of its rows is that of the block's ticks.
+        flow: sum of the leak flow as in `SUMS`, m^3/s, (1, LANES); that of this block is added.
 
     Returns:
-        True if every plant came to the end of the block, False if one needed too many steps.
+        True if every plant came to the end of the block, False if one needed too many integration
+        steps.
     """
     ticks = readings.shape[0]
     setpoint, rows = empty_lanes(ticks), empty_lanes(ticks)

@@ -48,20 +48,23 @@ class Loop(Protocol):
         The rows are float64 of shape (n, columns), in SI units.
 
         Raises:
-            TripError: the rig tripped before any more rows came.
+            TripError: the rig tripped, and no further rows came.
         """
 
     def decided(self, row: Array) -> None:
         """Give the loop the detector's decision on the rows so far, without waiting for the loop.
 
-        All rows that the loop writes afterwards carry it.
+        All rows that the loop writes afterwards carry this decision.
 
         Args:
             row: the decision as a row of `rig.loop.decided.DECIDED`.
         """
 
     def end_early(self) -> None:
-        """Let `safe_state` leave the rig ready for the next test although this test is not over."""
+        """Note that the test is ended early but the campaign goes on.
+
+        `safe_state` then leaves the rig ready for the next test, as after a completed test.
+        """
 
     def safe_state(self) -> None:
         """End the test at whatever point it is: remove all injected faults and stop the motion."""
@@ -71,7 +74,10 @@ class Writer(Protocol):
     """A writer of the rows and events of one test to its recording."""
 
     def write(self, rows: Array) -> None:
-        """Write the next rows to the recording; on hardware another process writes them."""
+        """Take the test's next rows and write them to the recording.
+
+        On hardware they are only counted here: another process writes them.
+        """
 
     def event(self, time_s: float, kind: str, text: str) -> None:
         """Write an event to the recording.
@@ -118,19 +124,20 @@ class Bench(Protocol):
         """Return a context manager that records a test to the new file `path` while it is entered.
 
         Args:
-            path: of the new recording.
+            path: path of the new recording.
             channels: names of the rows' columns.
-            metadata: of the recording.
+            metadata: metadata of the recording.
         """
 
     def reading(self, channel: str) -> float | None:
-        """Return the newest value of a channel.
+        """Return the newest value of a channel, in the channel's unit.
 
-        It is NaN if the channel has no reading, and None if no reading can be had at present.
+        The value is NaN if the channel has no reading, and None if there is no rig to be read at
+        present, as between two simulated tests.
         """
 
     def idle(self) -> None:
-        """Check the rig while it waits between two tests; this is called about every 50 ms.
+        """Check the rig while it waits between two tests; the runner calls this every 50 ms or so.
 
         Raises:
             TripError: the rig tripped.
@@ -151,7 +158,7 @@ def plain_test(
 
     Args:
         name: name of the test.
-        setpoint: setpoint of the ram.
+        setpoint: setpoint of the test, a position in m or a command in V.
         duration_s: duration of the test, s.
         start: position at which the ram settles before the test, m.
         settle_s: how long the ram settles there, s.

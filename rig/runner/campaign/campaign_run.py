@@ -94,8 +94,8 @@ def run_campaign(
         rig: the rig.
         out: a new or empty folder, or the folder of an earlier run, whose files are replaced; if
             not given, a new folder below `runs`.
-        pace: of a simulated rig: "real" to run at the wall clock, "fast" to run as fast as
-            possible; the pace of the rig's file if not given. The results are the same bit for bit.
+        pace: pace of a simulated rig: "real" to run at the wall clock, "fast" to run as fast as
+            possible; that of the rig's file if not given. The results are the same bit for bit.
         observer: its methods are called as the run goes on.
         stop: is looked at after each batch; once a stop is requested on it, the run ends, as with
             `stop_on_signals`. The run itself requests one after a trip.
@@ -172,7 +172,7 @@ def bench_of(
 
     Args:
         campaign: the campaign to run.
-        rig: simulated, or on hardware.
+        rig: the rig, simulated or on hardware.
         directory: folder of the run.
         observer: shows the operator how compiling goes on; follows a session on hardware if it is
             an `Onlooker`, too.
@@ -223,7 +223,15 @@ class _CampaignRun(Setting):
     ended_with: int | None = None
 
     def run(self, started: datetime, given: Mapping[str, Any]) -> None:
-        """Run all tests that are not finished, until the end or a stop."""
+        """Run all tests that are not finished, until the end or a stop, and keep the journal.
+
+        Args:
+            started: when the run was begun, UTC.
+            given: options of the command line, for the journal.
+
+        Raises:
+            DriverError: a device of the rig is missing, or is not the configured one.
+        """
         finished = self.standing.finished
         stands = [finished[index] for index in sorted(finished)]
         self.observer.campaign_begins(self.campaign, self.directory, stands)
@@ -266,7 +274,10 @@ class _CampaignRun(Setting):
         )
 
     def _use_rig(self) -> None:
-        """Make the rig ready, run all tests that are not finished, and leave it safe.
+        """Make the rig ready, run all tests that are not finished, and leave the rig safe.
+
+        A stop, or a trip outside of the tests, ends this without an exception; after such a trip a
+        stop of the campaign is requested.
 
         Raises:
             DriverError: a device of the rig is missing, or is not the configured one.
@@ -303,7 +314,11 @@ class _CampaignRun(Setting):
         return next((index for index in order if index not in finished), None)
 
     def _wait(self) -> None:
-        """Wait while the campaign is paused or a condition is not met, until a stop."""
+        """Wait while the campaign is paused or held by a condition; return at once after a stop.
+
+        If a condition holds the campaign for too long, a stop is requested here. Begin and end of
+        a hold are written to the journal.
+        """
         desk, suspenders = self.desk, self.suspenders
         began, held, paused = time.monotonic(), False, False
         while not self.stop.requested:

@@ -71,7 +71,7 @@ class Setting:
         suspenders: the conditions that may hold the campaign.
         overdue: is called from another thread if cleaning up takes longer than `CLEANUP_S`.
         present: index of the present test, or of the last one.
-        phase: its phase; None before the first test.
+        phase: the phase of this test; None before the first test.
     """
 
     campaign: Campaign
@@ -100,11 +100,13 @@ class Setting:
             self.overdue()
 
     def enters(self, phase: Phase, recording: str | None = None) -> None:
-        """Write to the journal that the present test enters a phase, unless it is in it already.
+        """Note that the present test enters a phase, and tell this to the desk and the journal.
+
+        Nothing happens if the test is in the phase already.
 
         Args:
             phase: the phase.
-            recording: file name of the test's recording in the phase `MAIN`, None in the others.
+            recording: file name of the test's recording in the phase `MAIN`, None in other phases.
         """
         if phase is self.phase:
             return
@@ -208,7 +210,10 @@ class _RunningTest:
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
-        """Run the test until its end or a stop, and return its status.
+        """Run and record the test, and return its status: PASSED, FAILED, or ABORTED after a stop.
+
+        The rig is left safe. After a test from which others may learn, its innovations are added to
+        the references.
 
         Raises:
             _InterruptedError: an operator or a condition ended the test.
@@ -250,7 +255,7 @@ class _RunningTest:
 
     @contextmanager
     def _left_safe(self) -> Iterator[None]:
-        """Leave the rig safe when the context is left, in bounded time."""
+        """Make the rig safe when the context is left; `CLEANUP_S` is counted from then on."""
         try:
             yield
         except _InterruptedError:
@@ -283,7 +288,7 @@ class _RunningTest:
             raise _InterruptedError(Status.INTERRUPTED, "; ".join(setting.suspenders.reasons))
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
-        """Return a copy of an outcome, completed by the results of the test so far."""
+        """Return a copy of an outcome with the test's results so far, such as the decision."""
         decision, curve = self._judge.decision, self._friction.curve
         return replace(
             outcome,

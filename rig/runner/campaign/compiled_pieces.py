@@ -124,7 +124,7 @@ def _estimates(needs: Needs) -> None:
 
 
 def _simulated_loop(needs: Needs) -> None:
-    """Run a simulated rig for two ticks, as the first one only starts the filter."""
+    """Compile the loop of a simulated rig, by two ticks of it: the first only starts the filter."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
     # It is not judged, so that no limit ends it before it has run.
     standing = plain_test("compiled", Constant(0.3), 2 * TICK, 0.3, TICK)
@@ -134,7 +134,7 @@ def _simulated_loop(needs: Needs) -> None:
 
 
 def _filter(needs: Needs) -> None:
-    """Run the session's filter over two samples; the default filter also computes its load lag."""
+    """Compile the run of the session's filter, and for the default one its lag of load."""
     samples, _ = _swinging(needs, 2)
     measured = np.column_stack(
         [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
@@ -147,7 +147,7 @@ def _filter(needs: Needs) -> None:
 
 
 def _detector(needs: Needs) -> None:
-    """Let the detector judge a swinging ram, and run the average that reports use."""
+    """Compile the detector, by letting it judge a swinging ram, and the average of the reports."""
     detector = detector_for(needs.filter_name, Model(), 1.0)
     detector.update(*_swinging(needs, round(_JUDGED_S / TICK)))
     detector.decide()
@@ -162,7 +162,10 @@ def _decisions(needs: Needs) -> None:
 
 
 def _loop(needs: Needs) -> None:
-    """Run the loop for hardware, which returns before its first tick; no device is connected."""
+    """Compile the loop for hardware, by a call that returns before its first tick.
+
+    No device is connected.
+    """
     rig, model = needs.rig, Model()
     memory = start_memory(needs.filter_name, model, rig.sensors)
     fast = needs.fast

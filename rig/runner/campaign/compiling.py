@@ -49,10 +49,10 @@ _FORK: Final = multiprocessing.get_context("fork")
 def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
     """Compile the pieces that are not compiled yet, and report the progress to the operator.
 
-    The function waits until all are compiled, and first for another program that compiles the same.
-    If a stop is requested, it returns earlier. If a piece cannot be compiled, that is reported; the
-    code is then compiled when a process first runs it. Without a folder for compiled code nothing
-    is done.
+    The function returns when all are compiled, or earlier if a stop is requested. While another
+    program compiles for this machine, it waits before it begins. If a piece cannot be compiled,
+    that is reported; its code is then compiled when a process first runs it. Without a folder for
+    compiled code nothing is done.
 
     Args:
         needs: rig and filter, on which the compiled code depends.
@@ -112,7 +112,10 @@ def _alone(path: Path, say: Say, stop: StopFlag) -> Iterator[None]:
 
 
 def _compile(marks: Path, needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
-    """Compile pieces in processes of their own, with at most one process per processor."""
+    """Compile pieces in processes of their own, with at most one process per processor.
+
+    Each compiled piece gets its mark. If a stop is requested, the processes are killed.
+    """
     say(f"compiling for this machine, once for each version of the program: {', '.join(names)}")
     waiting, compiled = list(names), 0
     workers = [_Worker(needs) for _ in range(min(len(names), len(os.sched_getaffinity(0))))]
@@ -176,7 +179,10 @@ class _Worker:
             self.replies.send(piece)
 
     def failure(self) -> str | None:
-        """Return why compiling the piece failed; empty if it did not, None while it goes on."""
+        """Return why compiling the piece failed; empty if it succeeded, None while it goes on.
+
+        The answer of the process is taken from the pipe, so that it is returned only once.
+        """
         try:
             return str(self.replies.recv()) if self.replies.poll() else None
         except (EOFError, OSError):
@@ -184,7 +190,7 @@ class _Worker:
             return f"its process ended with {self._process.exitcode}"
 
     def end(self) -> None:
-        """Kill the process, whatever it does."""
+        """Kill the process, whatever it is doing, and close the pipe."""
         self._process.kill()
         self._process.join()
         self._process.close()

@@ -1,8 +1,9 @@
 """Serves the control port of a running campaign: a Unix socket in the run's folder.
 
-A request is one line of JSON, and so is its answer. The kernel says which user has connected.
-Only this user and root may make requests; oversized, slow or malformed ones are refused, too. The
-campaign never waits for a request. A failure ends one request only: the next one is served.
+A request is one line of JSON, and so is its answer. The kernel says which user has connected: only
+the user who runs the campaign, and root, may make requests. Oversized, slow or malformed requests
+are refused, too. The campaign never waits for a request. A failure ends one request only: the next
+one is served.
 """
 
 import json
@@ -121,7 +122,9 @@ class ControlPort:
 
 
 def _parsed(line: bytes) -> tuple[Request, str, str]:
-    """Return the request in a line of JSON, with its text and the name of its test, empty if none.
+    """Return the request in a line of JSON, its text, and the name of its test.
+
+    Text and name are empty if the request has none.
 
     Raises:
         RefusedError: the line is no valid request; the message says why.

@@ -28,11 +28,13 @@ SHUT_S: Final = 1.0
 
 @dataclass
 class _MeanFlow:
-    """The mean of a channel's absolute value over a time span, less its zero offset.
+    """The mean of a flow's absolute value over a time span, less the zero offset of its channel.
+
+    The mean is at least 0, and None while there is no reading in the span.
 
     Attributes:
         column: index of the channel's column.
-        from_s, until_s: the span in which the leak flows, s of the test.
+        from_s, until_s: the span, from the first to just before the second, s of the test.
         shut_s: time until which nothing can flow, so that the channel shows its zero offset, s of
             the test; 0 if no offset is subtracted.
     """
@@ -116,8 +118,8 @@ class Injection:
     def injected(self) -> tuple[InjectedFault, ...]:
         """The faults that have begun so far, with their mean flows so far.
 
-        The mean is that of `InjectedFault.mean_flow_m3_per_s`, over the rows so far; it is None for
-        a fault that is no leak from a chamber, and while no flow was recorded.
+        The mean is over the rows so far from 2 s after the fault's begin to its end. It is None for
+        a fault that is no leak from a chamber, and while there is no such row.
         """
         return tuple(
             InjectedFault(

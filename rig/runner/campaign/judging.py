@@ -27,8 +27,8 @@ class Judge:
     The first block has one tick more.
 
     Args:
-        detector: is given every sample once, in order.
-        memory: the filter's memory.
+        detector: the detector, which is given every sample once, in order.
+        memory: memory of the filter whose estimates are in the rows.
         channels: names of the rows' columns.
 
     Attributes:
@@ -52,9 +52,10 @@ class Judge:
 
     @property
     def detected_at_s(self) -> float | None:
-        """Time of the first decision with the latest verdict, s; None if that is no fault, or none.
+        """Time of the first decision that had the latest verdict, s.
 
-        Other verdicts may have come in between.
+        Other verdicts may have come in between. The time is None if the latest verdict names no
+        fault, or if there is no decision yet.
         """
         return first_held(self.history) if self.history else None
 
@@ -77,7 +78,7 @@ class Judge:
         return True
 
     def finish(self) -> None:
-        """Let the detector judge the rows since the last block, if there are any.
+        """Let the detector judge the rows since the last block, if any, and keep its decision.
 
         Raises:
             TypeError: the detector returned something else than a decision.

@@ -105,9 +105,9 @@ class Desk:
     def record(self, kind: str, **details: Any) -> None:
         """Write an entry to the journal, while no request of an operator is being written.
 
-        Before `open` and after `close` nothing is written. If another thread has locked the desk
-        for 5 s, its disk hangs; then nothing is written, so that the calling thread does not hang
-        as well.
+        Before `open` and after `close` nothing is written. Nothing is written either if another
+        thread keeps the desk locked for 5 s, as when the disk hangs, so that the calling thread
+        does not hang as well.
         """
         if not self._lock.acquire(timeout=_PATIENCE_S):
             return
@@ -118,7 +118,7 @@ class Desk:
             self._lock.release()
 
     def begins(self, index: int) -> None:
-        """Note which test begins, by its index; `interruption` is None again."""
+        """Note that the test with an index begins, and reset `interruption` to None."""
         with self._lock:
             self._present, self.interruption = index, None
 
@@ -131,7 +131,7 @@ class Desk:
         """Note how a test ended, and whether an operator should look at it.
 
         Args:
-            index: of the test.
+            index: index of the test.
             status: how the test ended.
             attention: whether it is listed as wanting attention, until an operator acknowledges.
         """
@@ -142,9 +142,10 @@ class Desk:
                 self._attention.append(f"{self._names[index]}: {status}")
 
     def held_by(self, reasons: Sequence[str]) -> None:
-        """Note the reasons why conditions hold the campaign; it is not held if there are none.
+        """Note the reasons why conditions hold the campaign; empty if it is not held.
 
-        When a hold begins, its reasons are added to what wants attention.
+        When a hold begins, its reasons are added to what wants attention. If the reasons differ
+        from those before, `changed` of `open` is called.
         """
         with self._lock:
             if reasons and not self._held:
@@ -154,7 +155,7 @@ class Desk:
             self._changed(self.paused, self._held)
 
     def take_notes(self) -> list[str]:
-        """Return the operators' notes since the last call, as "OPERATOR: TEXT", on one line each.
+        """Return the operators' notes since the last call, and forget them: "OPERATOR: TEXT" each.
 
         The texts of other requests are among them, as "OPERATOR: REQUEST: TEXT".
         """
@@ -167,8 +168,8 @@ class Desk:
     def ask(self, request: Request, who: str, text: str = "", test: str = "") -> str:
         """Take an operator's request, and return an answer that says what will happen.
 
-        Control characters of the text become spaces, so that it stays on one line. Everything but
-        STATUS, which `status` answers, is written to the journal.
+        The request is written to the journal first. Control characters of its text become spaces,
+        so that the text stays on one line. STATUS is refused here; `status` answers it.
 
         Args:
             request: what the operator asks for.
@@ -210,8 +211,9 @@ class Desk:
     def status(self) -> dict[str, Any]:
         """Return the state of the campaign as JSON-able values.
 
-        They are the state, whether a pause is asked for, the reasons for a hold, present test and
-        phase, the number of tests, the statuses of those that ended, and what wants attention.
+        They are the state ("running", "between tests", "paused", "held" or "ended"), whether a
+        pause is asked for, the reasons for a hold, the present test and its phase, the number of
+        tests, the status of each test that has ended, and what wants attention.
         """
         with self._lock:
             state = "running" if self._present is not None else "between tests"
@@ -241,7 +243,7 @@ class Desk:
         raise RefusedError(f"no test runs; name the one to {request}")
 
     def _checked(self, request: Request, text: str, index: int | None) -> str:
-        """Return the answer to a request.
+        """Return the answer to a request, which is not carried out yet.
 
         Raises:
             RefusedError: the request cannot be carried out now.

@@ -85,9 +85,9 @@ class SimulatedTest:
         """Do nothing, as the next test has a rig of its own."""
 
     def latest(self, channel: str) -> float | None:
-        """Return the newest value of a channel.
+        """Return the newest value of a channel, in the channel's unit.
 
-        It is NaN if the rig has no such channel, and None before the first row.
+        The value is NaN if the rig has no such channel, and None before the first row.
         """
         if not len(self._last):
             return None
@@ -96,7 +96,9 @@ class SimulatedTest:
         return float(self._last[-1, self.channels.index(channel)])
 
     def advance(self, ticks: int) -> Array:
-        """Run the next ticks and return their rows; see `rig.runner.campaign.bench.Loop`.
+        """Run the next `ticks` ticks, or all that are left, and return their rows, (n, columns).
+
+        What the interlock indicates is shown to the operator.
 
         Raises:
             TripError: the interlock stopped the loop, or a fault was confirmed in a test that shall
@@ -120,7 +122,7 @@ class SimulatedTest:
         self.loop.safe_state()
 
     def _show_indicated(self) -> None:
-        """Show the operator what the interlock indicates, each time that it changes."""
+        """Show the operator what the interlock indicates, if anything, and if it is new."""
         indicated = self.loop.indicated
         if indicated not in ((Cause.NONE, ""), self._indicated):
             sentence, remedy = explain(*indicated)
@@ -131,7 +133,7 @@ class SimulatedTest:
         """Make the rig safe after the loop has stopped, and return the error to raise.
 
         After a trip a trip report is written. After a lesser action the loop runs until the ram is
-        at rest; a report is written only if it trips meanwhile.
+        at rest; then a report is written only if the loop trips meanwhile.
         """
         if error.action is not Action.TRIP:
             self._last = np.concatenate([self._last, self.loop.come_to_rest()])[-_REPORTED:]
@@ -184,10 +186,10 @@ class SimulatedBench:
         return self.test
 
     def reading(self, channel: str) -> float | None:
-        """Return the newest value of a channel in the latest test.
+        """Return the newest value of a channel in the latest test, in the channel's unit.
 
-        It is NaN if the rig has no such channel, and None before the test's first row and after
-        `idle`.
+        The value is NaN if the rig has no such channel, and None before the test's first row and
+        after `idle`.
         """
         return None if self.test is None else self.test.latest(channel)
 
@@ -198,7 +200,7 @@ class SimulatedBench:
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> McapWriter:
-        """Return the writer of a test's recording."""
+        """Return the writer of a test's new recording; the time of day is added to the metadata."""
         return McapWriter(path, channels, {**metadata, "start_ns": time.time_ns()})
 
 

@@ -48,7 +48,7 @@ class StreamedRun(Observer, Onlooker):
         """Locked while the list of tests changes, which operators change from other threads."""
 
     def ends(self) -> None:
-        """Send the message that the campaign has ended, if one was begun, and close the stream."""
+        """Send the message that the campaign has ended, if it was begun, and close the stream."""
         if self._campaign:
             self._campaign["status"] = "ended"
             self._list_tests(last=True)
@@ -101,7 +101,7 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=True)
 
     def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
-        """Send whether a pause is requested, and the conditions that hold the campaign."""
+        """Send whether a pause is requested, and the reasons why conditions hold the campaign."""
         self._inner.campaign_stands(pausing=pausing, held=held)
         with self._lock:
             self._campaign |= {"pausing": pausing, "held": list(held)}
@@ -128,7 +128,10 @@ class StreamedRun(Observer, Onlooker):
         self._send_progress(0.0)
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
-        """Send a test's progress, at most every 0.1 s, and its detector's decision if it is new."""
+        """Send the detector's decision on a test if it is new, and the test's progress.
+
+        The progress is sent at most every 0.1 s; `time_s` is the time of the last row, s.
+        """
         self._inner.test_advances(time_s, decision)
         if decision is not None and decision is not self._decision:
             self._decision = decision
@@ -160,7 +163,7 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=False)
 
     def test_runs(self, channels: tuple[str, ...], segment: int | None) -> None:
-        """Give the stream the names of the columns of the present test's rows.
+        """Give the stream the names of the columns of the present test's rows, before any row.
 
         Args:
             channels: names of the columns.
@@ -172,7 +175,10 @@ class StreamedRun(Observer, Onlooker):
         self.stream.columns(self._number if segment is None else segment, channels, self._number)
 
     def test_rows(self, rows: Array) -> None:
-        """Send rows of the present test if the rig is simulated; see `simulated` of the class."""
+        """Send rows of the present test, (n, channels), if the rig is simulated.
+
+        On hardware the stream reads the rows from the loop's ring.
+        """
         self._inner.test_rows(rows)
         if self._simulated:
             if self._feed is None:

@@ -17,14 +17,15 @@ MOST_SUSPENSIONS: Final = 5
 class Suspender:
     """Follows one condition over time, and decides whether it holds the campaign.
 
-    It holds the campaign after the channel was beyond a limit, or had no reading, at every look for
-    `condition.for_s`; it releases the campaign after the channel was within the limits by at least
-    the hysteresis for the same time. If the very first reading is NaN or beyond a limit, it holds
-    at once.
+    A condition holds the campaign after its channel was beyond a limit, or had no reading, at every
+    look for `condition.for_s`; it releases the campaign after the channel was within the limits by
+    at least the hysteresis for the same time. If the very first reading is NaN or beyond a limit,
+    the condition holds the campaign at once.
 
     Attributes:
         condition: the condition.
-        holds_since: time since when it holds the campaign, s; None while it does not.
+        holds_since: time since when the condition holds the campaign, s of the monotonic clock;
+            None while it does not.
     """
 
     def __init__(self, condition: Condition) -> None:
@@ -40,7 +41,7 @@ class Suspender:
             value: the reading; NaN if the channel has none, which is beyond the limits; None if
                 there is no rig to be read, as between two simulated tests: the condition then
                 holds nothing until the next rig is read.
-            now: time of the reading, s.
+            now: time of the reading, s of the monotonic clock.
         """
         if value is None:
             self.holds_since = self._changing_since = None
@@ -95,7 +96,7 @@ class Suspenders:
         self._reading = reading
 
     def look(self) -> None:
-        """Read the channel of every condition, and update whether it holds the campaign."""
+        """Read the channel of every condition, and update which conditions hold the campaign."""
         for suspender in self._suspenders:
             suspender.look(self._reading(suspender.condition.channel), time.monotonic())
 

@@ -3,7 +3,7 @@
 First the ram slides: it slows down from fast strokes, and moves at constant speeds. A hold shows
 the command at which the ram rests. Slow ramps around that command then make it break away at ten
 positions. Where a ramp did not move the ram, it is repeated in closed loop. The rig is armed once
-for the whole experiment. Its results can be converted to JSON, and to a revised model.
+for the whole experiment. The results can be converted to JSON, and to a revised model.
 """
 
 import hashlib
@@ -117,8 +117,12 @@ def run_friction_experiment(
         seed: sets the noise of a simulated rig.
 
     Raises:
-        ExperimentStoppedError: the rig tripped, the experiment was stopped, or a test crashed.
-        DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
+        ExperimentStoppedError: the rig tripped in a test, the experiment was stopped, or a test
+            crashed.
+        DirectoryError: a folder of the experiment cannot be used.
+        DriverError: a device of the rig is missing, or is not the configured one.
+        TripError: the rig tripped before or between the tests.
+        OSError: the results cannot be written.
     """
     stop, observer = stop or StopFlag(), observer or Observer()
     sliding = sliding_campaign(rig, assumed, speeds=speeds, seed=seed)
@@ -166,9 +170,9 @@ def _moved(found: Sequence[BreakAway]) -> bool:
 
 
 def _null_command(recording: Recording) -> float:
-    """Return the mean command of a hold, V, at which the ram rests or about which it oscillates.
+    """Return the mean command of a hold, V, without the first 2 s.
 
-    The first 2 s are left out.
+    At this command the ram rests, or the command oscillates about it.
     """
     time_s = recording.time_s - recording.time_s[0]
     return float(np.nanmean(recording.channels["command_V"][time_s >= _NULL_FROM_S]))
@@ -224,8 +228,9 @@ def experiment_figures(experiment: FrictionExperiment) -> dict[str, Any]:
 def revised_model(experiment: FrictionExperiment, directory: Path, started: str) -> Model | None:
     """Return the assumed model with the identified friction; None if none was identified.
 
-    The model is named RIG-friction and has the effect `friction_asymmetry`. Its provenance has the
-    experiment, the intervals, and the hashes of the recordings, which are read for that.
+    The model is named RIG-friction and has the effect `friction_asymmetry`. Its provenance names
+    the rig, the time and the assumed model, and has the parameters' 95 % intervals and the hashes
+    of the recordings, which are read for that.
 
     Args:
         experiment: the results of the experiment.

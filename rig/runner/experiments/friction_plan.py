@@ -91,7 +91,7 @@ def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[S
     stroke. A stroke is as long as the range, but at most 0.5 m and 3 s.
 
     Args:
-        speed: m/s.
+        speed: constant speed of the strokes, m/s.
         low: lowest position, m.
         high: highest position, m.
     """
@@ -113,8 +113,8 @@ def strokes_of(rig: Rig, assumed: Model, share: float) -> tuple[Stroke, ...]:
     """Return begin and end, s of the test, of the strokes in the test of one constant speed.
 
     Args:
-        rig: as for `sliding_campaign`.
-        assumed: as for `sliding_campaign`.
+        rig: the rig, within whose limits the strokes stay.
+        assumed: the model, from which the greatest speed of the ram follows.
         share: the speed as a share of the greatest one, such as one of `SPEEDS`.
     """
     fastest = valve_speed(assumed.parameters, rig.limits.command_V)
@@ -146,7 +146,9 @@ def break_away_campaign(
     *,
     seed: int = 0,
 ) -> Campaign:
-    """Return the campaign of slow ramps of the command about the null command, one a position.
+    """Return the campaign of slow ramps of the command about the null command.
+
+    Each position has one test with one ramp: up, down below the null command, and back.
 
     Args:
         rig: the rig.
@@ -173,13 +175,19 @@ def closed_loop_campaign(
     *,
     seed: int = 0,
 ) -> Campaign:
-    """Return the campaign of ramps of the setpoint, one a position, with the loop closed.
+    """Return the campaign of ramps of the setpoint with the loop closed, one for each position.
 
     It is run at the positions where ramps of the command did not move the ram. A position too near
     a limit is moved inwards, and positions that coincide then are run once. While the ram sticks,
     the loop turns the slow ramp of the setpoint into a slow ramp of the command, which passes even
-    an overlap or underlap of the spool. After the break-away the ram follows the setpoint. The
-    arguments are those of `break_away_campaign`.
+    an overlap or underlap of the spool. After the break-away the ram follows the setpoint.
+
+    Args:
+        rig: the rig.
+        assumed: the model, from which the speed of the ram for a command follows.
+        null_V: command at which the ram rests, V.
+        places: positions at which the ram rests before a ramp, m.
+        seed: sets the noise of a simulated rig.
     """
     low, high = stroke_of(rig)
     reach = _loop_reach(rig, assumed)
@@ -201,14 +209,20 @@ def closed_loop_campaign(
 
 
 def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
-    """Return the absolute slope of the command in a ramp while the ram is at rest, V/s."""
+    """Return the absolute slope of the command in a ramp while the ram is at rest, V/s.
+
+    With `closed_loop` the ramp is one of the setpoint, which the loop's gain turns into a command.
+    """
     if closed_loop:
         return 4.0 * _loop_reach(rig, assumed) * rig.gain_V_per_m / LOOP_RAMP_S
     return 4.0 * CREEP_SPEED / valve_speed(assumed.parameters, 1.0) / RAMP_S
 
 
 def _loop_reach(rig: Rig, assumed: Model) -> float:
-    """Return how far a ramp of the setpoint goes each way, m, at most a twelfth of the stroke."""
+    """Return how far a ramp of the setpoint goes each way, m.
+
+    That is at most a twelfth of the range in which an experiment may move the ram.
+    """
     low, high = stroke_of(rig)
     reach = LOOP_SPEED / valve_speed(assumed.parameters, 1.0) / rig.gain_V_per_m
     return min(reach, (high - low) / 12.0)

@@ -63,7 +63,7 @@ class Question:
     Attributes:
         rig: the rig of the recordings.
         model: the model to be tested.
-        wanted: what the revised model may hold of what is discovered.
+        wanted: which discovered disturbances the revised model may hold.
     """
 
     rig: Rig
@@ -78,15 +78,16 @@ class Question:
 def answer_to(
     said: Said, question: Question, fitted: Sequence[Path], held: Sequence[Path]
 ) -> GapResult:
-    """Return the result of the gap search for a model.
-
-    A recording that cannot be read, or lacks one of `CHANNELS`, raises RecordingError.
+    """Search in recordings for what a model lacks, and return the result.
 
     Args:
-        said: is told in words what is being done.
-        question: rig and model.
+        said: is called with a line of text on what is being done.
+        question: rig and model, and what the revised model may hold.
         fitted: files of the recordings that the model is fitted to.
         held: files of the recordings that are held out.
+
+    Raises:
+        RecordingError: a recording cannot be read, or lacks one of `CHANNELS`.
     """
     plant = question.plant()
     return find_gap(_read(fitted), _read(held), plant, wanted=question.wanted, said=said)
@@ -99,15 +100,17 @@ def checked(
     fresh: Sequence[Path],
     held: Sequence[Path],
 ) -> tuple[Check, GapResult]:
-    """Return the check of a revised model on new recordings, and the result with its gap on them.
+    """Check a revised model on new recordings; return the check, and the result revised by it.
 
-    The result is that of the search, but with the new recordings in place of the held-out ones and
-    with the gap on them. If the revised model predicts the new recordings worse than the given one,
-    the effects, what was discovered and the refit are taken back in it.
+    The check is a further gap search: it says what the revised model still lacks. The second result
+    is a copy of `found` whose gap is that on the new recordings, which stand in place of those held
+    out. If the revised model predicts the new recordings worse than the given one, this copy has
+    the values of the given model, and nothing discovered is in its model. If it is worse beyond
+    chance, the copy also names no effects.
 
     Args:
-        said: is told in words what is being done.
-        question: rig and given model.
+        said: is called with a line of text on what is being done.
+        question: rig and given model, and what a revised model may hold.
         found: result of the gap search, from which the revised model follows; it is not changed.
         fresh: files of recordings that were made after the model was revised.
         held: files of the recordings that are held out.
@@ -140,7 +143,10 @@ def checked(
 
 
 def revised_model(given: Model, found: GapResult) -> Model:
-    """Return the given model with what was found, also what was discovered; its name stays."""
+    """Return the given model with the parameters and the discovered disturbances of a result.
+
+    The model's name and its list of effects stay.
+    """
     parameters, others = with_terms(found.values, given.discovered)
     return replace(given, parameters=parameters, discovered=others)
 
@@ -162,7 +168,7 @@ def close_gap(
     stop: StopFlag | None = None,
     seed: int = 0,
 ) -> GapResult:
-    """Run motions on a rig until its model is adequate, and return the result with what it lacked.
+    """Run motions on a rig until its model is adequate, and return what the given model lacked.
 
     The rounds also end when nothing more can be found, or after `rounds` of them. If the rig trips
     between two motions, while the model is being fitted, the result follows from the recordings so
@@ -174,7 +180,7 @@ def close_gap(
         directory: an existing folder; each campaign gets a folder in it.
         worker: runs the computations; `apart` lets the rig be supervised meanwhile.
         rounds: greatest number of rounds, at least 1.
-        wanted: what the model may hold of what is discovered; None for all but suspected leaks.
+        wanted: which discovered disturbances the model may hold; None for all but suspected leaks.
         pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
             rig's file if not given.
         observer: its methods are called as the experiment goes on.
@@ -184,7 +190,10 @@ def close_gap(
     Raises:
         ExperimentStoppedError: the rig tripped in a motion, the experiment was stopped, or a test
             crashed.
-        DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
+        DirectoryError: a folder of the experiment cannot be used.
+        DriverError: a device of the rig is missing, or is not the configured one.
+        TripError: the rig tripped before the first test, or just after a campaign.
+        OSError: the results cannot be written.
         ApartError: the worker's process gave no result.
     """
     stop, observer = stop or StopFlag(), observer or Observer()
@@ -206,7 +215,8 @@ class _Closing:
 
     Attributes:
         question: rig and model.
-        campaign: returns a campaign of motions by its name; each number gives them other phases.
+        campaign: returns a campaign, given its name, its motions, and a number; with each number
+            the motions have other phases.
         parts: runs the campaigns; its bench is checked while the worker computes.
         worker: runs the computations.
         held: files of the recordings that are held out.
@@ -227,7 +237,7 @@ class _Closing:
     tripped: str = ""
 
     def run(self, first: Campaign, rounds: int) -> GapResult:
-        """Run the rounds, and return the result with a record of each round.
+        """Run the rounds, and return the last round's result with a record of each round.
 
         Args:
             first: the campaign whose recordings are held out.
@@ -281,9 +291,11 @@ class _Closing:
     def is_done(found: GapResult, check: Check) -> bool:
         """Return whether a further round of the programme would bring nothing new.
 
-        That is so if the check found nothing but what is known, and either most of the gap is gone
-        (see `CLOSED`), or the check found again only what is left out of the model on purpose, such
-        as a suspected leak.
+        That is so if the check named no effects but those that the search had named, or rivals of
+        them, and if one of two things holds. Either all that the check discovered is left out of
+        the model on purpose, as a suspected leak is. Or it discovered nothing, its verdict is not
+        `unknown_effect`, and what is left of the gap is at most the share 1 - `CLOSED` of it, or no
+        more than chance.
         """
         known = {effect.name for effect in found.effects}
         known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
@@ -296,7 +308,13 @@ class _Closing:
         return check.gap_after <= left and check.verdict != "unknown_effect"
 
     def _wait(self) -> None:
-        """Supervise the rig while the worker computes."""
+        """Check the rig once; the worker calls this again and again while it computes.
+
+        A trip is kept in `tripped`, and is not raised.
+
+        Raises:
+            ExperimentStoppedError, StopRequestedError: a stop was requested.
+        """
         stop = self.parts.stop
         if stop.requested:
             raise ExperimentStoppedError(f"stopped by {stop.reason}", EXIT_STOPPED)

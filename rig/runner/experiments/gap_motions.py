@@ -126,7 +126,10 @@ def strokes(room: Room, seed: int = 0) -> dict[str, Stroke]:
 
 
 def room_of(rig: Rig) -> Room:
-    """Return the range in which experiments may move a rig's ram: its limits less a margin."""
+    """Return the range in which experiments may move a rig's ram, with the gain of its loop.
+
+    The range is that of the rig's position limits, less a margin of 2 cm at each end.
+    """
     return Room(*stroke_of(rig), rig.gain_V_per_m)
 
 
@@ -135,9 +138,9 @@ def motions_campaign(name: str, wanted: Motions, rig: Rig, assumed: Model, seed:
 
     Args:
         name: name of the campaign, and of its folder.
-        wanted: the motions.
+        wanted: the motions, by their names and durations.
         rig: the rig, within whose limits the motions stay.
-        assumed: the model that the filter assumes while it is recorded.
+        assumed: the model that the filter assumes while the motions are recorded.
         seed: sets the motions' phases, and the noise of a simulated rig.
     """
     # Each test gets phases and noise that differ from those of the others.
@@ -151,7 +154,7 @@ def motions_campaign(name: str, wanted: Motions, rig: Rig, assumed: Model, seed:
 
 
 def motions(room: Room, pressure: float) -> tuple[Motion, ...]:
-    """Return the library of motions in the form that the search for an experiment takes.
+    """Return the library of motions, of 20 s each, as the search for an experiment takes them.
 
     Args:
         room: the range in which the ram may move.

@@ -53,6 +53,8 @@ def rig_plant(
 ) -> Plant:
     """Return a rig with a model as the gap workflow's `Plant`, whose `write` writes model files.
 
+    Discovered terms of the model that the plant cannot hold are left out.
+
     Args:
         model: the model to be tested.
         sensors: data sheet of the rig's transducers.
@@ -85,14 +87,15 @@ def _write_model(
 ) -> None:
     """Write the file of a revised model.
 
-    The name is the parent's with `REVISED`, or unchanged if the model is the same as its parent.
+    The model's name is the parent's with `REVISED`; it is the parent's own if that ends with the
+    word already, or if the revised model is the same as its parent.
 
     Args:
         parent: the model that was tested.
         values: all parameters of the revised model, by their names.
         effects: effects that were found, to be added to the parent's.
         provenance: where the model comes from; the parent is added to it.
-        path: of the file.
+        path: path of the file.
 
     Raises:
         ConfigError: a value is outside the range that a model file may hold.
@@ -114,12 +117,14 @@ def _write_model(
 def with_terms(
     values: Mapping[str, float], given: Sequence[AddedTerm] = ()
 ) -> tuple[Parameters, tuple[AddedTerm, ...]]:
-    """Return the rig's parameters with the terms that they hold, and all other terms of a model.
+    """Return a rig's parameters, and the terms of its model that these parameters cannot hold.
+
+    The terms are those of `given` that no slot of the workflow's plant can hold, as they are, and
+    then those that the slots hold.
 
     Args:
-        values: values of all parameters of the workflow's plant, by name.
-        given: terms of the model as given that the rig's equations cannot hold; those that the
-            slots could not hold either stay as they are.
+        values: values of all parameters of the workflow's plant, also of its slots, by name.
+        given: terms of the model as given that the rig's parameters cannot hold.
     """
     parameters = Parameters(**{field: values[field] for field in Parameters._fields})
     plant = servo_actuator(Model(parameters=parameters))
@@ -314,7 +319,11 @@ def _round(number: int, settled: Round) -> dict[str, Any]:
 
 
 def _free_run(run: FreeRun) -> dict[str, Any]:
-    """Return the RMS errors of a free simulation before and after, without its samples."""
+    """Return a free simulation, JSON-able, without its samples.
+
+    It has recording, channel and time, and the RMS errors with the model as given (`rms_before`)
+    and as written (`rms_after`).
+    """
     return {
         **_figures(run, "source", "channel"),
         "from_s": _plain(run.time_s[0]),
@@ -341,7 +350,7 @@ def _figures(source: object, *names: str) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """Return a number, text, or sequence of them as JSON has it.
 
-    A number is rounded to nine digits; it becomes None if it is NaN or infinite, which JSON lacks.
+    A number is rounded to nine significant digits; NaN and infinity, which JSON lacks, become None.
     """
     if isinstance(value, str | bool):
         return value

@@ -47,10 +47,10 @@ def part_campaign(
 
 
 class ExperimentStoppedError(Exception):
-    """An experiment that ended early; its recordings so far are on disk.
+    """Raised if an experiment ends early; its recordings so far are on disk.
 
     Attributes:
-        exit_code: exit code of the command that ran it: 1 after a crash, else 3.
+        exit_code: exit code for the command that ran the experiment: 1 after a crash, else 3.
     """
 
     def __init__(self, message: str, exit_code: int) -> None:
@@ -66,9 +66,9 @@ class Parts:
         rig: the rig that the campaigns are run on.
         directory: an existing folder; each campaign gets a folder in it.
         bench: the bench of the rig, whose context the caller enters and leaves.
-        pace: as for `run_campaign`.
-        observer: as for `run_campaign`.
-        stop: as for `run_campaign`.
+        pace: pace of a simulated rig, "real" or "fast"; None for the pace of the rig's file.
+        observer: its methods are called as the campaigns go on.
+        stop: once a stop is requested on it, the campaign ends after the present batch.
         recordings: paths of all recordings so far, relative to `directory`.
     """
 
@@ -86,7 +86,10 @@ class Parts:
         Raises:
             ExperimentStoppedError: a test was not run to its end: the rig tripped, the campaign was
                 stopped, an operator had the test skipped, or it crashed.
-            DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
+            DirectoryError: the campaign's folder cannot be used.
+            TripError: the rig tripped, or was stopped, after the last test.
+            OSError: the results cannot be written.
+            RecordingError: a recording cannot be read.
         """
         return {name: read_recording(path) for name, path in self.record(campaign).items()}
 
@@ -96,7 +99,9 @@ class Parts:
         Raises:
             ExperimentStoppedError: a test was not run to its end: the rig tripped, the campaign was
                 stopped, an operator had the test skipped, or it crashed.
-            DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
+            DirectoryError: the campaign's folder cannot be used.
+            TripError: the rig tripped, or was stopped, after the last test.
+            OSError: the results cannot be written.
         """
         folder = self.directory / campaign.name
         outcome = run_campaign(

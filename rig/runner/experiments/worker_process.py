@@ -29,14 +29,14 @@ Said = Callable[[str], None]
 
 
 class ApartError(Exception):
-    """Raised for a computation that gave no result; the message is its process's last line.
+    """Raised for a computation in a process of its own that gave no result.
 
-    If the process printed nothing, the message has its exit code.
+    The message is the last line that the process printed; if it printed nothing, its exit code.
     """
 
 
 class Worker(Protocol):
-    """A function that calls another function, in this process or in one of its own."""
+    """A function that calls another function, in this process or in a new one."""
 
     def __call__(
         self, waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *Ts
@@ -56,7 +56,7 @@ def apart(waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *
             the exception is raised on.
         said: is called in this process with each line that the function says.
         function: a function at the top level of a module; it, its arguments and its result are
-            pickled. Its first argument is a function that is called with what it says.
+            pickled. Its first argument is a function, which it calls with each line that it says.
         args: further arguments of the function.
 
     Raises:
@@ -95,7 +95,10 @@ def apart(waits: Waits, said: Said, function: Callable[[Said, *Ts], T], *args: *
 
 
 def _pass_on(lines: TextIO, said: Said) -> None:
-    """Pass on those lines that a process has completed since the last call and that are marked."""
+    """Call `said` with each marked line, without the mark, that was completed since the last call.
+
+    `lines` is the file to which the process prints, at the place to which it has been read.
+    """
     while True:
         place = lines.tell()
         line = lines.readline()
@@ -112,7 +115,10 @@ def _say(words: str) -> None:
 
 
 def main() -> None:
-    """Call the function that is pickled in the first file, and write its result to the second."""
+    """Call the function that is pickled in one file, and write its result to another.
+
+    The command line gives the paths of both files. The process first lowers its priority.
+    """
     asked, answered = map(Path, sys.argv[1:3])
     with contextlib.suppress(OSError):
         os.nice(_NICE)

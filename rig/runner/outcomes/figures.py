@@ -30,8 +30,8 @@ class Figure:
 
     Attributes:
         value: the value, in `unit`.
-        standard_error: in the same unit; None if it is not known.
-        unit: as it is printed; empty for a plain number.
+        standard_error: standard error of the value, in the same unit; None if it is not known.
+        unit: the unit as it is printed; empty for a plain number.
     """
 
     value: float
@@ -92,7 +92,7 @@ def residual_level(innovation: Array) -> Figure | None:
     after the last complete block.
 
     Args:
-        innovation: in Pa, float64 (n,).
+        innovation: innovation of a pressure at each row, Pa, float64 (n,).
     """
     count = len(innovation) // _BLOCK
     sizes = np.abs(innovation[: count * _BLOCK]).reshape(count, _BLOCK)

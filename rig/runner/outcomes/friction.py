@@ -42,7 +42,10 @@ class FrictionWatch:
         self._watching = False
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Process the next samples with the filter's estimates of them."""
+        """Pass the next samples on, with the filter's run over them, and collect them for friction.
+
+        They are only collected if the filter is the default one, which estimates the load.
+        """
         self._detector.update(samples, run)
         self._watching = run.filter.name == DEFAULT_FILTER
         if self._watching:
@@ -54,7 +57,10 @@ class FrictionWatch:
 
     @property
     def curve(self) -> FrictionCurve | None:
-        """The friction identified so far; None without samples of a filter that estimates load."""
+        """The friction identified from all samples so far, computed anew at each access.
+
+        It is None without samples, or if the filter does not estimate the load.
+        """
         if not self._watching:
             return None
         lag = load_lag(self._model, self._sensors)
@@ -83,10 +89,11 @@ def friction_figures(curve: FrictionCurve) -> dict[str, Any]:
 
 
 def change_figures(first: FrictionCurve, last: FrictionCurve) -> dict[str, Any]:
-    """Return by how much each parameter of two friction curves differs, as JSON-able values in SI.
+    """Return by how much each parameter differs in two friction curves, as JSON-able values in SI.
 
-    Parameters that one of the curves does not show are left out. The key `z` has the difference
-    over its standard error.
+    A parameter that one of the curves does not show is left out. For each other one, by its name,
+    `difference` is that of `last` less that of `first`, `z` is the difference over its standard
+    error, and `significant` says whether it is too large for chance.
     """
     return {
         change.name: {

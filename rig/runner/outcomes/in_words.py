@@ -15,16 +15,20 @@ def chance(decision: Decision) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a probability, 0 to 1, as text in percent; above 0.999 the text is "> 99.9 %"."""
+    """Return a probability, 0 to 1, as text in percent; above 0.999 the text is "> 99.9 %".
+
+    Above 0.9 the percentage has one decimal, else none.
+    """
     if share > 0.999:
         return "> 99.9 %"
     return f"{100.0 * share:.1f} %" if share > 0.9 else f"{100.0 * share:.0f} %"
 
 
 def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
-    """Return clauses on what the final verdict alone does not show, for a reader.
+    """Return clauses, for a reader, on what the final verdict alone does not show.
 
-    They say that the verdict's fault has ended, and which other faults were confirmed, with times.
+    They say that the verdict's fault has ended, if it has, and which other faults were confirmed,
+    each with its times. The list is empty if there is nothing of that.
 
     Args:
         decision: the final decision.

@@ -23,7 +23,7 @@ class Observer:
 
         Args:
             campaign: the campaign.
-            directory: the folder to which its results are written.
+            directory: the folder to which the campaign's results are written.
             finished: outcomes of the tests that an earlier part of the run has finished.
         """
 
@@ -61,7 +61,13 @@ class Observer:
         """Handle the next rows of a test, float64 (n, channels)."""
 
     def test_event(self, time_s: float, kind: str, text: str) -> None:
-        """Handle an event that is written to a test's recording; `time_s` is its time in s."""
+        """Handle an event that is written to a test's recording.
+
+        Args:
+            time_s: time of the event, s of the test.
+            kind: one word for what happened, such as `verdict`.
+            text: the rest, for a reader.
+        """
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
         """Handle the progress of a test, after each batch of rows.

@@ -37,7 +37,7 @@ class InjectedFault:
     """A fault that was injected into a test, as it was requested, and the flow that resulted.
 
     Attributes:
-        kind: one of the fault kinds.
+        kind: name of the kind of fault, such as `external_leakage_1`.
         at_s, until_s: begin and end, s of the test; `until_s` is None if it lasted to the end.
         coefficient: the requested size, SI (m^3/(s Pa^0.5), linear leaks m^3/(s Pa), return
             blockage Pa/(m^3/s)^2).
@@ -61,8 +61,8 @@ class Attempt:
     """An earlier run of a test, which does not count because the test was run again.
 
     Attributes:
-        number: of the attempt, counted from 1.
-        status: how it ended.
+        number: number of the attempt, counted from 1.
+        status: how the attempt ended.
         phase: the phase in which it ended, as `Phase` in `rig.runner.campaign.campaign_test_run`;
             empty if it ran to its end.
         message: why it ended.
@@ -145,7 +145,8 @@ class TestOutcome:
     def is_finished(self) -> bool:
         """Whether the test counts, so that it is not run again when its campaign is resumed.
 
-        A tripped test is finished if it was configured to trip on a fault.
+        It counts if it passed, failed, crashed or was skipped; a tripped test counts only if it was
+        configured to trip on a fault.
         """
         if self.status is Status.TRIPPED:
             return self.on_fault is OnFault.TRIP

@@ -1,4 +1,7 @@
-"""Converts an outcome to plain values for JSON, and those of the journal back to the outcome."""
+"""Converts the outcome of a test to plain values for JSON, and such values back to the outcome.
+
+The journal keeps outcomes in this form.
+"""
 
 import types
 from collections.abc import Callable, Mapping
@@ -14,7 +17,10 @@ from .outcome import TestOutcome
 
 
 def record_of(outcome: TestOutcome) -> dict[str, Any]:
-    """Return an outcome as JSON-able values; floats stay exact, NaN and infinity become text."""
+    """Return an outcome as JSON-able values, from which `outcome_of` can make it again.
+
+    Floats stay exact; NaN and infinity become text.
+    """
     return dict(jsonable(outcome, repr))
 
 
@@ -42,6 +48,9 @@ def named(source: object, *names: str, **renamed: str) -> dict[str, Any]:
 
 def jsonable(value: Any, lacking: Callable[[float], str | None] = lambda number: None) -> Any:
     """Return a value with its dataclasses, arrays, mappings and sequences as JSON has them.
+
+    A dataclass becomes a dict, an array, list or tuple a list, and a member of an Enum its value.
+    Values of other types stay as they are.
 
     Args:
         value: the value.

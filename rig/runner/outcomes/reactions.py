@@ -1,4 +1,4 @@
-"""Turns a test's decisions into rows for the loop, and finds in its rows what it did about them."""
+"""Turns decisions into rows for the loop, and finds in the loop's rows what it did about faults."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -20,7 +20,11 @@ _NO_FAULT: Final = (Verdict.HEALTHY, Verdict.INCONCLUSIVE)
 
 
 class DecisionRows:
-    """Turns the decisions of one test into rows; they must be given in the order of their times."""
+    """Turns the decisions of one test into rows that the loop reads.
+
+    The decisions must be given in the order of their times, since the object remembers from when on
+    the verdict has been the same.
+    """
 
     def __init__(self) -> None:
         self._verdict = ""
@@ -69,7 +73,8 @@ class FaultAction:
     Attributes:
         at_s: when it began, s of the test.
         until_s: when it ended, s of the test; None if it lasted to the end.
-        what: in words, as an event of the recording: "tolerating external_leakage_1 0.42 L/min".
+        what: the action in words, as in an event of the recording: "holding the ram" or "tolerating
+            external_leakage_1 0.42 L/min".
     """
 
     at_s: float
@@ -78,7 +83,7 @@ class FaultAction:
 
     @property
     def holds(self) -> bool:
-        """Whether the loop held the ram; if not, it compensated for a leak."""
+        """Whether the loop held the ram; if not, it tolerated a leak, and compensated for it."""
         return self.what == _HOLDING
 
 
@@ -101,7 +106,7 @@ class Reactions:
         self.actions: list[FaultAction] = []
 
     def take(self, rows: Array) -> Iterator[tuple[float, str, str]]:
-        """Process the next rows, and yield each change of action in them as an event.
+        """Process the next rows, update `actions`, and yield each change of action as an event.
 
         An event is (time in s, kind of event, text). The rows are only processed as the events are
         taken from the iterator.

@@ -82,7 +82,7 @@ def metadata_of(
 def sensors_of(recording: Recording) -> SensorParameters:
     """Return the data sheet of the transducers in a recording's metadata.
 
-    If it has none that can be read, those of the thesis's rig are returned.
+    If the metadata has none that can be read, that of the thesis's rig is returned.
     """
     saved = recording.metadata.get("sensors")
     with suppress(TypeError, ValueError):
@@ -101,10 +101,10 @@ def spring_of(recording: Recording) -> Spring | None:
 def account_detector_of(
     recording: Recording, model: Model, false_alarms_per_day: float
 ) -> OilAccountDetector | None:
-    """Return a new default detector with the baseline that was used for a recorded test.
+    """Return a new detector of oil accounts with the baseline that was used for a recorded test.
 
-    It has no baseline if none was used. The result is None if a baseline was used that cannot be
-    read from the metadata.
+    The detector has no baseline if the test used none. The result is None if the test used one that
+    cannot be read from the metadata.
 
     Args:
         recording: the recording of a campaign's test.
@@ -127,9 +127,15 @@ def detector_of(
 ) -> Detector | None:
     """Return a new detector with the baseline or the learnt thresholds of a recorded test.
 
-    The result is None if the metadata holds neither, or if they were learnt with another model.
-    Learnt thresholds are also used only for the same filter, which must not be the default one,
-    and the same rate of false alarms.
+    The result is None if the metadata holds neither, or if the test assumed another model. Learnt
+    thresholds are used only if filter and rate of false alarms are those of the test, and the
+    filter is not the default one; else the result is None, too.
+
+    Args:
+        recording: the recording of a campaign's test.
+        model: the model that the new detector assumes.
+        filter_name: name of the filter whose estimates the new detector judges.
+        false_alarms_per_day: rate of false alarms to allow.
     """
     metadata = recording.metadata
     with suppress(*_UNREADABLE):

@@ -51,7 +51,10 @@ class HealthyInnovations:
         self._pieces: list[Array] = []
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Process the next samples with the filter's estimates of them."""
+        """Pass the next samples on, with the filter's run over them, and keep the innovations.
+
+        Innovations of the first 2 s of the test are left out.
+        """
         self._detector.update(samples, run)
         self._pieces.append(run.innovation[samples.time_s > STARTED_S, 1:3].copy())
 
@@ -61,7 +64,7 @@ class HealthyInnovations:
 
     @property
     def innovations(self) -> Array:
-        """Innovations of pressures 1 and 2, without the filter's start, float64 (n, 2) in Pa."""
+        """Innovations of pressures 1 and 2 after the first 2 s, so far, float64 (n, 2) in Pa."""
         return np.concatenate([*self._pieces, np.empty((0, 2))])
 
 
@@ -79,7 +82,10 @@ class HealthyReferences:
         return sorted(range(len(tests)), key=lambda index: not self.is_reference(tests[index]))
 
     def is_reference(self, test: CampaignTest) -> bool:
-        """Return whether other tests may learn from a test, as it is healthy and learning is on."""
+        """Return whether other tests may learn from a test: it has no faults and expects none.
+
+        With the default filter or the campaign's own baseline the result is always False.
+        """
         return self._learns and not test.faults and test.expect == Verdict.HEALTHY
 
     def add(self, test: CampaignTest, innovations: Array) -> None:
@@ -87,7 +93,7 @@ class HealthyReferences:
 
         Args:
             test: the test.
-            innovations: of pressures 1 and 2 in Pa, float64 (n, 2).
+            innovations: innovations of pressures 1 and 2, Pa, float64 (n, 2).
         """
         if len(innovations) >= THESIS_WINDOW and np.isfinite(innovations).all():
             self._kept.append((test, innovations))
@@ -95,8 +101,9 @@ class HealthyReferences:
     def learning(self, test: CampaignTest) -> Learning:
         """Return what a test's detector learns from healthy tests with the same setpoint and load.
 
-        Only healthy tests that were added before count. Without any, and for a test that others may
-        learn from, the detector learns from the first 15 s of the test itself. With the default
+        Only healthy tests that were added before count; seeds of setpoints may differ. In all other
+        cases the baseline of the result is None: without any such test, and for a test that others
+        may learn from, the detector learns from the first 15 s of the test itself; with the default
         filter or the campaign's own baseline nothing is learnt.
         """
         if self.campaign.baseline is not None:

@@ -28,7 +28,7 @@ LARGEST_RESULTS: Final = 1 << 28
 
 
 class RunError(RunFolderError):
-    """A run that is missing or cannot be read."""
+    """Raised for a run that is missing or cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,15 @@ class Run:
 
     @property
     def verdicts(self) -> set[str]:
-        """The last verdicts of its tests, each once; tests without a decision have none."""
+        """The last verdict of each of the run's tests, without repetition.
+
+        A test without a decision has no verdict.
+        """
         return {str(test["found"]["verdict"]) for test in self.tests if test["found"]}
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """The number of tests with each status, by the status; without those that no test has."""
+        """The number of tests with each status, by the status; a status of no test is left out."""
         return dict(self.results["counts"])
 
     @property
@@ -123,7 +126,7 @@ def read_run(folder: Path) -> Run:
 
 
 def _check(run: Run) -> None:
-    """Check that all parts of a run's results can be read, and name no file outside its folder.
+    """Check that a run's results have what `Run` needs, and name no file outside the run's folder.
 
     Raises:
         RunError: a recording's name leads out of the folder.
@@ -151,7 +154,10 @@ def _state_of(folder: Path, run: Run) -> str:
 
 
 def is_plain(name: str) -> bool:
-    """Return whether a name is that of an entry of a folder, without any path in it."""
+    """Return whether a name can be that of an entry of a folder, without any path in it.
+
+    It need not exist. The names "", "." and ".." are not plain.
+    """
     return name not in ("", ".", "..") and not set(name) & {"/", "\\", "\0"}
 
 
@@ -214,10 +220,9 @@ def prunable(
 def remove(run: Run) -> list[str]:
     """Remove the files that a run wrote, and its folder if it is empty then.
 
-    A run that is running is not removed; a message that says so is returned.
-
     Returns:
-        The names of other files in the folder, which stay; empty if the folder was removed.
+        The names of other files in the folder, which stay; empty if the folder was removed. If the
+        run is running, nothing is removed, and the list has one message that says so.
 
     Raises:
         OSError: a file cannot be removed; some files may have been removed before.

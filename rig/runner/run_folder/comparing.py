@@ -76,7 +76,8 @@ class Compared:
         figure: name of the figure.
         reference: its value in the reference, a text if it is a status or a verdict; None if the
             reference lacks it.
-        candidate: its value in the candidate, likewise.
+        candidate: its value in the candidate, a text or a number likewise; None if the candidate
+            lacks it.
         standing: the result of the comparison.
         tolerated: greatest tolerated difference; None for texts, or if a run lacks the figure.
         unit: unit of the values, as it is printed.
@@ -117,14 +118,14 @@ class Comparison:
 
     @property
     def moved(self) -> list[Compared]:
-        """The figures that moved beyond their tolerance, or that the candidate lacks."""
+        """The figures that have the standing `MOVED`: beyond the tolerance, or missing."""
         return [each for each in self.figures if each.standing is Change.MOVED]
 
 
 def tolerance_of(figure: str, tolerances: Mapping[str, Tolerance]) -> Tolerance:
-    """Return the tolerance under a figure's name, or under the longest beginning of it.
+    """Return the tolerance under a figure's name, or under the longest beginning of the name.
 
-    A name is a beginning if `_` follows it. Without any, the tolerance is zero.
+    A key is a beginning of the name if `_` follows it there. If no key fits, the tolerance is zero.
     """
     fitting = [name for name in tolerances if figure == name or figure.startswith(f"{name}_")]
     return tolerances[max(fitting, key=len)] if fitting else Tolerance()
@@ -138,7 +139,8 @@ def compare(
     Args:
         reference: the run that is taken as right.
         candidate: the run that is compared with it.
-        tolerances: by the name of a figure; they take precedence over `TOLERANCES`.
+        tolerances: tolerances by a figure's name or the beginning of it; one of them replaces that
+            of the same key in `TOLERANCES`.
     """
     known = {**TOLERANCES, **(tolerances or {})}
     ours = {str(test["name"]): test for test in candidate.tests}
@@ -191,7 +193,10 @@ def _error(old: Figure, new: Figure) -> float:
 
 
 def _word(test: Mapping[str, Any] | None, figure: str) -> str | None:
-    """Return the status or the verdict of a test; None without a test."""
+    """Return the status of a test, or its verdict; None without a test.
+
+    The verdict of a test without a decision is "none". `figure` is "status" or "verdict".
+    """
     if test is None:
         return None
     if figure == "status":
@@ -200,7 +205,7 @@ def _word(test: Mapping[str, Any] | None, figure: str) -> str | None:
 
 
 def _numbers(test: Mapping[str, Any]) -> dict[str, Figure]:
-    """Return a test's figures by name, with onset and latency."""
+    """Return a test's figures by name, with onset and latency in s; without those that are None."""
     found: dict[str, Figure] = {}
     for name, key in (("onset", "onset_s"), ("latency", "latency_s")):
         value = test["found"][key] if test["found"] else None

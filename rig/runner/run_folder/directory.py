@@ -34,7 +34,7 @@ _LONGEST_NAME: Final = 100
 
 
 class DirectoryError(RunFolderError):
-    """A folder to which the results of a run cannot be written."""
+    """Raised for a folder to which the results of a run cannot be written."""
 
 
 def default_directory(name: str, started: datetime) -> Path:
@@ -46,7 +46,10 @@ def default_directory(name: str, started: datetime) -> Path:
 
 
 def new_path(below: Path, name: str, at: datetime) -> Path:
-    """Return the path NAME-TIME of a new folder in another one, or NAME-TIME-2, if that exists."""
+    """Return the path NAME-TIME for a new folder in the folder `below`; nothing is made.
+
+    If it exists, the path is NAME-TIME-2, -3 and so on. `at` is the time, UTC.
+    """
     return below / first_free(
         f"{file_stem(name)}-{at:%Y%m%dT%H%M%SZ}", lambda each: (below / each).exists()
     )
@@ -98,7 +101,7 @@ def make_empty(directory: Path) -> None:
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Raise DirectoryError in place of an OSError, because the folder `path` cannot be written."""
+    """Replace an OSError of the context by a DirectoryError that `path` cannot be written."""
     try:
         yield
     except OSError as error:
@@ -107,11 +110,11 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def log_error(directory: Path, what: str) -> Path:
-    """Append the traceback of the exception being handled to a run's log; return the log's path.
+    """Append the traceback of the present exception to a run's `errors.log`; return that path.
 
     Args:
         directory: folder of the run.
-        what: what failed, written as a line above the traceback.
+        what: line of text above the traceback, which says what failed.
     """
     path = directory / ERRORS
     with path.open("a", encoding="utf-8") as log:
@@ -195,8 +198,8 @@ def files_of_run(path: Path) -> list[Path]:
 def _tests_of(folder: Path) -> list[str] | None:
     """Return the names of a run's tests by its results, or by its journal if it has no results.
 
-    Without either, or if both are not a run's, the result is None. It is empty if the journal has
-    no entry yet.
+    The result is None if neither file is there, or neither is a run's. The list is empty if the
+    journal has no entry yet.
 
     Raises:
         OSError: `results.json` is there and cannot be read.

@@ -24,7 +24,7 @@ _TAIL: Final = len(_CHECKED) + len('00000000"}')
 
 
 class RunFolderError(ValueError):
-    """A run's folder, or a file in it, that cannot be used.
+    """Raised for a run's folder, or a file in it, that cannot be used.
 
     Attributes:
         problems: the reasons, one line each.
@@ -36,7 +36,7 @@ class RunFolderError(ValueError):
 
 
 class JournalError(RunFolderError):
-    """A journal that cannot be used."""
+    """Raised for a journal that cannot be used."""
 
 
 def reason_of(error: OSError) -> str:
@@ -76,10 +76,10 @@ def read_journal(path: Path) -> list[Entry]:
 
 
 def _read(path: Path) -> tuple[list[Entry], int]:
-    """Return the entries of all complete lines, and how many bytes these lines take.
+    """Return the entries of all lines before the first damaged one, and how many bytes they take.
 
     Raises:
-        JournalError: the file cannot be read, or a line before the last one is damaged.
+        JournalError: the file cannot be read, or a valid line follows a damaged one.
     """
     try:
         content = path.read_bytes()
@@ -118,9 +118,10 @@ def _entry(line: bytes) -> Entry | None:
 
 @dataclass
 class Journal:
-    """Writes a journal.
+    """Writes a journal, whose entries are appended by `write`.
 
-    It is a context manager: while it is entered, the file is locked against other processes.
+    It is a context manager: on entering, the file is made if it is missing, and while the context
+    is entered, the file is locked against other processes.
 
     Attributes:
         folder: folder of the run, which exists.
@@ -198,7 +199,10 @@ class Journal:
 
 
 def is_written(folder: Path) -> bool:
-    """Return whether a process has locked a folder's journal to write it; False without one."""
+    """Return whether a process has locked a folder's journal to write it.
+
+    The result is False if there is no journal, or if it cannot be opened.
+    """
     try:
         file = os.open(folder / JOURNAL, os.O_RDONLY)
     except OSError:

@@ -48,8 +48,9 @@ class JournalState:
         attempts: earlier runs of a test that was run again, by the test's index, oldest first.
         skipped: indices of the tests that an operator has asked to skip and that have had no
             outcome since.
-        history: what happened outside the tests, oldest first: operators' requests, holds,
-            resumptions, refused requests, drives by another master, and a stop.
+        history: what happened outside the tests, oldest first: operators' requests, refused
+            requests, begin and end of holds, resumptions after a stop or a kill, devices driven by
+            another master, cleaning up that took too long, and a stop.
     """
 
     tests: Sequence[str] = ()
@@ -108,7 +109,10 @@ class JournalState:
 
     @property
     def recording(self) -> str | None:
-        """File name of the recording of the test that runs; None if there is no recording yet."""
+        """File name of the recording of the test that runs.
+
+        It is None if no test runs, or if the recording has not begun.
+        """
         return None if self._present is None else self._recording
 
     def number_of(self, index: int) -> int:
@@ -116,13 +120,14 @@ class JournalState:
         return len(self.attempts.get(index, [])) + (index in self._open) + 1
 
     def outcome(self, index: int, not_run: TestOutcome) -> TestOutcome:
-        """Return the outcome of a test's latest ended attempt, also one that does not count.
+        """Return the outcome of a test's latest attempt, whether the test is finished by it or not.
 
-        A latest attempt that a kill ended gets the status `interrupted`; earlier attempts are
-        listed in `attempts`.
+        If a kill ended this attempt, the outcome is `not_run` with the status `interrupted`, and
+        with message and recording of the attempt. The `attempts` of the outcome are always the
+        test's earlier attempts.
 
         Args:
-            index: of the test.
+            index: index of the test.
             not_run: the outcome to return if no attempt has ended, or if a further one runs now.
         """
         known = self.finished.get(index) or self._partial.get(index)
@@ -162,7 +167,7 @@ class JournalState:
         self._open[index] = Attempt(number, status, phase, message, self._at, recording)
 
     def _interrupted(self, entry: Entry) -> None:
-        """Note that the campaign is resumed; a test without an outcome counts as killed."""
+        """Note that the campaign is resumed; a test that had not ended is noted as killed."""
         what = "resumed"
         if self._present is not None:
             index, phase = self._present, self._phase
@@ -208,7 +213,7 @@ def standing_of(entries: Sequence[Entry]) -> JournalState:
 def changes_of(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Return the values that differ, such as versions, as "NAME OLD -> NEW" each.
 
-    An entry of `old` that `new` lacks is left out; one that `old` lacks is "None".
+    A name that only `old` has is left out; for one that only `new` has, OLD is "None".
     """
     return [
         f"{name} {old.get(name)} -> {value}"
@@ -287,7 +292,7 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
     """Return the state from which a campaign can be resumed.
 
     Args:
-        entries: the entries of its journal, at least one.
+        entries: the entries of the campaign's journal, at least one.
         folder: folder of the run, for messages.
         campaign: the campaign as it is configured now.
         rig: the rig as it is configured now.
@@ -323,11 +328,11 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
 def learn_again(
     references: HealthyReferences, standing: JournalState, folder: Path, recordings: Sequence[str]
 ) -> None:
-    """Add the innovations in the recordings of finished healthy tests to `references`.
+    """Read the innovations of finished healthy tests from recordings, and add them to `references`.
 
-    They are those of tests to learn from that passed or failed, without the filter's start. Tests
-    that are run after a resumption then learn from the same tests as without a stop. A recording
-    that cannot be read is passed over.
+    Only tests that passed or failed and from which others may learn are taken, and of each the
+    first 2 s, the filter's start, are left out. Tests that are run after a resumption then learn
+    from the same tests as without a stop. A recording that cannot be read is passed over.
 
     Args:
         references: is updated in place.
@@ -352,10 +357,11 @@ def learn_again(
 
 
 def keep_attempt(recording: Path, number: int) -> str | None:
-    """Rename the recording of an earlier attempt, and return its new name; None if there is none.
+    """Rename the recording of an earlier attempt, and return its new file name.
 
     If a kill has cut the recording, it is replaced by a repaired copy with all its complete data;
-    if it cannot be repaired, it is renamed as it is.
+    if it cannot be repaired, it is renamed as it is. If it was renamed by an earlier call, that
+    name is returned; if there is no recording, None.
 
     Args:
         recording: path of the recording.

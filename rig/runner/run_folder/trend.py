@@ -63,12 +63,15 @@ class Trend:
 
     @property
     def changes(self) -> bool:
-        """Whether the figure changes significantly: the slope's interval does not hold zero."""
+        """Whether zero lies outside of the slope's 99 % interval; False without a slope."""
         return self.slope is not None and self.half is not None and abs(self.slope) > self.half
 
     @property
     def in_words(self) -> str:
-        """The slope with its interval in words, or, without a slope, how many runs are needed."""
+        """Whether the figure changes, and its slope with the 99 % interval, in words.
+
+        Without a slope the words say how many runs are needed.
+        """
         if self.slope is None or self.half is None:
             return f"{FEWEST} runs or more tell a trend"
         mean = float(np.mean([point.value for point in self.points]))
@@ -79,10 +82,10 @@ class Trend:
 
 
 def trends_of(runs: Iterable[Run]) -> list[Trend]:
-    """Return the trend of every figure, for each test of each campaign on each rig.
+    """Return the trends of all figures: one for each figure of each test, campaign and rig.
 
-    Runs without a figure, or in which its value is None, are left out of its trend; a figure that
-    has different units in different runs has a trend for each unit.
+    A run in which a figure is missing or None is left out of the trend of this figure. A figure
+    that has different units in different runs has a trend for each unit.
     """
     points: dict[tuple[str, str, str, str], list[Point]] = {}
     for run in sorted(runs, key=lambda run: run.started):
@@ -99,7 +102,10 @@ def trends_of(runs: Iterable[Run]) -> list[Trend]:
 
 
 def _fitted(trend: Trend) -> Trend:
-    """Return a trend with its slope by least squares, and the interval by Student's t."""
+    """Return a trend with its slope by least squares, and half the interval by Student's t.
+
+    A trend of fewer than `FEWEST` runs, or of runs that all began at once, is returned as it is.
+    """
     first = trend.points[0].at
     days = np.array([(point.at - first).total_seconds() / _DAY_S for point in trend.points])
     values = np.array([point.value for point in trend.points])

@@ -28,7 +28,7 @@ class Job:
     """A run of a campaign that is due.
 
     Attributes:
-        id: distinguishes the job from all others.
+        id: text by which the job differs from all others of the schedule.
         entry: name of the schedule's entry, or of the request that added the job.
         campaign: the campaign, as an argument of `rig run`.
         rig: the rig, as an argument of `rig run`; None for the campaign's own.
@@ -217,8 +217,8 @@ class Scheduler:
         """Queue the jobs that are due or asked for, and run the next one unless halted.
 
         Args:
-            stopped: says whether the scheduler was asked to end; if so after a run, the run is not
-                ended in the journal, and is resumed after a restart.
+            stopped: returns whether the scheduler was asked to end. If it returns True after a run,
+                no end of this run is written to the journal, so that a restart resumes it.
 
         Returns:
             None if a job was run, also if its process was killed; else how long to wait until the
@@ -240,7 +240,10 @@ class Scheduler:
         self.state.take(self._journal.write(kind, **details))
 
     def _collect(self) -> None:
-        """Put the jobs that have become due since the last call into the queue."""
+        """Put the jobs that have become due since the last call into the queue.
+
+        The first call ever for a schedule only notes the time.
+        """
         now = self._hands.now()
         first, self._started = not self._started, True
         if self.state.collected is None:
@@ -269,12 +272,13 @@ class Scheduler:
         """Return those of an entry's due times that are to be run, and how many are missed.
 
         With the policy `run_all` all of them are run. Otherwise only the last one is, and none if a
-        job of this entry waits already. With the policy `skip`, a time that passed while the
-        scheduler did not run is missed if it is longer ago than the schedule's `grace_s`.
+        job of this entry, not counting retries, waits already. With the policy `skip`, times that
+        passed while the scheduler did not run are missed if they are longer ago than the
+        schedule's `grace_s`.
 
         Args:
             entry: the schedule's entry.
-            times: its times since the last call, in their order.
+            times: the entry's due times since the last call, in their order.
             restarted: the present time in the first call after a restart; None later.
         """
         if entry.missed is Missed.RUN_ALL or not times:
@@ -304,7 +308,10 @@ class Scheduler:
             self._keep("added", **details_of(job))
 
     def _next(self) -> Job | None:
-        """Return the job to run now: first one that was begun and has not ended; None if none."""
+        """Return the job to run now; None if there is none, or while the schedule is halted.
+
+        A job that was begun and has not ended comes before those of the queue.
+        """
         if self.state.halted:
             return None
         if self.state.present is not None:
@@ -343,7 +350,11 @@ class Scheduler:
             self._hands.say(f"halted: {halted}; look at the rig, then rig schedule resume")
 
     def _retry(self, job: Job, exit_code: int) -> dict[str, Any] | None:
-        """Return the job that repeats a failed run, as in the journal; None if there is none."""
+        """Return the job that repeats a failed run, as details for the journal.
+
+        The result is None if the run did not fail, if the schedule has no entry for the job, or if
+        the entry allows no further retry.
+        """
         entry = self._entries.get(job.entry)
         if exit_code != EXIT_FAILED or entry is None or job.attempt > entry.retries:
             return None
