@@ -31,7 +31,10 @@ _KEYS: Final = frozenset({"order", "rig", "text", "name"})
 
 
 class MalformedError(ValueError):
-    """The error of a request that is not an order; the message says why, for "the order ..."."""
+    """The error of a request that is not an order.
+
+    Its message says why, as a phrase that follows "the order", such as "is no JSON".
+    """
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ class Orders:
             return Answer(False, str(refusal))
 
     def leave(self, visitor: Visitor) -> None:
-        """Release the control that a visitor has who logs out."""
+        """Release control if the visitor, who logs out, has it."""
         with self._one_at_a_time:
             self._control.release(visitor)
 
@@ -179,7 +182,7 @@ class Orders:
         return Answer(True, REASONS[done])
 
     def _only_living(self) -> str:
-        """Return the only living rig, which a page means that has not been shown a rig yet.
+        """Return the id of the only living rig; a page that shows no rig yet means this one.
 
         Raises:
             UnknownRigError: no rig is alive, or several are.
@@ -197,7 +200,7 @@ class Orders:
         return ""
 
     def _was_heard(self, run: Launched) -> bool:
-        """Return whether any message of a run's stream was received since it was started here."""
+        """Return whether a run's stream has told of its campaign since the run was started here."""
         campaigns = [self._client.snapshot(rig).campaign for rig in self._client.rigs()]
         mine = [each for each in campaigns if each.get("directory") == run.folder.name]
         begun = [each.get("begun_ns") for each in mine]

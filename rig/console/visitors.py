@@ -56,7 +56,7 @@ class Visitor:
 def console_token() -> tuple[str, Path]:
     """Return the token with which one logs in to this user's consoles, and its file.
 
-    The token is made at the first call.
+    The token, hexadecimal digits, is made if the file does not exist.
 
     Raises:
         KeyFileError: the file cannot be made, or cannot be used.
