@@ -233,7 +233,10 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _is_wanted(run: Run, wanted: Mapping[str, Any]) -> bool:
-    """Return whether a run meets all options of `rig runs list`; one that is None says nothing."""
+    """Return whether a run meets all options of `rig runs list`.
+
+    Every run meets an option that is None.
+    """
     since, until, verdict = (wanted[option] for option in ("since", "until", "verdict"))
     return (
         (since is None or run.started >= since)
