@@ -167,7 +167,7 @@ class Feed:
         self.common.put("notices", list(self._notices))
 
     def news(self, cursor: Cursor) -> str | None:
-        """Return a message with all that a viewer was not sent yet; None if there is nothing new.
+        """Return a JSON text with all that a viewer was not sent yet; None if nothing is new.
 
         The cursor is updated. If its rig is not known, it is set to one that is, by preference one
         whose stream is alive, or to "" if there is none.

@@ -59,9 +59,9 @@ class Refusals:
             self._log(f"refused, from {address}: {why}")
 
     def look(self) -> None:
-        """If the present second is over, begin a new one, and log how many refusals were not.
+        """Begin a new second if the present one is over.
 
-        Nothing is logged if each refusal of the second was.
+        The number of refusals in it that were only counted is logged then, if there were any.
         """
         now = time.monotonic()
         if now - self._since < 1.0:

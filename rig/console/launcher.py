@@ -285,10 +285,10 @@ class Launcher:
         }
 
     def unfinished(self) -> list[dict[str, str]]:
-        """Return `folder`, by name, and `campaign` of the newest runs that did not reach their end.
+        """Return the newest runs that did not reach their end, by `folder` (name) and `campaign`.
 
-        These runs were stopped or killed. Runs that are still under way are among them, as their
-        journals look the same. At most `MOST_RUNS` are returned, the newest first.
+        They were stopped or killed, or are still under way: by their journals these look the same.
+        At most `MOST_RUNS` are returned, the newest first.
         """
         journals = sorted(self._folder.glob(f"*/{JOURNAL}"), key=_modified, reverse=True)
         runs = ((journal.parent.name, *_first_and_last(journal)) for journal in journals[:50])

@@ -43,8 +43,8 @@ class Order:
 
     Attributes:
         order: the kind of order, one of `ORDERS`.
-        rig: id of the rig, for a command or a stop; if empty, the only rig that is known, or for a
-            stop the only one that is alive.
+        rig: id of the rig, for a command or a stop. If empty, a stop goes to the only rig that is
+            alive; a command is refused, as no rig has this id.
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
             run to resume; else empty.
@@ -151,9 +151,10 @@ class Orders:
         """Stop the rig that the page shows, and return whether that was done.
 
         The rig is first sent an abort by the stream. If it does not obey, the run that was started
-        here is stopped by `Launcher.stop`: by its control port, or else as by Ctrl-C. That also
-        happens if the stream of this run was not received yet, as no page can show its rig then.
-        If the stopped run is on another rig than the page shows, the stop does not count as obeyed.
+        here is stopped by `Launcher.stop`: by its control port, or else as by Ctrl-C. If that run
+        is on another rig than the page shows, the stop does not count as obeyed. The run is also
+        stopped after an abort that was obeyed if its stream was not received yet, as no page can
+        show its rig then.
         """
         try:
             rig = order.rig or self._only_living()

@@ -193,7 +193,10 @@ class ControlHolder:
             raise NotInControl(f"{self.holder.name} has control")
 
     def content(self) -> dict[str, Any]:
-        """Return number and name of the visitor in control (None if nobody), and since when."""
+        """Return `number` and `name` of the visitor in control, both None if nobody has it.
+
+        `since_ms` is the time of the last change, ms since 1970; 0 if there was none.
+        """
         holder = self.holder
         return {
             "number": None if holder is None else holder.number,

@@ -129,10 +129,11 @@ def _leaks_of(decision: Decision) -> Iterator[tuple[str, float, float]]:
 
 
 def _before_any_fault(history: Sequence[tuple[float, Decision]]) -> Mapping[str, float]:
-    """Return the details of the last decision before the first fault began that names no fault.
+    """Return the details of the last decision that names no fault before the first fault began.
 
-    The first fault began at the earliest onset that any decision gives, to half a block. If none
-    names a fault, it is the last decision. Return {} if there is no such decision.
+    The first fault began at the earliest onset in any decision that names a fault; half a block is
+    added, as an onset is known no better. If no decision names a fault, the details are those of
+    the last one. Return {} if there is no such decision.
     """
     onsets = [d.onset_s for _, d in history if d.names_a_fault and d.onset_s is not None]
     # An onset is known to half a block.

@@ -36,8 +36,8 @@ class Trace:
         name: name in the plot's legend.
         role: role by which the style sheet chooses the colour.
         shape: whether a curve, dots or a band is drawn.
-        time_s, values: points of the curve, dots or outline of the band, float64 (n,), in the units
-            of the plot: along the horizontal axis and the vertical one; NaN makes a gap.
+        time_s, values: horizontal and vertical positions of the curve's points, of the dots, or of
+            the outline of the band, float64 (n,), in the units of the plot; NaN makes a gap.
         width, dash, opacity: style of a curve.
     """
 
@@ -185,7 +185,8 @@ class TestData:
     def line(self, name: str, role: str, values: Array, **style: Any) -> Trace:
         """Return a signal (n,) as a curve over the time of the test's recording.
 
-        `style` gives any of width, dash and opacity of the `Trace`, and may give its `points`.
+        `style` gives any of width, dash and opacity of the `Trace`, or another greatest number of
+        `points` than the test's.
         """
         return line(name, role, self.recording.time_s, values, **{"points": self.points} | style)
 

@@ -51,7 +51,7 @@ OnMessage = Callable[[str, str, Mapping[str, Any]], None]
 
 
 class UnknownRigError(LookupError):
-    """The error of a rig that is not known, or of several where exactly one is needed."""
+    """The error of a rig that is not known, or of no id while not exactly one rig is known."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,9 @@ class Answer:
 
 
 class StreamClient:
-    """A context manager that follows one rig, or all that can be reached.
+    """A context manager that follows one rig, or all that can be reached, and sends commands.
+
+    It follows from the moment it is made until `close`.
 
     Args:
         settings: the profile; `rig.configuration.rigs.stream.load_stream` reads one.
@@ -77,7 +79,8 @@ class StreamClient:
         window_s: how long in s samples are stored after their arrival.
         history: whether each rig that appears is asked for its past messages.
         credentials: name and key to sign commands with; if None, those of the profile's first
-            operator (of this user's own key if it has no operator), read when a command is sent.
+            operator, or without any operator the name `local` with this user's own key. They are
+            read when the first command is sent.
         on_message: is called with rig, kind and content of each valid message, one at a time, but
             not of past ones that were asked for; an error that it raises is passed to `on_failure`.
         on_failure: is called with a line on each error after which the client went on; it may be

@@ -156,13 +156,13 @@ class Gate:
     def judge(self, name: str, payload: bytes) -> Command:
         """Check a payload that came on the Zenoh key of the command `name`; return its command.
 
-        Its sequence number is stored, so that the same payload is refused when it comes again.
+        The command's number is stored, so that the same payload is refused when it comes again.
 
         Raises:
             Refused: the command must not be obeyed. Nobody may command here, or too many senders
-                do (`SENDERS_KEPT`); the payload is too large or malformed; its sender is unknown,
-                forged, or not allowed this command; it is for another rig or session, or stale; or
-                its sequence number is not above the last one of its sender.
+                do (`SENDERS_KEPT`); the payload is too large or malformed; its sender is unknown or
+                not allowed this command; its signature does not fit; it is for another rig or
+                session, or stale; or its number is not above the last one from its sender.
         """
         if not self._operators:
             raise Refused("denied", "this stream takes no commands")

@@ -46,7 +46,7 @@ def is_count(value: Any) -> bool:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is a finite number, or None, which means that it is not known."""
+    """Return whether a value is a finite float, a 64-bit integer or None, which means not known."""
     return value is None or is_whole(value) or (type(value) is float and isfinite(value))
 
 

@@ -154,8 +154,8 @@ class Samples:
             continues. Rows that are missing between two batches were lost on the way, or dropped or
             overwritten before they were sent.
         test: number of the test that the samples belong to; 0 outside of tests.
-        newest_ns: wall clock at which the newest row was taken when the batch was made, ns since
-            1970; that row may come after the batch's last.
+        newest_ns: wall clock, ns since 1970, at which the newest row was taken that the publisher
+            had by then; it may be a later row than the batch's last.
         time_s: (n,) time of each sample within its test, s.
         values: (n, channels) values, SI, float32.
     """

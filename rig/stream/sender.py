@@ -59,9 +59,9 @@ class StreamSender:
     def send(self, kind: str, content: Mapping[str, Any]) -> None:
         """Number, store and send a message; it is dropped for readers that do not keep up.
 
-        Of kinds in `LASTING` only the newest message is stored. Of each kind in `KEPT` up to
-        `MESSAGES_KEPT` are, samples for `history_s` at most. `pack` must be able to pack the
-        content, as it can what `finite` returns.
+        Of each kind in `LASTING` only the newest message is stored, of each kind in `KEPT` the
+        newest `MESSAGES_KEPT`, and samples for `history_s` at most. The content must be such that
+        `pack` can pack it, as what `finite` returns.
         """
         sequence = self.sequences.get(kind, -1) + 1
         self.sequences[kind] = sequence
@@ -123,7 +123,7 @@ class StreamSender:
         """Return, by kind, the packed messages that a question asks for by its key.
 
         Of kinds in `LASTING` it is the newest message. Of those in `KEPT` all that are stored are
-        returned, or, if the question has a parameter `last`, those sent in so many last seconds.
+        returned, or, if the question has a parameter `last`, those sent in the last `last` seconds.
         """
         since_ns = 0
         with suppress(ValueError):

@@ -77,8 +77,8 @@ class Snapshot:
         verdicts: the last decisions at which verdict or test changed, oldest first.
         events: the last events, oldest first.
         gaps: the last gaps, oldest first.
-        missing: kind -> total number of messages that did not arrive, and under `rows` of rows,
-            less those that were asked for and came later.
+        missing: kind -> total number of its messages that did not arrive; `rows` -> that of rows of
+            samples, less those that were asked for and came later.
         refused: number of payloads on the rig's keys that were not valid messages.
         refusal: why the last of these was not valid; empty if there was none.
     """
@@ -194,8 +194,9 @@ class RigView:
     def take(self, kind: str, content: Content, received_ns: int) -> None:
         """Store a message that the rig has just sent, and note which ones before it did not come.
 
-        Samples are stored only if the message `channels` that names their columns came before. If
-        the message is of another session than the one before, that session begins.
+        Samples are stored only if the message `channels` that names their columns came before. With
+        the first message of another session that session begins: decision, health and the other
+        kinds in `LASTING` of the former one are dropped.
 
         Args:
             kind: kind of the message.
@@ -221,8 +222,9 @@ class RigView:
     def take_past(self, kind: str, content: Content, received_ns: int) -> None:
         """Store a past message that was asked for, unless it is known, superseded or too old.
 
-        It is too old if it was sent by an earlier session. Past samples fill gaps, and are stored
-        only if the message `channels` that names their columns came before.
+        Too old is one of another session that was sent before the last message here; with one that
+        was sent later, its session begins. Past samples fill gaps, and are stored only if the
+        message `channels` that names their columns came before.
 
         Args:
             kind: kind of the message.
@@ -322,9 +324,10 @@ class RigView:
         self._lasting.clear()
 
     def _miss_up_to(self, kind: str, sequence: int, received_ns: int) -> None:
-        """Record as missing the messages of a kind from the last one received up to `sequence`.
+        """Record as missing the messages of a kind after the last known one, up to `sequence`.
 
-        The latter is included. If none of this kind was received in the session, none is missing.
+        The message with the number `sequence` is included. Nothing is recorded of a kind of which
+        no message was received in this session.
         """
         last = self._sequences.get(kind, sequence)
         if sequence > last:
@@ -340,9 +343,10 @@ class RigView:
     def _file(
         self, kind: str, held: Channels | Content, content: Content, received_ns: int
     ) -> None:
-        """Store a message as the newest of its kind, which is in `LASTING`; do what it asks for.
+        """Store a message of a kind in `LASTING` as the newest of its kind.
 
-        A heartbeat shows missing messages; a decision may be listed among the verdicts.
+        Channels are also stored by their number, a heartbeat shows which messages are missing, and
+        a decision is added to the verdicts if verdict or test changed, or a run began.
         """
         if isinstance(held, Channels):
             self._channels[content["session"], held.number] = held

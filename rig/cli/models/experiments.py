@@ -40,8 +40,8 @@ def experiment(
 ) -> Iterator[tuple[Screen, StopFlag, MotionProgress]]:
     """Give screen, stop flag and progress to the block, which runs an experiment.
 
-    The folder is made before. While the block runs, signals request a stop on the flag. If it
-    fails in one of the ways below, the command ends.
+    The folder is made before. While the block runs, Ctrl-C and signals to end request a stop on the
+    flag. If the block fails in one of the ways below, the command ends.
 
     Args:
         rig: the rig on which the experiment is run.

@@ -30,8 +30,9 @@ _ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "b
 
 
 def missing_flow(data: TestData) -> Panel | None:
-    """Return the panel of both chambers' missing flow, with the part that found leaks explain.
+    """Return the panel of both chambers' missing flow, in L/min.
 
+    It also has the part that is explained by the leaks that the detector found, if it found any.
     The panel is None if the test has no oil accounts.
     """
     accounts = data.accounts
@@ -218,7 +219,8 @@ def compensation(data: TestData) -> Panel | None:
 def flow_as_decided(data: TestData) -> Iterator[Trace]:
     """Yield the detector's leak flow as it was decided over time: a band, then a line, in L/min.
 
-    The line is the mean flow since the leak's onset by each decision, the band its 95 % interval.
+    The line is the mean flow since the leak's onset, as each decision gave it, and the band is the
+    95 % interval of that mean.
     The band is left out if an end of the interval is not recorded; nothing is yielded if the mean
     is not recorded, or never known.
     """
@@ -236,7 +238,10 @@ def flow_as_decided(data: TestData) -> Iterator[Trace]:
 
 
 def _ends_of_stretches(values: Array) -> NDArray[np.int64]:
-    """Return the indices of the first and the last value of each run of equal values, sorted."""
+    """Return the indices of the first and the last value of each run of equal values, sorted.
+
+    NaN counts as equal to NaN.
+    """
     known = np.nan_to_num(values, nan=-1.0)
     starts = np.flatnonzero(np.diff(known, prepend=np.inf))
     return np.union1d(starts, np.append(starts[1:] - 1, values.size - 1))

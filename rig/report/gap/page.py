@@ -163,7 +163,10 @@ def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
 
 
 def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
-    """Return the bars, by frequency band, of the channels' mean one-step error above the floor."""
+    """Return the bars, by frequency band, of the channels' mean one-step error above the floor.
+
+    They stand for the model as given (before) and the model as written (after).
+    """
     names = [band(each) for each in channels[0].bands]
     floor, *errors = (
         np.array([[getattr(each, of) for each in gap.bands] for gap in channels])

@@ -292,7 +292,7 @@ def where_words(curve: Curve) -> str:
 
 
 def share(part: float) -> str:
-    """Return a share as text, from 0 to 100 percent; "no known part" if it is not finite."""
+    """Return a fraction as text in percent, limited to 0 to 100; "no known part" if not finite."""
     return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
 
 
@@ -323,9 +323,9 @@ def excess(variances: float) -> str:
 
 
 def held_out(effect: NamedEffect) -> str:
-    """Return in words whether the held-out recordings confirm a named effect, with its z.
+    """Return in words what the held-out recordings say of a named effect.
 
-    They do not show it if its z is not finite.
+    It is "confirmed", with the effect's z, or "not shown by the motion" if z is not finite.
     """
     if not isfinite(effect.held_out_z):
         return "not shown by the motion"
