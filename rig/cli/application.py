@@ -84,7 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     the input was bad (every problem is then on stderr), and 3 if it was stopped before its end.
 
     Args:
-        arguments: of the command line, without the program's name; those of the process if None.
+        arguments: the arguments of the command line, without the program's name; if None, those of
+            this process.
     """
     # A command whose output is closed (`>&-`) still writes its results to their folder.
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (kept until the exit)
@@ -167,10 +168,10 @@ def ending(
     """End the command with a message on stderr if the block raises one of some errors.
 
     Args:
-        code: the command's exit code then.
-        errors: the classes of these errors.
-        before: what the line on stderr has before the error's own message.
-        after: what it has after that message.
+        code: the command's exit code if it is ended.
+        errors: the classes of the errors that end it.
+        before: the text on stderr before the error's own message.
+        after: the text on stderr after that message.
 
     Raises:
         click.exceptions.Exit: the message is on stderr already.

@@ -21,7 +21,7 @@ class Range(click.FloatRange):
 
 
 def text(value: str) -> str:
-    """Return a text that is recorded and shown to others.
+    """Return the text of an argument or option unchanged, once it is known to be valid UTF-8.
 
     Raises:
         click.BadParameter: the text holds lone surrogates, which Python has put in the place of
@@ -36,6 +36,11 @@ def text(value: str) -> str:
 
 
 def paced(begin: str, end: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return the option --pace, real or fast, whose help has `begin` and `end` around it."""
+    """Return a decorator that adds the option --pace, real or fast, to a command.
+
+    Args:
+        begin: beginning of the option's help, such as "At", before "the wall clock".
+        end: end of the help, which begins with a space; empty for none.
+    """
     words = f"{begin} the wall clock, or as fast as it can; the rig's own if not given.{end}"
     return click.option("--pace", type=click.Choice(["real", "fast"]), help=words)

@@ -92,7 +92,10 @@ def address_of(
 
 
 def with_port(address: Address, port: int) -> Address:
-    """Return an address, and its names, with another port: the free one that was found."""
+    """Return a copy of an address with this port, in `port` and in all `names`.
+
+    It is for an address whose port was 0, once the free port that it got is known.
+    """
     bare = [name.rpartition(":")[0] for name in address.names if name.endswith(f":{address.port}")]
     return replace(address, port=port, names=_with_port(bare, port))
 

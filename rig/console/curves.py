@@ -58,7 +58,10 @@ class MovingAverage:
         self._last = np.full(count, np.nan)
 
     def take(self, values: Array) -> Array:
-        """Add the next values (n,), and return the mean (n,) after each; NaN without any sample."""
+        """Add the next values (n,), and return the mean (n,) after each of them.
+
+        The mean is NaN while no finite value is among the last `count`.
+        """
         count = len(self._last)
         joined = np.concatenate([self._last, np.abs(values)])
         self._last = joined[-count:]
@@ -73,14 +76,14 @@ class MovingAverage:
 class Curves:
     """The newest points of a rig's charts, made from windows of samples.
 
-    A viewer gets the points that are newer than the count it has.
+    All points are counted, so that a viewer need only be sent those after the ones it has.
 
     Attributes:
         epoch: number that grows whenever the curves begin anew, so that viewers drop old points.
         count: number of points so far, including those that are dropped already.
         next_row: number of the first row that was not added yet.
-        points: the newest points, oldest first: time in s, number of the test, and a value for each
-            of `CURVES`.
+        points: the newest points, oldest first: time in s since row 0 of the run, number of the
+            test, and a value for each of `CURVES`, in the unit that its name gives.
     """
 
     def __init__(self) -> None:
@@ -92,9 +95,9 @@ class Curves:
         self._averages: dict[str, MovingAverage] = {}
 
     def begin(self) -> None:
-        """Drop all points and begin a new epoch, so that stored rows are added anew.
+        """Drop all points and begin a new epoch, so that rows that were added can be added anew.
 
-        `count` goes on.
+        `count` is not reset.
         """
         self.epoch += 1
         self.next_row = 0
@@ -102,10 +105,12 @@ class Curves:
         self._test = None
 
     def take(self, window: Window, period_s: float) -> None:
-        """Add points, one every `POINT_S`, for a window's new rows; begin anew if rows fell back.
+        """Add points, one every `POINT_S`, for those rows of a window that were not added yet.
+
+        If all rows of the window are before the last one that was added, the curves begin anew.
 
         Args:
-            window: samples of `CHANNELS`.
+            window: samples with all of `CHANNELS`.
             period_s: time in s between two samples.
         """
         if len(window.row) and window.row[-1] + 1 < self.next_row:
@@ -126,7 +131,8 @@ class Curves:
     def since(self, count: int) -> dict[str, Any] | None:
         """Return all points after the first `count` that are still stored; None if there are none.
 
-        They are lists by name: `time_s` and `test`, and one for each curve, beside the `epoch`.
+        The result holds the number `epoch`, and lists of equal length: `time_s`, `test`, and one by
+        the name of each curve.
         """
         missing = min(self.count - count, len(self.points))
         if missing <= 0:

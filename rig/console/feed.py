@@ -47,7 +47,7 @@ class Sections:
         self._lock = threading.Lock()
 
     def put(self, name: str, content: Any) -> None:
-        """Set a section's content; number the change if its JSON differs from before.
+        """Set a section's content; if its JSON differs from before, give the change a new number.
 
         The content must be JSON values without NaN and infinity.
         """
@@ -78,9 +78,9 @@ class RigFeed:
         self._refused_at = -REFUSED_S
 
     def look(self, snapshot: Snapshot, now: float, notice: Callable[[str], None]) -> None:
-        """Give a notice of unreadable messages, at most every `REFUSED_S`, if there are new ones.
+        """Call `notice` with a line if the rig's snapshot counts new unreadable messages.
 
-        `now` is a monotonic time in s.
+        That happens once in `REFUSED_S` at most. `now` is a monotonic time in s.
         """
         new = snapshot.refused - self._refused
         if new and now - self._refused_at >= REFUSED_S:
@@ -90,7 +90,8 @@ class RigFeed:
     def follow(self, client: StreamClient, now: float) -> None:
         """Update the curves with what the client received; every `NOTICED_S` the sections too.
 
-        `now` is a monotonic time in s.
+        After a new session of the stream has begun, the curves are made anew at the times
+        `PAST_COMES_S`. `now` is a monotonic time in s.
         """
         if now - self._noticed_at >= NOTICED_S:
             self._noticed_at = now
@@ -125,7 +126,7 @@ class Cursor:
         self.common = self.own = self.points = 0
 
     def choose(self, rig: str) -> None:
-        """Change to another rig, of which nothing was sent yet."""
+        """Set the rig that the viewer looks at, and note that nothing of it was sent yet."""
         self.rig, self.own, self.points = rig, 0, 0
 
 
@@ -166,7 +167,7 @@ class Feed:
         self.common.put("notices", list(self._notices))
 
     def news(self, cursor: Cursor) -> str | None:
-        """Return a message with all that a viewer was not sent yet; None if there is nothing new.
+        """Return a JSON text with all that a viewer was not sent yet; None if nothing is new.
 
         The cursor is updated. If its rig is not known, it is set to one that is, by preference one
         whose stream is alive, or to "" if there is none.

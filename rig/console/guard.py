@@ -49,14 +49,20 @@ class Refusals:
         self._count = 0
 
     def __call__(self, address: str, why: str) -> None:
-        """Log that a request from an address was refused, and why; or only count it."""
+        """Log that a request from an address was refused, and why.
+
+        After `MOST_PER_S` refusals within a second, further ones are only counted.
+        """
         self.look()
         self._count += 1
         if self._count <= MOST_PER_S:
             self._log(f"refused, from {address}: {why}")
 
     def look(self) -> None:
-        """If a second is over, log how many refusals it left out, if any, and begin a new one."""
+        """Begin a new second if the present one is over.
+
+        The number of refusals in it that were only counted is logged then, if there were any.
+        """
         now = time.monotonic()
         if now - self._since < 1.0:
             return
@@ -125,7 +131,10 @@ class Guard:
         return None
 
     def _limited(self, scope: Scope, receive: Receive) -> Receive:
-        """Return a `receive` that raises once an HTTP request's body exceeds `LARGEST_BODY`."""
+        """Return a `receive` for an HTTP request that limits its body; unchanged for a websocket.
+
+        It logs and raises an HTTPException 413 once the body exceeds `LARGEST_BODY`.
+        """
         if scope["type"] != "http":
             return receive
         taken = 0

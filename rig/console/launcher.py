@@ -186,8 +186,8 @@ class Launcher:
         """Start an offered campaign, by its name, in a new folder; do not wait for its end.
 
         Raises:
-            LaunchRefused: it is not offered, nothing may be started here, another run that was
-                started here is still going on, or the process cannot be started.
+            LaunchRefused: the campaign is not offered, nothing may be started here, another run
+                that was started here is still going on, or the process cannot be started.
         """
         self._require_idle()
         offer = self.offers.get(name)
@@ -216,7 +216,7 @@ class Launcher:
         self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume"])
 
     def rig_of(self, name: str) -> str:
-        """Return path or name of the rig on which an offered campaign would run; "" if no offer."""
+        """Return path or name of the rig on which a campaign would run; "" if it is not offered."""
         offer = self.offers.get(name)
         return "" if offer is None else self._rig or offer.rig
 
@@ -228,12 +228,12 @@ class Launcher:
         return Path(str(given.get("rig") or (offer.rig if offer else ""))).stem
 
     def present(self) -> Launched | None:
-        """Return the run that was started here and is still going on; None if none is."""
+        """Return the run that was started here and had not ended at the last `look`, or None."""
         last = self._last
         return last if last is not None and last.exit_code is None else None
 
     def under_way(self) -> str:
-        """Return the folder's name of the run that `present` returns; "" if there is none."""
+        """Return the name of the folder of the run that `present` returns; "" if it is None."""
         running = self.present()
         return "" if running is None else running.folder.name
 
@@ -285,10 +285,10 @@ class Launcher:
         }
 
     def unfinished(self) -> list[dict[str, str]]:
-        """Return folder's name and campaign of the newest runs that did not end of themselves.
+        """Return the newest runs that did not reach their end, by `folder` (name) and `campaign`.
 
-        They were stopped or killed, or are still under way, as their journals do not differ. At
-        most `MOST_RUNS` are returned.
+        They were stopped or killed, or are still under way: by their journals these look the same.
+        At most `MOST_RUNS` are returned, the newest first.
         """
         journals = sorted(self._folder.glob(f"*/{JOURNAL}"), key=_modified, reverse=True)
         runs = ((journal.parent.name, *_first_and_last(journal)) for journal in journals[:50])
@@ -328,7 +328,15 @@ class Launcher:
 
 
 def _takes_a_stop(folder: Path, said: str) -> bool:
-    """Return whether the run in a folder accepts a stop within `ASK_S`; False after any error."""
+    """Ask the run in a folder to stop; return whether it accepts that within `ASK_S`.
+
+    Args:
+        folder: folder of the run.
+        said: text for the journal: who stops the run, and why.
+
+    Returns:
+        Whether the run has accepted the stop; False after any error.
+    """
     taken = threading.Event()
 
     def asking() -> None:
@@ -375,7 +383,10 @@ def _reason(launched: Launched) -> str:
 
 
 def _last_lines(log: Path) -> list[str]:
-    """Return the last non-empty lines of a run's output, oldest first, with single spaces."""
+    """Return the non-empty lines in the last `LOG_BYTES` of a run's output, with single spaces.
+
+    The oldest comes first; [] if the output cannot be read.
+    """
     with suppress(OSError), log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - LOG_BYTES))
         lines = file.read().decode(errors="replace").splitlines()

@@ -31,7 +31,10 @@ _KEYS: Final = frozenset({"order", "rig", "text", "name"})
 
 
 class MalformedError(ValueError):
-    """The error of a request that is not an order; the message says why, for "the order ..."."""
+    """The error of a request that is not an order.
+
+    Its message says why, as a phrase that follows "the order", such as "is no JSON".
+    """
 
 
 @dataclass(frozen=True)
@@ -40,8 +43,8 @@ class Order:
 
     Attributes:
         order: the kind of order, one of `ORDERS`.
-        rig: id of the rig, for a command or a stop; if empty, the only rig that is known, or for a
-            stop the only one that is alive.
+        rig: id of the rig, for a command or a stop. If empty, a stop goes to the only rig that is
+            alive; a command is refused, as no rig has this id.
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
             run to resume; else empty.
@@ -119,7 +122,7 @@ class Orders:
             return Answer(False, str(refusal))
 
     def leave(self, visitor: Visitor) -> None:
-        """Release the control that a visitor has who logs out."""
+        """Release control if the visitor, who logs out, has it."""
         with self._one_at_a_time:
             self._control.release(visitor)
 
@@ -148,9 +151,10 @@ class Orders:
         """Stop the rig that the page shows, and return whether that was done.
 
         The rig is first sent an abort by the stream. If it does not obey, the run that was started
-        here is stopped by `Launcher.stop`: by its control port, or else as by Ctrl-C. That also
-        happens if the stream of this run was not received yet, as no page can show its rig then.
-        If the stopped run is on another rig than the page shows, the stop does not count as obeyed.
+        here is stopped by `Launcher.stop`: by its control port, or else as by Ctrl-C. If that run
+        is on another rig than the page shows, the stop does not count as obeyed. The run is also
+        stopped after an abort that was obeyed if its stream was not received yet, as no page can
+        show its rig then.
         """
         try:
             rig = order.rig or self._only_living()
@@ -179,7 +183,7 @@ class Orders:
         return Answer(True, REASONS[done])
 
     def _only_living(self) -> str:
-        """Return the only living rig, which a page means that has not been shown a rig yet.
+        """Return the id of the only living rig; a page that shows no rig yet means this one.
 
         Raises:
             UnknownRigError: no rig is alive, or several are.
@@ -197,7 +201,7 @@ class Orders:
         return ""
 
     def _was_heard(self, run: Launched) -> bool:
-        """Return whether any message of a run's stream was received since it was started here."""
+        """Return whether a run's stream has told of its campaign since the run was started here."""
         campaigns = [self._client.snapshot(rig).campaign for rig in self._client.rigs()]
         mine = [each for each in campaigns if each.get("directory") == run.folder.name]
         begun = [each.get("begun_ns") for each in mine]

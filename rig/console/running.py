@@ -40,7 +40,9 @@ def serve(
     log: Callable[[str], None],
     ready: Callable[[str], None],
 ) -> None:
-    """Serve a console; return after SIGINT or SIGTERM.
+    """Serve a console until SIGINT or SIGTERM, then return.
+
+    The handlers of both signals are replaced, so that they no longer end the process.
 
     Args:
         client: follows the streams.
@@ -113,9 +115,10 @@ class Connection(H11Protocol):
     _until: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Start the time limit; if there are too many connections, cut one.
+        """Start the time limit `REQUEST_S`; if there are too many connections, cut an older one.
 
-        `MOST_CONNECTIONS` says which.
+        More than `MOST_CONNECTIONS` are too many. A refused websocket is cut first, else the
+        connection that has waited longest for its request to be complete.
         """
         super().connection_made(transport)
         self._begin()
@@ -159,9 +162,10 @@ class Connection(H11Protocol):
 
 
 def _make_room(others: list[Any]) -> None:
-    """Cut as many connections as are too many: refused websockets first, then the longest waiting.
+    """Cut so many of `others` that they are fewer than `MOST_CONNECTIONS`.
 
-    The limit leaves room for one more beside `others`.
+    Refused websockets are cut first, then the connections that have waited longest for their
+    requests to be complete. Connections that do not wait are never cut.
     """
     others = [other for other in others if not other.transport.is_closing()]
     too_many = len(others) + 1 - MOST_CONNECTIONS

@@ -123,7 +123,10 @@ class Console:
             await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
 
     def _look(self) -> None:
-        """Update the sections on runs, control and viewers, which all viewers are shown."""
+        """Check runs and refusals; update the sections on runs, control and viewers.
+
+        All viewers are shown these sections.
+        """
         with self._survives:  # an order that was obeyed is not reported as failed
             self._refused.look()
             self.launcher.look()
@@ -242,7 +245,10 @@ class Console:
         await socket.close(code)
 
     async def _show(self, socket: WebSocket, cursor: Cursor, visitor: Visitor) -> None:
-        """Send a viewer the news, at most twenty times a second, until its login ends."""
+        """Send a viewer the news, at most twenty times a second, until its login ends or it leaves.
+
+        Without news, an empty message goes out every `ALIVE_S`.
+        """
         await socket.send_text(json.dumps({"you": visitor.number, "name": visitor.name}))
         loop = asyncio.get_running_loop()
         sent_at = loop.time()

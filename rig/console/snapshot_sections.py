@@ -264,7 +264,10 @@ def _mappings(value: Any) -> list[Mapping[str, Any]]:
 
 
 def _rounded(value: Any, digits: int, factor: float = 1.0) -> float | None:
-    """Return a value times a factor, rounded; None for anything else than a finite number."""
+    """Return a value times a factor, rounded to `digits` decimals.
+
+    The result is None if the value is anything else than a finite number.
+    """
     with suppress(OverflowError):
         scaled = float(value) * factor if isinstance(value, int | float) else nan
         return round(scaled, digits) if isfinite(scaled) else None

@@ -56,7 +56,7 @@ class Visitor:
 def console_token() -> tuple[str, Path]:
     """Return the token with which one logs in to this user's consoles, and its file.
 
-    The token is made at the first call.
+    The token, hexadecimal digits, is made if the file does not exist.
 
     Raises:
         KeyFileError: the file cannot be made, or cannot be used.
@@ -193,7 +193,10 @@ class ControlHolder:
             raise NotInControl(f"{self.holder.name} has control")
 
     def content(self) -> dict[str, Any]:
-        """Return number and name of the visitor in control (None if nobody), and since when."""
+        """Return `number` and `name` of the visitor in control, both None if nobody has it.
+
+        `since_ms` is the time of the last change, ms since 1970; 0 if there was none.
+        """
         holder = self.holder
         return {
             "number": None if holder is None else holder.number,

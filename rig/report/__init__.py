@@ -1,4 +1,4 @@
-"""Turns the results of a campaign into one self-contained HTML page.
+"""Turns results into HTML pages that need no other file: of campaigns, gaps, sweeps and friction.
 
 It only reads results and recordings; it runs no test.
 """

@@ -52,9 +52,10 @@ class AccountHistory:
 
 
 def recorded_run(recording: Recording, filter_name: str) -> FilterRun | None:
-    """Return the recorded estimates of a filter's states; None if not all states are recorded.
+    """Return a filter's run with the estimates of its states that a recording holds.
 
-    The filter's other outputs and its covariance are not recorded, and are NaN.
+    The filter's other outputs and its covariance are not recorded, and are NaN. The result is None
+    if not all states are recorded, or if there is no filter of this name.
     """
     chosen = FILTERS.get(filter_name)
     if chosen is None or not all(f"est_{state}" in recording for state in chosen.states):
@@ -66,14 +67,14 @@ def recorded_run(recording: Recording, filter_name: str) -> FilterRun | None:
 
 
 def account_history(recording: Recording, detector: OilAccountDetector) -> AccountHistory | None:
-    """Return the oil accounts of a recording.
+    """Return the oil accounts of a recording, and the evidence that the detector draws from them.
 
     The result is None if the recording lacks estimates of the product filter or a measured channel
     that is needed, or has no complete block.
 
     Args:
         recording: the recording of a test.
-        detector: a new detector with the settings of the run; it is updated.
+        detector: a new detector with the settings of the run; it takes the recording's samples.
     """
     run = recorded_run(recording, DEFAULT_FILTER)
     if run is None or not all(name in recording for name in _MEASURED):
@@ -117,7 +118,7 @@ def _explained(blocks: Sequence[AccountBlock], found: Sequence[Found]) -> Array:
 
 
 def _leaks_of(decision: Decision) -> Iterator[tuple[str, float, float]]:
-    """Yield name, coefficient and onset of each leak in a decision."""
+    """Yield name, coefficient and onset in s of each leak in a decision; none without an onset."""
     if decision.onset_s is None:
         return
     if decision.coefficient is not None and decision.verdict in LEAKS:
@@ -128,9 +129,11 @@ def _leaks_of(decision: Decision) -> Iterator[tuple[str, float, float]]:
 
 
 def _before_any_fault(history: Sequence[tuple[float, Decision]]) -> Mapping[str, float]:
-    """Return the details of the last decision before the first fault began; empty if none.
+    """Return the details of the last decision that names no fault before the first fault began.
 
-    The begin is the earliest onset of all faults that were found.
+    The first fault began at the earliest onset in any decision that names a fault; half a block is
+    added, as an onset is known no better. If no decision names a fault, the details are those of
+    the last one. Return {} if there is no such decision.
     """
     onsets = [d.onset_s for _, d in history if d.names_a_fault and d.onset_s is not None]
     # An onset is known to half a block.

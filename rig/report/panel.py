@@ -30,14 +30,14 @@ _LARGEST: Final = 1e30
 
 @dataclass(frozen=True)
 class Trace:
-    """A curve, dots or a band over time.
+    """A curve, dots or a band over time, or over another quantity that its panel gives.
 
     Attributes:
         name: name in the plot's legend.
         role: role by which the style sheet chooses the colour.
         shape: whether a curve, dots or a band is drawn.
-        time_s, values: points of the curve or of the band's outline, float64 (n,), in the units of
-            the plot; NaN makes a gap.
+        time_s, values: horizontal and vertical positions of the curve's points, of the dots, or of
+            the outline of the band, float64 (n,), in the units of the plot; NaN makes a gap.
         width, dash, opacity: style of a curve.
     """
 
@@ -107,7 +107,10 @@ def packed(values: Array) -> dict[str, str]:
 def line(
     name: str, role: str, time_s: Array, values: Array, *, points: int = POINTS, **style: Any
 ) -> Trace:
-    """Return a signal as a curve in a `Trace`'s style, reduced by `envelope` to `points`."""
+    """Return a signal as a curve, reduced by `envelope` to at most `points` points.
+
+    `style` gives any of width, dash and opacity of the `Trace`.
+    """
     return Trace(name, role, "line", *envelope(time_s, values, points), **style)
 
 
@@ -180,7 +183,11 @@ class TestData:
         return self.recording[name]
 
     def line(self, name: str, role: str, values: Array, **style: Any) -> Trace:
-        """Return a signal of the test, (n,), as a curve over its time; `style` as in `line`."""
+        """Return a signal (n,) as a curve over the time of the test's recording.
+
+        `style` gives any of width, dash and opacity of the `Trace`, or another greatest number of
+        `points` than the test's.
+        """
         return line(name, role, self.recording.time_s, values, **{"points": self.points} | style)
 
 

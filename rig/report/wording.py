@@ -1,6 +1,7 @@
 """Puts figures, verdicts and the conditions of a test into words, in the units of the pages.
 
-These are L/min and s. Setpoint, load and loop timing come from the metadata of a recording.
+The units are L/min and s. Setpoint, load and the loop's grants come from the metadata of a
+recording, the loop's timing from its events.
 """
 
 import json
@@ -72,7 +73,7 @@ def found_names(decision: Decision) -> str:
 
 
 def leaks_found(decision: Decision) -> list[str]:
-    """Return the kinds of the leaks in a decision; its flow is that of all of them together."""
+    """Return the kinds of the leaks that a decision names; its flow is that of all of them."""
     return [kind for kind in _several(decision) or [decision.verdict] if kind in LEAKS]
 
 

@@ -36,7 +36,7 @@ class Batches:
     def set_columns(self, names: Sequence[str], units: Sequence[str], test: int) -> bool:
         """Set the columns of the rows that follow; return whether the channels have changed.
 
-        The rows gathered so far must have been flushed before.
+        The rows gathered so far must have been flushed before. Changed channels get a new number.
 
         Args:
             names: names of the columns, `time_s` among them, which is no channel of the batches.
@@ -55,9 +55,10 @@ class Batches:
         return True
 
     def add(self, first_row: int, rows: NDArray[np.float64], newest_ns: int) -> list[Samples]:
-        """Add consecutive rows, and return the batches that are full.
+        """Add consecutive rows, and return the batches that are full now, oldest first.
 
-        If they do not continue the rows before, those are returned as a batch first.
+        If the first row does not follow the last row that was added, the rows gathered before come
+        first in the list, as a batch of their own. Rows that fill no batch wait for the next call.
 
         Args:
             first_row: number of the first row.
@@ -76,7 +77,7 @@ class Batches:
         return done
 
     def flush(self) -> list[Samples]:
-        """Return a list with one batch of all rows that are left; [] if there are none."""
+        """Take out all rows that still wait, and return them as a list of one batch; [] if none."""
         return [self._take(len(self._rows))] if len(self._rows) else []
 
     def _take(self, count: int) -> Samples:

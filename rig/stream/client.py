@@ -51,7 +51,7 @@ OnMessage = Callable[[str, str, Mapping[str, Any]], None]
 
 
 class UnknownRigError(LookupError):
-    """The error of a rig that is not known, or of several where exactly one is needed."""
+    """The error of a rig that is not known, or of no id while not exactly one rig is known."""
 
 
 @dataclass(frozen=True)
@@ -68,18 +68,21 @@ class Answer:
 
 
 class StreamClient:
-    """A context manager that follows one rig, or all that can be reached.
+    """A context manager that follows one rig, or all that can be reached, and sends commands.
+
+    It follows from the moment it is made until `close`.
 
     Args:
         settings: the profile; `rig.configuration.rigs.stream.load_stream` reads one.
-        connect: endpoints to connect to, instead of the profile's.
+        connect: endpoints to connect to; if empty, the profile's.
         rig: id of the rig; `*` for all.
         window_s: how long in s samples are stored after their arrival.
         history: whether each rig that appears is asked for its past messages.
         credentials: name and key to sign commands with; if None, those of the profile's first
-            operator, which are read when a command is sent.
-        on_message: is called with rig, kind and content of each message, one at a time; an error
-            that it raises is passed to `on_failure`.
+            operator, or without any operator the name `local` with this user's own key. They are
+            read when the first command is sent.
+        on_message: is called with rig, kind and content of each valid message, one at a time, but
+            not of past ones that were asked for; an error that it raises is passed to `on_failure`.
         on_failure: is called with a line on each error after which the client went on; it may be
             called from any thread. If None, the line is written to stderr.
 
@@ -127,7 +130,10 @@ class StreamClient:
         self.close()
 
     def close(self) -> None:
-        """Stop following and close the session; do nothing if it is closed already."""
+        """Stop following, close the session and wait for the client's threads to end.
+
+        It does nothing if the client is closed already.
+        """
         if self._closing.is_set():
             return
         self._closing.set()
@@ -174,7 +180,7 @@ class StreamClient:
         """Return a rig's stored samples of the last seconds of rig time, in whole batches.
 
         Args:
-            last_s: length of the window in s.
+            last_s: length of the window in s; whole batches make it longer by up to one batch.
             names: channels; all if empty.
             rig: id of the rig; None for the only known one.
 
@@ -187,10 +193,12 @@ class StreamClient:
     def history(self, last_s: float, rig: str | None = None, timeout_s: float = ANSWER_S) -> Window:
         """Ask a rig for its past messages, await them, and return the samples of the last seconds.
 
-        Samples that came longer ago than the client's `window_s` are not stored.
+        Past samples are stored as new ones are: for the client's `window_s` after their arrival. If
+        the rig does not answer, the samples that are stored already are returned.
 
         Args:
-            last_s: how far back to ask, in s; the rig may have less.
+            last_s: how far back to ask, and length of the returned window, in s; the rig may have
+                less.
             rig: id of the rig; None for the only known one.
             timeout_s: how long in s each question, one for each kind of message, waits for answers.
 
@@ -210,9 +218,9 @@ class StreamClient:
         timeout_s: float = ANSWER_S,
         test: str = "",
     ) -> Answer:
-        """Send a signed command and return the rig's answer.
+        """Send a signed command, wait for the rig's answer and return it.
 
-        If no answer comes, the returned one is not accepted, and its reason begins "no answer".
+        If none comes, the returned answer is not accepted, and its reason begins "no answer".
 
         Args:
             command: the command.
@@ -223,7 +231,8 @@ class StreamClient:
 
         Raises:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
-            KeyFileError: the operator's key cannot be read or made; only at the first command.
+            KeyFileError: the operator's key cannot be read or made. It is read only once, for the
+                first command, and not at all if the client was given credentials.
         """
         with self._lock:
             view = self._view(rig)
@@ -275,7 +284,11 @@ class StreamClient:
                 asking.start()
 
     def _ask(self, view: RigView, last_s: float, timeout_s: float) -> None:
-        """Ask a rig for its messages of `LASTING`, channels first, then for those of `KEPT`."""
+        """Ask a rig for past messages, wait for the answers, and give them to the rig's view.
+
+        They are the newest message of each kind in `LASTING`, channels first, then those of the
+        kinds in `KEPT` that were sent in the last `last_s` seconds. Each kind is one question.
+        """
         for kinds, parameters in ((LASTING, ""), (KEPT, f"?last={last_s:g}")):
             for kind in kinds:
                 if self._closing.is_set() or self._session is None:
@@ -330,7 +343,10 @@ class StreamClient:
                 self._take(*rig_and_kind(str(sample.key_expr)), sample, is_past=False)
 
     def _take(self, rig: str, kind: str, sample: zenoh.Sample, *, is_past: bool) -> None:
-        """Give a message to the rig's view, which counts it if it is not valid."""
+        """Give a message to the rig's view, and then, unless it is past, to `on_message`.
+
+        If it is not valid, it is only counted in the view, provided that the rig was known before.
+        """
         with self._lock:
             known = self._views.get(rig)
         try:

@@ -154,11 +154,15 @@ class Gate:
         self._passed = 0
 
     def judge(self, name: str, payload: bytes) -> Command:
-        """Return the command in a payload that came on the key of the command `name`.
+        """Check a payload that came on the Zenoh key of the command `name`; return its command.
+
+        The command's number is stored, so that the same payload is refused when it comes again.
 
         Raises:
-            Refused: the command must not be obeyed, for a reason that the module names. No operator
-                at all is one too, and so are too many senders at once (`SENDERS_KEPT`).
+            Refused: the command must not be obeyed. Nobody may command here, or too many senders
+                do (`SENDERS_KEPT`); the payload is too large or malformed; its sender is unknown or
+                not allowed this command; its signature does not fit; it is for another rig or
+                session, or stale; or its number is not above the last one from its sender.
         """
         if not self._operators:
             raise Refused("denied", "this stream takes no commands")
@@ -212,7 +216,9 @@ class Gate:
 def _mapping(
     payload: bytes, kinds: Mapping[str, type], optional: Mapping[str, type], by: str
 ) -> dict[str, Any]:
-    """Return a packed map that has all keys of `kinds`, perhaps `optional` ones, with these types.
+    """Unpack a map that has all keys of `kinds`, any of `optional`, and no others.
+
+    Each value must be of exactly the type that `kinds` or `optional` gives for its key.
 
     Raises:
         Refused: the payload is no such map. `by` is the sender that the error names.
@@ -245,10 +251,12 @@ def gate_of(settings: StreamSettings, rig: str, session: str) -> Gate:
 
 
 def credentials_of(operator: Operator) -> Credentials:
-    """Return an operator's credentials, from its key file or else this user's own key.
+    """Return an operator's credentials, with the key of its key file or else this user's own key.
+
+    This user's own key is made if there is none yet.
 
     Raises:
-        KeyFileError: the key cannot be used.
+        KeyFileError: the key cannot be made or used.
     """
     key = own_key("stream.key")[0] if operator.key_file is None else read_key(operator.key_file)
     return Credentials(operator.name, key)
@@ -297,7 +305,7 @@ def make_key(path: Path) -> None:
 
 
 def own_key(name: str) -> tuple[bytes, Path]:
-    """Return a key of this user on this machine, which is made at the first call, and its file.
+    """Return a key of this user on this machine, which is made if it does not exist, and its file.
 
     Args:
         name: name of the file in the folder of this user's secrets and state.

@@ -46,7 +46,7 @@ def is_count(value: Any) -> bool:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is a finite number, or None, which means that it is not known."""
+    """Return whether a value is a finite float, a 64-bit integer or None, which means not known."""
     return value is None or is_whole(value) or (type(value) is float and isfinite(value))
 
 
@@ -58,7 +58,8 @@ def is_period(value: Any) -> bool:
 def is_plain(value: Any, depth: int = DEEPEST) -> bool:
     """Return whether a value is text, boolean, number or None, or a map or list of such values.
 
-    Maps and lists may be nested `depth` levels deep.
+    A number must be finite and fit 64 bits, the keys of a map must be texts, and maps and lists may
+    be nested `depth` levels deep.
     """
     if type(value) is dict:
         return depth > 0 and all(is_text(k) and is_plain(v, depth - 1) for k, v in value.items())
@@ -80,9 +81,9 @@ def maps(check: Check) -> Check:
 
 
 def holds(**checks: Check) -> Check:
-    """Return a check that a value is a map in which `wrong_keys` finds nothing wrong.
+    """Return a check that a value is a map whose values pass the checks that are given by key.
 
-    Any of the known keys may be missing.
+    Any of these keys may be missing. A further key must be a text, and its value plain.
     """
     return lambda value: not wrong_keys(value, checks) if type(value) is dict else False
 
@@ -90,7 +91,8 @@ def holds(**checks: Check) -> Check:
 def wrong_keys(content: Mapping[Any, Any], checks: Mapping[str, Check]) -> list[str]:
     """Return the keys of a map whose values do not pass their checks.
 
-    The value of a key without a check must be plain; a key that is no text is wrong too.
+    The value of a key without a check must be plain; a key that is no text is wrong too. Keys are
+    returned as texts, cut off after 40 characters.
     """
     return [
         str(name)[:40]

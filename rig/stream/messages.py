@@ -60,7 +60,7 @@ def rig_and_kind(text: str) -> tuple[str, str]:
     Whether such a kind exists is not checked.
 
     Raises:
-        MessageError: it is no key of this version, or it does not name a single rig.
+        MessageError: the text is no key of this version, or does not name a single rig.
     """
     parts = text.split("/")
     if len(parts) < 4 or parts[0] != PREFIX or parts[2] != f"v{VERSION}":
@@ -71,9 +71,10 @@ def rig_and_kind(text: str) -> tuple[str, str]:
 
 
 def rig_id(name: str) -> str:
-    """Return a rig's id: its name with `-` for all but letters, digits, `.`, `_`; "rig" if "".
+    """Return a rig's id, a part of every Zenoh key, from the rig's name.
 
-    It is a part of every Zenoh key.
+    In it `-` stands for each character that is no letter, no digit, and neither `.` nor `_`. The id
+    for an empty name is "rig".
     """
     kept = "".join(sign if sign.isalnum() or sign in "._-" else "-" for sign in name)
     return kept or "rig"
@@ -131,7 +132,7 @@ def _check(kind: str, content: Mapping[str, Any]) -> None:
     """Raise unless the content of a message has the needed keys and valid values of its kind.
 
     Raises:
-        MessageError: it has not, or there is no such kind.
+        MessageError: a key is missing, a value is not valid, or there is no such kind.
     """
     if kind not in FIELDS:
         raise MessageError(f"{kind[:40]}: is no kind of message")
@@ -149,10 +150,12 @@ class Samples:
 
     Attributes:
         channels_id: the `id` of the message `channels` that names the columns.
-        first_row: number of the first row since the session's start. Rows that are missing between
-            two batches were lost on the way, or dropped or overwritten before they were sent.
+        first_row: number of the batch's first row within the run, which a publisher that restarts
+            continues. Rows that are missing between two batches were lost on the way, or dropped or
+            overwritten before they were sent.
         test: number of the test that the samples belong to; 0 outside of tests.
-        newest_ns: wall clock at which the newest sample was taken, ns since 1970.
+        newest_ns: wall clock, ns since 1970, at which the newest row was taken that the publisher
+            had by then; it may be a later row than the batch's last.
         time_s: (n,) time of each sample within its test, s.
         values: (n, channels) values, SI, float32.
     """

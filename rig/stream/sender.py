@@ -59,7 +59,9 @@ class StreamSender:
     def send(self, kind: str, content: Mapping[str, Any]) -> None:
         """Number, store and send a message; it is dropped for readers that do not keep up.
 
-        Of kinds in `LASTING` only the newest message is stored. The content must be packable.
+        Of each kind in `LASTING` only the newest message is stored, of each kind in `KEPT` the
+        newest `MESSAGES_KEPT`, and samples for `history_s` at most. The content must be such that
+        `pack` can pack it, as what `finite` returns.
         """
         sequence = self.sequences.get(kind, -1) + 1
         self.sequences[kind] = sequence
@@ -78,7 +80,10 @@ class StreamSender:
         self._publisher(kind).put(payload)
 
     def close(self) -> None:
-        """End the stream; readers see at once, by the liveliness token, that the rig has gone."""
+        """End the stream, but leave the Zenoh session open.
+
+        Readers see at once, by the liveliness token, that the rig has gone.
+        """
         self._queryable.undeclare()
         self._token.undeclare()
         with suppress(queue.Full):
@@ -115,9 +120,10 @@ class StreamSender:
                         query.reply(key(self._rig, kind), payload)
 
     def _asked_for(self, query: zenoh.Query) -> dict[str, list[bytes]]:
-        """Return, by kind, the packed messages that a question asks for.
+        """Return, by kind, the packed messages that a question asks for by its key.
 
-        Its parameter `last` limits stored ones to the last seconds; without it all are returned.
+        Of kinds in `LASTING` it is the newest message. Of those in `KEPT` all that are stored are
+        returned, or, if the question has a parameter `last`, those sent in the last `last` seconds.
         """
         since_ns = 0
         with suppress(ValueError):

@@ -103,7 +103,9 @@ def subscriber_session(settings: StreamSettings, connect: Sequence[Endpoint] = (
 
 
 def check_files(settings: StreamSettings) -> None:
-    """Raise unless all files of a profile's TLS and login can be read; leave operators' keys out.
+    """Raise unless all files of a profile's TLS and login can be read.
+
+    The operators' key files are not checked.
 
     Raises:
         StreamError: a file does not exist or cannot be read.
@@ -165,13 +167,13 @@ def _common(settings: StreamSettings) -> dict[str, Any]:
 
 
 def access_control(access: Access, *, by_name: bool) -> dict[str, Any]:
-    """Return Zenoh's access control, which permits what `access` allows and denies all else.
+    """Return Zenoh's configuration of access control: `access` is permitted, all else is denied.
 
     A subscription is only allowed if all its keys are the stream's; one to more keys gets nothing.
 
     Args:
         access: who may do what.
-        by_name: whether its names are common names of certificates, rather than users.
+        by_name: whether the names in `access` are common names of certificates, rather than users.
     """
     both, into, out = ["ingress", "egress"], ["ingress"], ["egress"]
     rules = [

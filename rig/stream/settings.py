@@ -29,10 +29,11 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str) -> "Endpoint":
-        """Return the endpoint that a text names.
+        """Return the endpoint that a text of the form PROTOCOL/HOST:PORT names.
 
         Raises:
-            ValueError: the text is no endpoint; the message says what is wrong with it.
+            ValueError: the text is no endpoint. The message is a phrase on what is wrong, such as
+                "has no host and port", to be put after the text.
         """
         protocol, slash, address = text.partition("/")
         host, colon, port = address.rpartition(":")
@@ -55,7 +56,7 @@ class Endpoint:
         return self.host in LOOPBACK_NAMES or (is_address and parts[0] == "127")
 
     def __str__(self) -> str:
-        """Return the text that Zenoh reads."""
+        """Return the endpoint in the form that Zenoh reads, such as `tcp/127.0.0.1:7447`."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.protocol}/{host}:{self.port}"
 

@@ -70,13 +70,15 @@ class Snapshot:
         time_s: time of the newest sample within its test, s; NaN if there is none.
         test: number of the test that the newest sample belongs to; 0 outside of tests.
         latest: channel -> value of the newest sample; NaN where it was not measured.
-        rate_hz: number of samples that came in the last second.
+        rate_hz: number of new samples that came in the last second, not counting past ones that
+            were asked for.
         decision: content of the newest message `decision`, as in docs/stream.md; empty if none
             came. The same holds for `health`, `campaign`, `progress` and `state`.
         verdicts: the last decisions at which verdict or test changed, oldest first.
         events: the last events, oldest first.
         gaps: the last gaps, oldest first.
-        missing: kind -> number of messages that did not arrive in all, and `rows` for rows.
+        missing: kind -> total number of its messages that did not arrive; `rows` -> that of rows of
+            samples, less those that were asked for and came later.
         refused: number of payloads on the rig's keys that were not valid messages.
         refusal: why the last of these was not valid; empty if there was none.
     """
@@ -123,7 +125,7 @@ class Window:
     """The last samples of a rig, oldest first.
 
     Attributes:
-        row: (n,) number of each sample's row in the session; a jump is a gap.
+        row: (n,) number of each sample's row within the run; a jump is a gap.
         time_s: (n,) time of each sample within its test, s.
         test: (n,) number of each sample's test.
         values: channel -> (n,) values, SI; NaN where it was not measured or not sent.
@@ -152,11 +154,13 @@ class _Received:
 
 
 class RigView:
-    """A collector of one rig's messages, as the module describes; it is not thread-safe.
+    """A collector of one rig's messages, which gives snapshots and windows of what they say.
+
+    It is not thread-safe.
 
     Args:
         rig: the rig's id.
-        window_s: how long samples are stored after their arrival.
+        window_s: how long in s samples are stored after their arrival.
 
     Attributes:
         rig: the rig's id.
@@ -188,9 +192,11 @@ class RigView:
         self._known = replace(self._known, refused=self._known.refused + 1, refusal=why)
 
     def take(self, kind: str, content: Content, received_ns: int) -> None:
-        """Process a message that the rig has just sent.
+        """Store a message that the rig has just sent, and note which ones before it did not come.
 
-        Samples are stored only if the message `channels` that names their columns came before.
+        Samples are stored only if the message `channels` that names their columns came before. With
+        the first message of another session that session begins: decision, health and the other
+        kinds in `LASTING` of the former one are dropped.
 
         Args:
             kind: kind of the message.
@@ -214,9 +220,11 @@ class RigView:
             self._file(kind, held, content, received_ns)
 
     def take_past(self, kind: str, content: Content, received_ns: int) -> None:
-        """Process a past message that was asked for; ignore it if it is known or superseded.
+        """Store a past message that was asked for, unless it is known, superseded or too old.
 
-        Past samples fill gaps, and are stored only if their `channels` came before.
+        Too old is one of another session that was sent before the last message here; with one that
+        was sent later, its session begins. Past samples fill gaps, and are stored only if the
+        message `channels` that names their columns came before.
 
         Args:
             kind: kind of the message.
@@ -241,7 +249,13 @@ class RigView:
             self._file(kind, held, content, received_ns)
 
     def snapshot(self, now_ns: int) -> Snapshot:
-        """Return what is known of the rig at the wall clock `now_ns`, ns since 1970."""
+        """Return what is known of the rig from all messages so far.
+
+        Args:
+            now_ns: the present time on the wall clock that gave `received_ns`, ns since 1970. The
+                age of the last message, whether the rig is alive, and the rate follow from it; a
+                past time does not bring back what was known then.
+        """
         age_s = None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns)
         # Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
         is_heard = age_s is not None and age_s < DEAD_AFTER * self._heartbeat_s
@@ -285,7 +299,10 @@ class RigView:
         )
 
     def _last_batches(self, last_s: float) -> list[_Received]:
-        """Return the newest batches whose samples together last at least `last_s`, oldest first."""
+        """Return as few of the newest batches as together last `last_s` or longer, oldest first.
+
+        If all stored batches together last less, all are returned.
+        """
         chosen: list[_Received] = []
         lasted = 0.0
         for batch in reversed(self._batches):
@@ -307,7 +324,11 @@ class RigView:
         self._lasting.clear()
 
     def _miss_up_to(self, kind: str, sequence: int, received_ns: int) -> None:
-        """Record as missing all messages of a kind, up to this number, that have not come."""
+        """Record as missing the messages of a kind after the last known one, up to `sequence`.
+
+        The message with the number `sequence` is included. Nothing is recorded of a kind of which
+        no message was received in this session.
+        """
         last = self._sequences.get(kind, sequence)
         if sequence > last:
             self._lost(kind, sequence - last, received_ns)
@@ -322,7 +343,11 @@ class RigView:
     def _file(
         self, kind: str, held: Channels | Content, content: Content, received_ns: int
     ) -> None:
-        """Make a message of a kind in `LASTING` the newest of its kind."""
+        """Store a message of a kind in `LASTING` as the newest of its kind.
+
+        Channels are also stored by their number, a heartbeat shows which messages are missing, and
+        a decision is added to the verdicts if verdict or test changed, or a run began.
+        """
         if isinstance(held, Channels):
             self._channels[content["session"], held.number] = held
             while len(self._channels) > CHANNELS_KEPT:
@@ -341,7 +366,7 @@ class RigView:
         self._lasting[kind] = content
 
     def _add_event(self, content: Content, *, is_past: bool = False) -> None:
-        """Add an event that is not there yet; a past one in the order of time."""
+        """Add an event that is not there yet: a new one at the end, a past one by its time."""
         events = self._known.events
         if all(_numbered(event) != _numbered(content) for event in events):
             events = (*events, content)
@@ -352,7 +377,7 @@ class RigView:
         return any(samples.first_row == batch.samples.first_row for batch in self._batches)
 
     def _heartbeat(self, content: Content, received_ns: int) -> None:
-        """Compare a heartbeat's sequence numbers with those received; record what is missing.
+        """Store a heartbeat's period, and record the messages that are missing by its numbers.
 
         Messages that were sent before the heartbeat and have not come by now are lost.
         """
@@ -362,9 +387,10 @@ class RigView:
                 self._miss_up_to(kind, sequence, received_ns)
 
     def _begin_rows(self, samples: Samples) -> None:
-        """Drop the stored rows if a session's first batch has a lower row number than they have.
+        """Drop all stored rows if a session's first batch does not come after them.
 
-        They are of another run then, as a publisher that restarts within a run counts on.
+        They are of an earlier run then: a publisher that restarts within a run continues the row
+        numbers. Later batches of the session drop nothing.
         """
         if not self._is_begun and samples.first_row < (self._next_row or 0):
             self._batches.clear()
@@ -389,7 +415,10 @@ class RigView:
             self._batches.popleft()
 
     def _insert(self, samples: Samples, received_ns: int) -> None:
-        """Insert a past batch among the stored ones, in the order of their row numbers."""
+        """Insert a past batch among the stored ones by row number, and fill the gaps with it.
+
+        It is ignored if its rows are stored already, or if its channels are not known.
+        """
         channels = self._channels.get((self.session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
@@ -403,7 +432,7 @@ class RigView:
         self._next_row = max(self._next_row or 0, samples.first_row + len(samples.time_s))
 
     def _fill(self, begin: int, end: int) -> None:
-        """Remove the rows from `begin` to before `end` from the gaps, and from the missing ones."""
+        """Take rows, from `begin` to before `end`, out of the gaps and out of the missing ones."""
         left: list[tuple[int, int]] = []
         missing = dict(self._known.missing)
         for first, last in self._holes:
@@ -420,7 +449,7 @@ class RigView:
 
 
 def _period_s(samples: Samples) -> float:
-    """Return the time in s between two samples; 1 ms for a batch of a single sample."""
+    """Return the median time in s between two samples; 1 ms for a batch of a single sample."""
     if len(samples.time_s) < 2:
         return 1e-3
     return max(float(np.median(np.diff(samples.time_s))), 1e-6)

@@ -37,7 +37,8 @@ class CampaignProgress(Observer):
 
     Args:
         screen: where the lines are written.
-        paced: whether tests run at the wall clock; a log then also has a line when a test begins.
+        paced: whether tests run at the wall clock; if so, and if the screen is no terminal, a line
+            is also written when a test begins.
     """
 
     def __init__(self, screen: Screen, *, paced: bool) -> None:
@@ -82,7 +83,7 @@ class CampaignProgress(Observer):
         self._screen.print(text, soft_wrap=True)
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
-        """Start the test's bar; in a log of a paced run, write that the test has begun."""
+        """Start the test's bar; without a terminal, write that a test of a paced run has begun."""
         self._number = number
         if self._screen.is_terminal:
             self._bar = self._bars.add_task(

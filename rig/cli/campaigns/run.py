@@ -122,7 +122,8 @@ def command(
 def _give_up() -> None:
     """End this process, whose cleaning up hangs, at once with a message and `EXIT_STOPPED`.
 
-    The processes that miss its beat, and the devices' watchdogs, then make the rig safe.
+    The session's other processes, which then miss the beat of this one, and the devices' watchdogs
+    make the rig safe.
     """
     os.write(2, b"rig: cleaning up takes too long; ended. Go on with rig run --resume\n")
     os._exit(EXIT_STOPPED)
@@ -170,9 +171,10 @@ def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
 def _streamed(
     observer: Observer, settings: StreamSettings, rig: Rig, out: Path, desk: Desk, *, paced: bool
 ) -> Iterator[Observer]:
-    """Give the block an observer that passes a run on to `observer` and to its live stream.
+    """Give the block an observer that tells `observer` and the live stream what a run does.
 
-    The stream's commands go to the desk; the stream ends with the block.
+    The stream is opened here, sends what it is told, and ends with the block. Its commands go to
+    the desk.
     """
     from rig.runner.campaign import StreamedRun
     from rig.stream import Command, rig_id

@@ -34,6 +34,9 @@ def _date(ctx: click.Context, param: click.Parameter, value: str | None) -> date
 
     A time without a zone is UTC; an age is subtracted from now. Return None if the option is not
     given.
+
+    Raises:
+        click.BadParameter: the value is neither a date nor an age.
     """
     if value is None:
         return None
@@ -48,7 +51,11 @@ def _date(ctx: click.Context, param: click.Parameter, value: str | None) -> date
 
 
 def _span(ctx: click.Context, param: click.Parameter, value: str | None) -> timedelta | None:
-    """Return the time span that an option gives, such as `30 d`; None if it is not given."""
+    """Return the time span that an option gives, such as `30 d`; None if it is not given.
+
+    Raises:
+        click.BadParameter: the value is no time span.
+    """
     if value is None:
         return None
     span = _age(value)
@@ -233,7 +240,10 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _is_wanted(run: Run, wanted: Mapping[str, Any]) -> bool:
-    """Return whether a run meets all options of `rig runs list`; one that is None says nothing."""
+    """Return whether a run meets all options of `rig runs list`.
+
+    Every run meets an option that is None.
+    """
     since, until, verdict = (wanted[option] for option in ("since", "until", "verdict"))
     return (
         (since is None or run.started >= since)

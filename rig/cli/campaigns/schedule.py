@@ -167,7 +167,7 @@ def _absolute(reference: str) -> str:
 
 
 class _Hands:
-    """The real clock, processes and hooks, by which the scheduler acts on the world."""
+    """The `Hands` of a schedule that really runs: with the clock, processes and the hook."""
 
     def __init__(self, schedule: Schedule, stop: StopFlag) -> None:
         self._schedule = schedule
@@ -185,9 +185,10 @@ class _Hands:
         click.echo(f"{self.now():%FT%TZ} {text}")
 
     def run(self, job: Job, entry: Entry | None) -> int:
-        """Run a campaign in a process of its own and return its exit code.
+        """Run a campaign in a process of its own, wait for its end and return its exit code.
 
-        A crash of that process does not end the schedule.
+        A run in the same folder that is still going on is awaited first. Once a stop is requested,
+        the process is told to end. A crash of that process does not end the schedule.
         """
         assert job.folder is not None
         folder = Path(job.folder)

@@ -91,7 +91,10 @@ def command(
 
 
 def _await(client: "StreamClient", wait_s: float) -> None:
-    """Wait until a rig is alive and has sent its health; give up after `wait_s`."""
+    """Wait until a rig is alive and has sent its health; give up after `wait_s`, in s.
+
+    Each such rig is then asked for its messages of the last second, which the client stores.
+    """
     until = time.monotonic() + wait_s
     while time.monotonic() < until:
         living = [shot.rig for shot in _snapshots(client) if shot.alive and shot.health]

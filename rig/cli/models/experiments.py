@@ -38,14 +38,15 @@ def print_motions(campaign: Campaign, rig: Rig, indent: str = "") -> None:
 def experiment(
     rig: Rig, pace: Pace | None, folder: Path, *, as_json: bool
 ) -> Iterator[tuple[Screen, StopFlag, MotionProgress]]:
-    """Empty the folder; give screen, stop flag and progress to the block that runs an experiment.
+    """Give screen, stop flag and progress to the block, which runs an experiment.
 
-    If the block fails in one of the ways below, the command ends.
+    The folder is made before. While the block runs, Ctrl-C and signals to end request a stop on the
+    flag. If the block fails in one of the ways below, the command ends.
 
     Args:
         rig: the rig on which the experiment is run.
         pace: the pace that the user asks for; None for the rig's own.
-        folder: new or empty folder for the experiment's recordings.
+        folder: folder for the experiment's recordings, which must be new or empty.
         as_json: whether the screen stays silent, so that only the JSON goes to standard output.
 
     Raises:

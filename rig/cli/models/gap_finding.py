@@ -68,7 +68,10 @@ _STYLES: Final = {"adequate": "green", "missing_effect": "red", "unknown_effect"
 
 @dataclass(frozen=True)
 class Asked:
-    """The arguments and options of the command line, as `rig gap --help` explains them."""
+    """The arguments and options of `rig gap`, by name, as `rig gap --help` explains them.
+
+    `outside` is the option --plant. Of an option that was not given, the value is its default.
+    """
 
     recordings: tuple[str, ...]
     holdout: tuple[str, ...]
@@ -174,7 +177,7 @@ def _show(result: GapResult, out: Path) -> None:
 
 
 def _say(words: str) -> None:
-    """Tell on stderr what is being done, so that --json keeps stdout to itself."""
+    """Write a line on stderr that says what is being done; with --json stdout has only the JSON."""
     click.echo(f"rig: {words}", err=True)
 
 
@@ -197,7 +200,11 @@ def _read_of_rig(name: str, columns: Mapping[str, Column] | None) -> Recording:
 
 
 def _unread(recordings: Sequence[Recording]) -> list[str]:
-    """Return the reasons, in words, if a rig's position or pressures were read too seldom."""
+    """Return why recordings cannot be searched: position or pressures were read too seldom.
+
+    The reasons are sentences, each given once; [] if they were read often enough. Interpolated
+    readings do not count as read.
+    """
     reasons = []
     for recording in recordings:
         interpolated = {} if recording.sampling is None else recording.sampling.interpolated
@@ -379,7 +386,9 @@ def _close_on_rig(rig: Rig, given: Model, asked: Asked, out: Path, wanted: Wante
 
     Raises:
         DirectoryError: the folder cannot be used.
-        click.exceptions.Exit: as `experiment` does, or because the search for effects died.
+        click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed,
+            the rig tripped in a motion, or the search for effects died. The message is on stderr
+            already.
     """
     seed = int(datetime.now(UTC).timestamp()) % 1_000_000
     before, after = "rig: nothing was found: ", f"; recordings are in {out}"

@@ -219,7 +219,9 @@ def _run_on_rig(
     The code is 0 if the friction was identified, else `EXIT_NOT_IDENTIFIED`.
 
     Raises:
-        DirectoryError, click.exceptions.Exit: as `experiment` does.
+        DirectoryError: the folder of the results cannot be used.
+        click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed
+            or the rig tripped. The message is on stderr already.
     """
     begun = datetime.now(UTC)
     directory = out or default_directory(f"friction-{rig.name}", begun)

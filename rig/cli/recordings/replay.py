@@ -29,8 +29,8 @@ _STYLES: Final[dict[str, str]] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE
 class Replayed:
     """The results of filter and detector for one recording; `recording` is the path as given.
 
-    `decision` is the detector's last one; `detected_at_s` the time in s at which it first named the
-    fault, None if it named none.
+    `filter` is the name of the filter, `decision` the detector's last one, and `detected_at_s` the
+    time in s at which the detector first named that decision's fault, None if it names none.
     """
 
     recording: str

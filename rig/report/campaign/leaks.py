@@ -30,8 +30,9 @@ _ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "b
 
 
 def missing_flow(data: TestData) -> Panel | None:
-    """Return the panel of both chambers' missing flow, with the part that found leaks explain.
+    """Return the panel of both chambers' missing flow, in L/min.
 
+    It also has the part that is explained by the leaks that the detector found, if it found any.
     The panel is None if the test has no oil accounts.
     """
     accounts = data.accounts
@@ -59,10 +60,11 @@ def missing_flow(data: TestData) -> Panel | None:
 
 
 def leak_flows(data: TestData) -> Panel | None:
-    """Return the panel of leak flows: injected or metered, of the filter's states, and found.
+    """Return the panel of leak flows: as injected or metered, as estimated, and as found.
 
-    It has the leaks that were injected or found, or all if there are none. The panel is None if
-    there is nothing to draw.
+    A flow meter's reading stands for an injected flow that is not recorded. Estimated are the leak
+    states of the filter; found is the mean flow by the detector. The panel has the leaks that were
+    injected or found, or all leaks if there are none. It is None if there is nothing to draw.
     """
     recorded: list[Trace] = []
     zeros: list[str] = []
@@ -147,7 +149,10 @@ def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float
 
 
 def _in_filter_states(data: TestData) -> dict[str, Array]:
-    """Return each leak's flow by the filter's states, m^3/s; empty if it has no such states."""
+    """Return each leak's flow by the recorded states of the filter, m^3/s.
+
+    The result is empty if the filter has no leak states, or if they or the parameters are missing.
+    """
     run = recorded_run(data.recording, data.filter_name)
     leaks = {f"{leak}_m3_per_s_sqrtPa" for leak in LEAKS}
     if run is None or data.parameters is None or not leaks <= set(run.filter.states):
@@ -156,10 +161,10 @@ def _in_filter_states(data: TestData) -> dict[str, Array]:
 
 
 def _found(data: TestData) -> Iterator[Trace]:
-    """Yield the band of the found flow's interval, then its mean, L/min; nothing if none was found.
+    """Yield the 95 % band of the found leak flow, if known, then its mean as a line, in L/min.
 
     Both are drawn as decided over time, or, if that is not recorded, by the final decision from the
-    onset on.
+    onset on. Nothing is yielded if no flow was found.
     """
     held = list(flow_as_decided(data))
     yield from held
@@ -193,9 +198,9 @@ def probability(data: TestData) -> Panel | None:
 
 
 def compensation(data: TestData) -> Panel | None:
-    """Return the panel of the command's part that compensates for a leak; None if always zero.
+    """Return the panel of the valve command, and of its part that compensates for a leak, in V.
 
-    It is None, too, if the compensation or the command is not recorded.
+    The panel is None if that part is always zero, or if it or the command is not recorded.
     """
     added, sent = data.channel("compensation_V"), data.channel("command_V")
     if added is None or sent is None or not np.nanmax(np.abs(added)) > 0.0:
@@ -212,9 +217,12 @@ def compensation(data: TestData) -> Panel | None:
 
 
 def flow_as_decided(data: TestData) -> Iterator[Trace]:
-    """Yield the band of the leak flow's 95 % interval as decided over time, then its mean, L/min.
+    """Yield the detector's leak flow as it was decided over time: a band, then a line, in L/min.
 
-    Nothing is yielded if no flow is recorded.
+    The line is the mean flow since the leak's onset, as each decision gave it, and the band is the
+    95 % interval of that mean.
+    The band is left out if an end of the interval is not recorded; nothing is yielded if the mean
+    is not recorded, or never known.
     """
     names = ("decided_leak_low_m3_per_s", "decided_leak_high_m3_per_s", "decided_leak_m3_per_s")
     channels = [data.channel(name) for name in names]
@@ -230,7 +238,10 @@ def flow_as_decided(data: TestData) -> Iterator[Trace]:
 
 
 def _ends_of_stretches(values: Array) -> NDArray[np.int64]:
-    """Return the indices of the first and the last value of each run of equal values, sorted."""
+    """Return the indices of the first and the last value of each run of equal values, sorted.
+
+    NaN counts as equal to NaN.
+    """
     known = np.nan_to_num(values, nan=-1.0)
     starts = np.flatnonzero(np.diff(known, prepend=np.inf))
     return np.union1d(starts, np.append(starts[1:] - 1, values.size - 1))

@@ -42,7 +42,14 @@ def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
 
 
 def render(outcome: CampaignOutcome, directory: Path) -> str:
-    """Return the report of a campaign as HTML; see `write_report`."""
+    """Return the report of a campaign as HTML.
+
+    If a recording is missing or cannot be read, the report has a note in place of its plots.
+
+    Args:
+        outcome: the campaign's outcome, complete or not.
+        directory: the run's folder, with the recordings that the outcome names.
+    """
     sections, scale = sections_of(outcome, directory), full_scale(outcome)
     rows = [row_of(section, scale) for section in sections]
     return rendered(
@@ -68,7 +75,10 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
 
 
 def _rerun(outcome: CampaignOutcome) -> str:
-    """Return the command that repeats a campaign: the recorded one, else one with its file."""
+    """Return the command that repeats a campaign: the recorded one, else `rig run` with its file.
+
+    If no file is recorded either, the command has the campaign's name.
+    """
     recorded = outcome.provenance.get("command")
     if isinstance(recorded, str):
         return recorded

@@ -52,8 +52,9 @@ class Section:
             ended early.
         recorded_until_s: time at which the recording ends, s.
         smallest: the smallest leak flows that would have been found, by the kind of leak, m^3/s at
-            the leak's reference drop: for leaks that begin during the test, and for those that are
-            there from the start, which are empty if not known; None if neither is known.
+            the leak's reference drop: first for leaks that begin during the test, then for leaks
+            that are there from the start. The second is empty if it is not known; None stands for
+            both if the first is not known.
         opened: whether the page shows the section unfolded at first.
     """
 
@@ -101,7 +102,8 @@ def sections_of(outcome: CampaignOutcome, directory: Path) -> list[Section]:
 def _worth_opening(outcome: CampaignOutcome) -> int:
     """Return the index of the test to show unfolded.
 
-    It is the first test that failed or crashed, else the first with a fault, else the first.
+    It is the first test that failed or crashed, else the first with an injected fault and a
+    recording, else the first.
     """
     tests = outcome.tests
     failed = [i for i, t in enumerate(tests) if t.status in (Status.FAILED, Status.ERROR)]
@@ -196,9 +198,10 @@ def _marks(test: TestOutcome) -> tuple[dict[str, Any], ...]:
 
 
 def _spans(test: TestOutcome, last_s: float) -> tuple[dict[str, Any], ...]:
-    """Return the loop's actions about faults as spans; actions of a kind without a pause are one.
+    """Return the loop's actions about faults as spans, with `start` and `end` in s, and `text`.
 
-    So a leak that is tolerated with a new estimate of its coefficient does not begin a new span.
+    An action that begins at the end of one of the same kind lengthens its span: a leak that is
+    tolerated with a new estimate of its coefficient does not begin a new span.
     An action without an end reaches to `last_s`.
     """
     spans: list[dict[str, Any]] = []
@@ -213,10 +216,10 @@ def _spans(test: TestOutcome, last_s: float) -> tuple[dict[str, Any], ...]:
 
 
 def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> tuple[Flows, Flows] | None:
-    """Return the smallest leaks that would have been found, as in `Section`.
+    """Return the smallest leaks that would have been found, as `Section.smallest`.
 
     The final decision has them unless it names a fault; then they come from the last decision
-    before that fault.
+    before that fault, by the oil accounts.
     """
     decided = {} if test.decision is None else test.decision.details
     for details in (decided, {} if accounts is None else accounts.smallest):

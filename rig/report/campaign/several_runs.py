@@ -15,7 +15,7 @@ TREND: Final = "trend.html"
 
 
 def trend_page(trends: Sequence[Trend], title: str) -> str:
-    """Return the HTML page of trends; the page fetches nothing."""
+    """Return the HTML page of trends, with a title as its heading; the page fetches nothing."""
     tests: dict[tuple[str, str], list[tuple[int, Trend]]] = {}
     for index, trend in enumerate(trends):
         tests.setdefault((trend.campaign, trend.test), []).append((index, trend))

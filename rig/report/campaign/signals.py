@@ -54,9 +54,10 @@ def pressures(data: TestData) -> Panel | None:
 
 
 def innovation(data: TestData) -> Panel | None:
-    """Return the panel of the pressures' innovations with moving averages and thresholds.
+    """Return the panel of the pressures' innovations, in kPa.
 
-    The panel is None if no innovations are recorded.
+    It also has the moving averages of their absolute values, and thresholds if the detector has
+    them. The panel is None if no innovations are recorded.
     """
     raw: list[Trace] = []
     averages, thresholds, shown = [], [], []
@@ -106,7 +107,7 @@ def _threshold(data: TestData, chamber: int) -> float | None:
 def _signal(
     data: TestData, channel: str, name: str, role: str, scale: float, **style: Any
 ) -> list[Trace]:
-    """Return a list with a channel's trace in the plot's unit; empty if it is not recorded."""
+    """Return a list with the trace of a channel times `scale`; empty if it is not recorded."""
     values = data.channel(channel)
     if values is None:
         return []

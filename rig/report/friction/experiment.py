@@ -25,8 +25,8 @@ def experiment_page(experiment: FrictionExperiment, started: str) -> str:
     """Return the HTML page of a friction experiment.
 
     Args:
-        experiment: its results.
-        started: when it began, UTC, as text.
+        experiment: the results of the experiment.
+        started: when the experiment began, UTC, as text.
     """
     return rendered(
         "friction_experiment.html.j2",
@@ -140,7 +140,11 @@ def _curve(experiment: FrictionExperiment) -> dict[str, Any]:
 def _points(
     across: Sequence[float], found: Sequence[BreakAway | SteadySpeed], opened: Sequence[bool]
 ) -> dict[str, Any]:
-    """Return measured forces over positions in m or velocities in m/s, with their intervals."""
+    """Return measured forces in N over positions or velocities, as points of a plot.
+
+    Positions in m become mm, velocities in m/s become mm/s. `half` is half the width of a force's
+    95 % interval; `opened` says of each point whether it is drawn open, as not used.
+    """
     return {
         "x": numbers(MM * each for each in across),
         "y": numbers(each.force for each in found),

@@ -66,7 +66,7 @@ def shown(estimate: FrictionEstimate) -> str:
 
 
 def needs_in_words(curve: FrictionCurve) -> Iterator[str]:
-    """Yield, for each motion that was missing, the parameters that it would have identified."""
+    """Yield for each motion that was missing a text with the parameters that it would identify."""
     for need in dict.fromkeys(each.needs for each in curve.estimates.values() if each.needs):
         names = [in_words(name) for name, each in curve.estimates.items() if each.needs == need]
         yield f"{', '.join(names)}: not identifiable; needs {need}"
@@ -178,9 +178,10 @@ def _medians(curve: FrictionCurve) -> tuple[Array, Array]:
 
 
 def both_ways(slowest: float, fastest: float) -> Array:
-    """Return velocities of both directions for a curve, m/s, sorted, with a NaN between the two.
+    """Return velocities from -`fastest` to `fastest` for a curve, m/s, ascending.
 
-    The speeds go from `slowest` to `fastest`, evenly spaced in the logarithm.
+    The speeds go from `slowest` to `fastest` in both directions, evenly spaced in the logarithm. A
+    NaN stands between the directions, so that the curve has a gap there.
     """
     speeds = np.geomspace(slowest, fastest, _POINTS)
     return np.concatenate([-speeds[::-1], [np.nan], speeds])

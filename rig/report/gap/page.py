@@ -61,7 +61,8 @@ def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ..
 def drawn_curves(result: GapResult) -> list[Curve]:
     """Return the disturbances to plot, at most four, with the largest gain first.
 
-    They are the first disturbances of two different equations, and the first two of the rest.
+    In the order of `result.where`, they are the first disturbance of each of the first two
+    equations, and the first two that are not the first of their equation.
     """
     first: list[Curve] = []
     for curve in result.where:
@@ -92,7 +93,11 @@ def figures_of(result: GapResult) -> dict[str, Any]:
 
 
 def _curve(curve: Curve, rest: Sequence[Curve]) -> dict[str, Any]:
-    """Return the plot of a disturbance, with the same one, if any, of the model as written."""
+    """Return the plot of a disturbance of the model as given, with its 95 % band.
+
+    `rest` are the disturbances that the model as written leaves; that of the same equation and
+    region, if there is one, is drawn too.
+    """
     traces = [_band(curve, "bad"), _line(curve, "model as given", "bad")]
     same = [c for c in rest if (c.equation, c.region) == (curve.equation, curve.region)]
     for left in same[:1]:
@@ -102,7 +107,10 @@ def _curve(curve: Curve, rest: Sequence[Curve]) -> dict[str, Any]:
 
 
 def _disturbance(each: Discovered, curve: Curve) -> dict[str, Any]:
-    """Return the plot of a discovered disturbance; of a table, its knots are marked."""
+    """Return the plot of a discovered disturbance, with its 95 % band if that is finite.
+
+    If the disturbance is a table, its knots are marked.
+    """
     role = "found" if each.in_model else "bad"
     line = _line(curve, "disturbance", role, marked=each.form == "table")
     band = [_band(curve, role)] if np.isfinite(curve.errors).all() else []
@@ -143,7 +151,10 @@ def _band(curve: Curve, role: str) -> dict[str, Any]:
 
 
 def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
-    """Return the bars of each channel's prediction error above the floor, before and after."""
+    """Return bars of each channel's prediction error above the floor, in noise variances.
+
+    They stand for the model as given (before) and the model as written (after).
+    """
     names = [channel(gap.channel) for gap in channels]
     heights = [
         [max(getattr(gap, of) - gap.floor, 0.0) for gap in channels] for of in ("before", "after")
@@ -152,7 +163,10 @@ def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
 
 
 def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
-    """Return the bars, by frequency band, of the channels' mean one-step error above the floor."""
+    """Return the bars, by frequency band, of the channels' mean one-step error above the floor.
+
+    They stand for the model as given (before) and the model as written (after).
+    """
     names = [band(each) for each in channels[0].bands]
     floor, *errors = (
         np.array([[getattr(each, of) for each in gap.bands] for gap in channels])

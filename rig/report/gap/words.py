@@ -128,7 +128,11 @@ def _named(effect: NamedEffect) -> str:
 
 
 def extent(each: Discovered) -> str:
-    """Return how large a discovered disturbance is: its numbers, or the ends of its table."""
+    """Return how large a discovered disturbance is, as text.
+
+    These are its estimated numbers, else the least and the greatest value of its table; the text is
+    empty if it has neither.
+    """
     if each.estimates:
         return ", ".join(f"{in_words(one.key)} {estimated(one)}" for one in each.estimates)
     if each.curve is None:
@@ -139,7 +143,11 @@ def extent(each: Discovered) -> str:
 
 
 def knots(each: Discovered) -> Iterator[tuple[str, str]]:
-    """Yield position and value, with its 95 % interval, of each knot of a discovered table."""
+    """Yield position and value of each knot of a discovered table, as texts without units.
+
+    They are in the units in which the table's curve is shown; the value has its 95 % interval.
+    Nothing is yielded for a disturbance without a curve.
+    """
     if each.curve is None:
         return
     factor, of_factor = each.curve.shown[1], each.curve.region_shown[1]
@@ -150,7 +158,11 @@ def knots(each: Discovered) -> Iterator[tuple[str, str]]:
 
 
 def _discovered(result: GapResult) -> str:
-    """Return what was discovered, in the middle of a sentence: briefly if it is not one alone."""
+    """Return what was discovered, as words for the middle of a sentence.
+
+    A single disturbance beside which no effect was named is described in full; otherwise each
+    disturbance is given only by its place and its shape.
+    """
     if len(result.discovered) == 1 and not result.effects:
         (only,) = result.discovered
         return f"{only.what[0].lower()}{only.what[1:]}"
@@ -163,7 +175,11 @@ def called(each: Discovered) -> str:
 
 
 def _explains(result: GapResult) -> str:
-    """Return how much all that is claimed explains, if that is not everything; else ""."""
+    """Return words on which share of the excess all named effects and discoveries explain.
+
+    They begin with the full stop of the sentence before; "" if the share is 98 % or more, or not
+    known.
+    """
     if not (isfinite(result.accounted) and result.accounted < _ALL):
         return ""
     return f". This explains {share(result.accounted)} of the excess, nothing known the rest"
@@ -209,9 +225,11 @@ def gap_words(result: GapResult) -> str:
 
 
 def left_words(result: GapResult) -> Iterator[str]:
-    """Yield what the model written leaves on recordings held out, with units, and where that is.
+    """Yield one sentence on the held-out prediction error that the model as written leaves.
 
-    Nothing is yielded if the gap was not measured.
+    It gives the error above the floor, the rms error of each channel with its unit, and where the
+    error is, unless the error is small or no place has a tenth of it. Nothing is yielded if the
+    error was not measured.
     """
     if not (result.channels and isfinite(result.gap_after)):
         return
@@ -233,7 +251,7 @@ def left_words(result: GapResult) -> Iterator[str]:
 
 
 def found_in(ended: Round) -> str:
-    """Return in words what is known to be missing at the end of a round, else its verdict."""
+    """Return in words what a round found to be missing; its verdict if it found nothing."""
     named = [f"{or_else(each)}, {sizes(each)}" for each in ended.effects]
     named += [f"{in_words(each.name)} in {each.where}" for each in ended.discovered]
     return "; ".join(named) or VERDICT_WORDS[ended.verdict].lower()
@@ -257,7 +275,10 @@ def checked_in(ended: Round) -> str:
 
 
 def where_words(curve: Curve) -> str:
-    """Return a phrase on a disturbance, with its equation and largest value."""
+    """Return a phrase on a disturbance: its equation and region, its largest value and its share.
+
+    The largest value is the one of largest magnitude, with its 95 % interval and its place.
+    """
     index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
     unit, factor = curve.shown
     region_unit, region_factor = curve.region_shown
@@ -271,7 +292,7 @@ def where_words(curve: Curve) -> str:
 
 
 def share(part: float) -> str:
-    """Return a share as text, from 0 to 100 percent; "no known part" if it is not finite."""
+    """Return a fraction as text in percent, limited to 0 to 100; "no known part" if not finite."""
     return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
 
 
@@ -302,14 +323,20 @@ def excess(variances: float) -> str:
 
 
 def held_out(effect: NamedEffect) -> str:
-    """Return in words whether the held-out recordings confirm an effect."""
+    """Return in words what the held-out recordings say of a named effect.
+
+    It is "confirmed", with the effect's z, or "not shown by the motion" if z is not finite.
+    """
     if not isfinite(effect.held_out_z):
         return "not shown by the motion"
     return f"confirmed, z = {effect.held_out_z:.1f}"
 
 
 def limit(smallest: DetectionLimit) -> str:
-    """Return the smallest size at which an effect would have been found, rounded up to 2 digits."""
+    """Return the smallest size at which an effect would have been found, as text with its unit.
+
+    It is rounded up to 2 digits. A size that is not finite, or not above zero, gives words instead.
+    """
     if not isfinite(smallest.size):
         return "no plausible size"
     if smallest.size <= 0.0:

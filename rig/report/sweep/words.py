@@ -12,7 +12,7 @@ def in_flow(flow: float | None, digits: int = 2) -> str:
 
 
 def of_share(share: Share) -> str:
-    """Return how many of some cases as text, with the 95 % interval of the share."""
+    """Return a share as text: its count, of how many cases, and its 95 % interval in percent."""
     if not share.of:
         return "none of 0"
     low, high = (100.0 * end for end in share.interval)
