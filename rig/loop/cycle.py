@@ -74,20 +74,26 @@ class Guard(NamedTuple):
 
 
 def guard(interlock: Interlock, watched: bool) -> Guard:
-    """Return the guard of a test that begins; a hold and any worse action end its ticks."""
+    """Return the guard of a test that begins; a hold and any worse action will end its ticks.
+
+    Unless `watched`, no sample is judged.
+    """
     stopped, inputs = np.array([0, 0, NO_CHANNEL]), np.full(len(FAST_INPUTS), nan)
     return Guard(watched, interlock, int(Action.HOLD), stopped, inputs)
 
 
 def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
-    """Return the names of the columns that `sample_row` fills for a filter's states."""
+    """Return the names of the columns that `sample_row` fills, for a filter with these states.
+
+    `open_loop` says whether the setpoint is a command (`setpoint_V`) or a position (`setpoint_m`).
+    """
     setpoint = "setpoint_V" if open_loop else "setpoint_m"
     estimates = tuple(f"est_{state}" for state in states)
     return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates, *DECIDED, *ACTED)
 
 
 def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
-    """Return the names of a simulated rig's columns for a filter's states, in the cycle's order."""
+    """Return the names of a simulated rig's columns: those of `sample_channels`, then `TRUTH`."""
     return (*sample_channels(states, open_loop), *TRUTH)
 
 

@@ -162,7 +162,7 @@ class WireLoop:
         return rows[:wanted]
 
     def decided(self, row: Array) -> None:
-        """Post a decision, a row of `DECIDED`, which rows written from then on contain."""
+        """Post a decision on the test, a row of `DECIDED`, which later rows of the loop contain."""
         post_decision(self.board, self.number, row)
 
     def safe_state(self) -> None:
