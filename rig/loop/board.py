@@ -163,9 +163,9 @@ class RingReader:
         self.lost = 0
 
     def go_on_from(self, row: int) -> None:
-        """Make row number `row` of the session the next to read, but skip no row yet to be written.
+        """Read next row number `row` of the session, or the next new row if that comes earlier.
 
-        Rows from there on that are overwritten already will count as lost.
+        Rows from `row` on that are overwritten already will count as lost.
         """
         self.next_row = min(row, int(self._words[Word.ROWS]))
 

@@ -59,7 +59,7 @@ Array = NDArray[np.float64]
 
 
 class Guard(NamedTuple):
-    """What judges the samples of a simulated rig in its loop."""
+    """The interlock that judges a simulated rig's samples in its loop, and what it has found."""
 
     watched: bool
     """Whether the samples are judged at all."""
@@ -173,7 +173,10 @@ class Steering(NamedTuple):
 
 
 class TrueRig(NamedTuple):
-    """The true state and parameters of a simulated rig; all arrays but `fitted` are updated."""
+    """The true state and parameters of a simulated rig.
+
+    All arrays but `offsets` and `fitted` are updated by each tick.
+    """
 
     plant: Array
     """(9,) true state, `rig.plant.dynamics.PlantState`."""
@@ -199,8 +202,9 @@ class TrueRig(NamedTuple):
 def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows):
     """Run ticks on the simulated backend until `rows` is full or an action ends them.
 
-    An action ends them from `guard.ends_from` on, or the trip that a test asks for after a
-    confirmed fault. If a sample trips, the valve is at null from that sample on.
+    An action of the interlock ends them if it is `guard.ends_from` or worse; so does the trip that
+    a test asks for after a confirmed fault. If the interlock trips on a sample, the valve is at
+    null from that sample on.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.

@@ -97,7 +97,10 @@ class Strokes:
         self._length_m = min(SPEED * STROKE_S, room)
 
     def shut_bypasses(self) -> None:
-        """Shut every ball valve and needle, and wait until they are."""
+        """Shut ball valve and needle of every bypass, and wait for their feedback.
+
+        A throttle in the return line is opened.
+        """
         self._move(preparing_moves(self._rig.configured, ()))
 
     def open_bypass(self, kind: str, opening: float) -> None:
@@ -244,7 +247,7 @@ def measure_needle(
     """Measure a bypass at each needle opening, upwards, then downwards; return the measurements.
 
     There are two measurements for each opening, in the order in which they were made. At the end
-    every bypass is shut; after an error they stay as they are.
+    every bypass is shut; after an error the bypasses stay as they are.
 
     Args:
         strokes: moves the rig's ram and bypass valves.

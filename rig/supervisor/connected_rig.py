@@ -76,7 +76,7 @@ class Stop(Protocol):
 
     @property
     def requested(self) -> bool:
-        """Whether the session shall end."""
+        """Whether somebody asked for the end of the session."""
 
     @property
     def reason(self) -> str:
@@ -209,7 +209,7 @@ class ConnectedRig:
         """Note an event, go to the state that follows on it, and tell the onlooker of that state.
 
         Raises:
-            TripError: the state machine refuses the event; it is `tripped()` after a trip.
+            TripError: the state machine refuses the event; after a trip it is that of `tripped`.
         """
         self.note("session", event.value)
         try:

@@ -53,7 +53,7 @@ class Session:
     Raises:
         DriverError: on entry, a device does not answer or is not the configured one.
         TripError: on entry, the rig could not be armed or homed, or was stopped; on exit, a trip
-            was not reported yet, or a part is not safe without any trip.
+            was not reported yet, or nothing tripped but a device is not safe.
     """
 
     live = True
@@ -164,7 +164,10 @@ class HardwareTest:
 
     @property
     def number(self) -> int:
-        """The number of the test's segment; reading it makes the loop ready for the segment."""
+        """The number of the test's segment.
+
+        The first reading orders the segment, and waits until the loop is ready to switch to it.
+        """
         return self._wire.ready()
 
     @property

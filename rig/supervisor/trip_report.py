@@ -72,7 +72,10 @@ class TripReport:
 
     @property
     def concerned(self) -> str:
-        """The channel that the first-out cause concerns; empty if it concerns none."""
+        """The channel that the first-out cause concerns; empty if it concerns none.
+
+        Only a cause of the loop concerns a channel.
+        """
         return self.channel if self.first[0] == "loop" else ""
 
     @property
@@ -284,7 +287,7 @@ class EventLog:
         self._reported: Path | None = None
 
     def note(self, who: str, what: str) -> None:
-        """Record who did what, at the present time."""
+        """Record for a trip report who did what at the present time."""
         self._notes.append(News(time.monotonic_ns(), who, what))
 
     def take(self, news: News) -> None:

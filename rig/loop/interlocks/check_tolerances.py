@@ -124,16 +124,16 @@ def tolerances(
     homing: HomingSettings,
     command_limit_V: float = COMMAND_LIMIT,  # noqa: N803
 ) -> Tolerances:
-    """Return the tolerances of a rig.
+    """Return the tolerances with which the samples of a rig are checked.
 
     Args:
         par: parameters of the nominal plant, not the true ones of a simulated rig.
         sensors: data sheets of the transducers.
-        fitted: channels of `FAST_INPUTS` that the fast driver supplies.
-        period_s: period of the loop.
-        stale_s: greatest age of a sample.
+        fitted: channels of `FAST_INPUTS` that the fast driver supplies, which must have values.
+        period_s: period of the loop, s.
+        stale_s: greatest age of a sample, s.
         homing: gives the greatest command and load pressure of a ram that is not homed.
-        command_limit_V: greatest command of either sign.
+        command_limit_V: greatest command of either sign, V.
     """
     deviation = sigmas(period_s)
     # An empty chamber reads the low end of its range; only beyond it is a transducer broken.

@@ -110,7 +110,7 @@ class Interlock(NamedTuple):
 
 
 def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
-    """Return an interlock before its first tick."""
+    """Return an interlock with these limits and tolerances, as it is before its first tick."""
     return Interlock(limits, tolerances, interlock_memory(limits.channel.size))
 
 

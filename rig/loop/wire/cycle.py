@@ -441,7 +441,10 @@ def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared
 
 @inner
 def _waiting_row(setpoint, command, pace, memory, shared):
-    """Return the ring's next row for a tick before the first whole sample, without estimates."""
+    """Return the ring's next row for a tick before the first whole sample, without estimates.
+
+    Its time is one period before 0.
+    """
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
     row[:] = nan
     row[0] = -pace.period_s

@@ -32,9 +32,10 @@ _GRACE_S: Final = 10.0
 
 
 class ChildError(TripError):
-    """The error of a child that has ended or does not answer; the message names it.
+    """Raised if a child has ended, or its answer does not come or cannot be read.
 
-    It is a `TripError`, as the safety thread notices the same failure and makes the rig safe.
+    The message names the child. It is a `TripError`, as the safety thread notices a dead or silent
+    child too, and makes the rig safe.
     """
 
 
@@ -184,7 +185,7 @@ class Child:
 
         Args:
             order: the order after which no other one is sent.
-            kind: the type of its answer, which no earlier order has.
+            kind: the type of the answer to it; no answer to an earlier order is of this type.
             timeout_s: longest time in s for the whole wait.
 
         Raises:
@@ -220,7 +221,10 @@ class Child:
         self._pipe.close()
 
     def _read(self) -> None:
-        """Receive messages until the pipe is closed; a message that cannot be read ends nothing."""
+        """Receive messages until the pipe is closed; sort them into news and answers.
+
+        A message that cannot be read becomes an answer, a `ChildError`.
+        """
         while True:
             try:
                 message = self._pipe.recv()

@@ -252,7 +252,7 @@ class Publisher:
                 self._reply(query, "the supervisor does not answer")
 
     def _command_came(self, query: zenoh.Query) -> None:
-        """Queue a command, or count it if too many wait; a thread of Zenoh calls this."""
+        """Queue a command, or count it to be refused if too many wait; Zenoh's thread calls it."""
         try:
             self._commands.put_nowait(query)
         except queue.Full:

@@ -163,7 +163,8 @@ class SafetyThread:
     def _make_safe(self) -> None:
         """Ensure that valve, bypasses and pump are safe, in this order.
 
-        The loop and the field process do it if they are alive, else this thread does.
+        The loop and the field process make them safe; for what they do not confirm in time, this
+        thread does it by connections of its own.
         """
         if not self._confirmed((Word.VALVE_NULL_AT,), self._loop, Cause.LOOP_LOST, NULL_WAIT_S):
             self._by_own_connection("fast")
