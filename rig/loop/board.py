@@ -43,7 +43,7 @@ class Word(IntEnum):
     SUPERVISOR_BEAT = 3
     """Supervisor: time at which it last proved that it works."""
     RECORDER_BEAT = 4
-    """Recorder: time at which its last flush ended."""
+    """Recorder: time at which its last turn ended."""
     SWITCH = 5
     """Supervisor: number of the segment that the loop must run; it leaves any other segment."""
     STOP = 6
@@ -83,7 +83,7 @@ class Word(IntEnum):
     HOMED = 23
     """Loop: 1 once the encoder's zero is known; 0 before, and again after a lost count."""
     RECORDED = 24
-    """Recorder: number of rows on disk so far."""
+    """Recorder: number of rows of its present file that it had written at the last flush."""
     DECISIONS = 25
     """Supervisor: number of decisions posted so far; stored after the decision (release)."""
     PUBLISHER_BEAT = 26
@@ -163,12 +163,15 @@ class RingReader:
         self.lost = 0
 
     def go_on_from(self, row: int) -> None:
-        """Read on from row number `row` of the session; rows that are overwritten count as lost."""
+        """Read next row number `row` of the session, or the next new row if that comes earlier.
+
+        Rows from `row` on that are overwritten already will count as lost.
+        """
         self.next_row = min(row, int(self._words[Word.ROWS]))
 
     @property
     def waiting(self) -> int:
-        """Number of rows that are written and not yet read, with those that are lost already."""
+        """Number of rows that are written and not yet read, those overwritten already included."""
         return int(self._words[Word.ROWS]) - self.next_row
 
     def skip_to_end(self) -> None:
@@ -192,6 +195,9 @@ class RingReader:
         return rows
 
     def latest(self, count: int) -> Array:
-        """Return the last rows written, at most `count`; `take` still returns those unread."""
+        """Return the last rows written, at most `count`, float64 (n, columns).
+
+        They do not count as read: `take` still returns those that it has not returned yet.
+        """
         end = int(self._words[Word.ROWS])
         return self._ring[np.arange(max(end - count, 0), end) % RING_ROWS]

@@ -59,7 +59,7 @@ Array = NDArray[np.float64]
 
 
 class Guard(NamedTuple):
-    """What judges the samples of a simulated rig in its loop."""
+    """The interlock that judges a simulated rig's samples in its loop, and what it has found."""
 
     watched: bool
     """Whether the samples are judged at all."""
@@ -74,20 +74,26 @@ class Guard(NamedTuple):
 
 
 def guard(interlock: Interlock, watched: bool) -> Guard:
-    """Return the guard of a test that begins; a hold and any worse action end its ticks."""
+    """Return the guard of a test that begins; a hold and any worse action will end its ticks.
+
+    Unless `watched`, no sample is judged.
+    """
     stopped, inputs = np.array([0, 0, NO_CHANNEL]), np.full(len(FAST_INPUTS), nan)
     return Guard(watched, interlock, int(Action.HOLD), stopped, inputs)
 
 
 def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
-    """Return the names of the columns that `sample_row` fills for a filter's states."""
+    """Return the names of the columns that `sample_row` fills, for a filter with these states.
+
+    `open_loop` says whether the setpoint is a command (`setpoint_V`) or a position (`setpoint_m`).
+    """
     setpoint = "setpoint_V" if open_loop else "setpoint_m"
     estimates = tuple(f"est_{state}" for state in states)
     return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates, *DECIDED, *ACTED)
 
 
 def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
-    """Return the names of a simulated rig's columns for a filter's states, in the cycle's order."""
+    """Return the names of a simulated rig's columns: those of `sample_channels`, then `TRUTH`."""
     return (*sample_channels(states, open_loop), *TRUTH)
 
 
@@ -167,7 +173,10 @@ class Steering(NamedTuple):
 
 
 class TrueRig(NamedTuple):
-    """The true state and parameters of a simulated rig; all arrays but `fitted` are updated."""
+    """The true state and parameters of a simulated rig.
+
+    All arrays but `offsets` and `fitted` are updated by each tick.
+    """
 
     plant: Array
     """(9,) true state, `rig.plant.dynamics.PlantState`."""
@@ -193,8 +202,9 @@ class TrueRig(NamedTuple):
 def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows):
     """Run ticks on the simulated backend until `rows` is full or an action ends them.
 
-    An action ends them from `guard.ends_from` on, or the trip that a test asks for after a
-    confirmed fault. If a sample trips, the valve is at null from that sample on.
+    An action of the interlock ends them if it is `guard.ends_from` or worse; so does the trip that
+    a test asks for after a confirmed fault. If the interlock trips on a sample, the valve is at
+    null from that sample on.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.

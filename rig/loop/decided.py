@@ -66,7 +66,10 @@ def no_decision() -> Array:
 
 
 def confirmed_fault(row: Array) -> str:
-    """Return the confirmed fault, such as "external_leakage_1 confirmed"; empty if none."""
+    """Return the fault that a decision, a row of `DECIDED`, confirms; empty if it confirms none.
+
+    The text is such as "external_leakage_1 confirmed".
+    """
     if row[Decided.CONFIRMED] != 1.0:
         return ""
     return f"{VERDICT_CODES[int(row[Decided.VERDICT])]} confirmed"

@@ -104,6 +104,8 @@ class Homing:
     def next_command(self, sample: HomingSample) -> float:
         """Take one sample and return the command in V from now on; 0 when homing is done.
 
+        It enters the next phase when the present one is over, and sets `offset_m` with the last.
+
         Raises:
             HomingError: the ram moved the wrong way or too far, took too long for a phase, stood
                 still without pushing, or the two stops were too far apart; the rig is not homed.
@@ -130,11 +132,15 @@ class Homing:
         self._recent.clear()
 
     def _way(self, sample: HomingSample, began: HomingSample) -> float:
-        """Return the way in m that the ram has gone towards the stop since the phase began."""
+        """Return the way in m from the sample `began` to `sample`, positive towards the stop."""
         return self._outward * (sample.position_m - began.position_m)
 
     def _stands(self) -> bool:
-        """Return whether the ram has stayed below its speed limit for the time of standstill."""
+        """Return whether the ram counts as standing still.
+
+        It does if, within the settings' time of standstill, it has moved by one count at most, or
+        no further than it would at the settings' speed.
+        """
         duration = self._recent[-1].time_s - self._recent[0].time_s
         if duration < self._settings.standstill:
             return False

@@ -75,9 +75,9 @@ def forget(memory):
 def react(asked, decided, time_s, memory):
     """Return the `Reaction` at a tick, and store it in `memory.acted` with a compensation of 0 V.
 
-    A hold or a trip that has begun goes on. Otherwise the reaction is the one asked for, if the
-    decision is not older than `STALE_S` and confirms a fault, or to tolerate, a leak that is there
-    now; else it is IGNORE.
+    A hold or a trip that has begun goes on. Otherwise the reaction is the one that is asked for, if
+    the decision is not older than `STALE_S` and confirms a fault; for TOLERATE it must confirm a
+    leak that is there now. In all other cases the reaction is IGNORE.
 
     Args:
         asked: `Reaction` that the test asks for.
@@ -108,7 +108,9 @@ def leaks_now(decided):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def tolerating(command, asked, decided, x, par, limit, period, memory):
-    """Return the position loop's command in V, with a compensation for leaks; call it every tick.
+    """Return the position loop's command in V, with a compensation for leaks that are there now.
+
+    It must be called at every tick.
 
     Args:
         command: the proportional command, V; it is returned unchanged unless the test asks to

@@ -44,10 +44,11 @@ class Grant:
 
 
 class RealTime(ExitStack):
-    """All requests for the calling thread and its process; a context manager that undoes them.
+    """A context manager that asks the kernel to let the calling thread keep its time.
 
-    The requests are made when the object is made. A refused one raises no error. `close` undoes
-    what was granted, except the timer slack; repeated calls do no harm.
+    The requests, for the thread and its process, are made when the object is made. A refused one
+    raises no error. The end of the block, or `close`, undoes what was granted, except the timer
+    slack; repeated calls do no harm.
 
     Args:
         cpu: processor to which the thread is pinned; None leaves it to the kernel.

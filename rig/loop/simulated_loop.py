@@ -97,7 +97,11 @@ class SimulatedLoop:
 
     @property
     def ticks_left(self) -> int:
-        """Number of ticks still to run; at least 1 after a stop, so that `advance` can raise it."""
+        """Number of ticks still to run.
+
+        After a stop it is at least 1, so that the caller goes on to `advance`, which raises the
+        stop.
+        """
         left = self.motion.setpoint.size - self._tick
         return max(left, 1) if self._is_stopped else left
 
@@ -107,7 +111,7 @@ class SimulatedLoop:
 
     @property
     def indicated(self) -> tuple[Cause, str]:
-        """Cause and channel of the interlock's worst action so far; `Cause.NONE` if none."""
+        """Cause and channel's name of the worst action so far; `Cause.NONE` and "" if none."""
         _, cause, channel = self._guard.stopped.tolist()
         return Cause(cause), channel_name(channel)
 
@@ -172,9 +176,10 @@ class SimulatedLoop:
         return self._run(command * left, True, np.tile(NO_FAULT, (left.size, 1)))
 
     def last_sample(self) -> Array:
-        """Return the sample that was judged last as a row, float64 (1, columns); the rest is NaN.
+        """Return a row, float64 (1, columns), of the sample that was judged last; the rest is NaN.
 
-        It shows what stopped a ram on its way to the start position, which is not recorded.
+        Its time is one tick before 0, as it shows what stopped a ram on its way to the start
+        position, which is not recorded.
         """
         row = np.full((1, len(self.channels)), np.nan)
         row[0, 0] = -TICK
@@ -228,7 +233,13 @@ def _no_interlock(rig: SimulatedRig, assumed: Parameters) -> Interlock:
 
 
 def estimates_in(rows: Array, channels: tuple[str, ...], memory: FilterMemory) -> FilterRun:
-    """Return the filter's estimates in a batch of rows, in the form that a detector takes."""
+    """Return the filter's estimates in a batch of rows, in the form that a detector takes.
+
+    Args:
+        rows: float64 (n, channels), as a loop returns them.
+        channels: names of the rows' columns.
+        memory: the memory of the filter that made them.
+    """
     outputs_at = channels.index("innovation_position_m")
     first = channels.index(f"est_{memory.filter.states[0]}")
     states, outputs = rows[:, first : first + len(memory.filter.states)], rows[:, outputs_at:first]

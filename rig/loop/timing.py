@@ -49,7 +49,7 @@ class StageTimes:
         return int(self._counts.sum())
 
     def percentile(self, percent: float) -> float | None:
-        """Return the time in s that `percent` of all times do not exceed; None without times."""
+        """Return the time in s that `percent` % of all times do not exceed; None without times."""
         if not self.count:
             return None
         cumulative = np.concatenate([[0], np.cumsum(self._counts)])
@@ -60,7 +60,10 @@ class StageTimes:
         return min(value, self._greatest)
 
     def summary(self) -> dict[str, Any]:
-        """Return count, percentiles, greatest time and occupied bins as JSON values; times in s."""
+        """Return count, percentiles, greatest time and histogram as JSON values; times in s.
+
+        The histogram lists the bins that are not empty: [lower edge, number of times].
+        """
         occupied = np.flatnonzero(self._counts)
         return {
             "count": self.count,
@@ -92,7 +95,10 @@ class Timing:
         self.missed = 0
 
     def take(self, rows: Array) -> None:
-        """Count the times in the next rows, float64 (n, channels), which must follow the last."""
+        """Count the times in the next rows, float64 (n, channels).
+
+        They must follow on the rows of the last call.
+        """
         wakeup, sent, exchange, compute = (rows[:, column] for column in self._columns)
         wakeups = np.concatenate([self._last_wakeup, wakeup])
         self._last_wakeup = wakeups[-1:].copy()
@@ -110,7 +116,7 @@ class Timing:
 
 
 def in_short(summary: Mapping[str, Any]) -> str:
-    """Return a sentence with the missed ticks, and median and 99 % of the most important stages.
+    """Return a line on missed ticks, and median and 99th percentile of the most important stages.
 
     Args:
         summary: the result of `Timing.summary`, or the content of an event of kind `timing`.

@@ -19,7 +19,8 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
     """Write a recording to .csv, .csv.gz, .parquet, .mcap or .mf4; an existing file is replaced.
 
     Every float64 reads back bit for bit (a NaN as NaN). Metadata and events are written too: inside
-    Parquet, MCAP and MF4, and beside a CSV in `NAME.json`. MF4 needs asammdf, and is not read back.
+    Parquet, MCAP and MF4, and beside a CSV in `NAME.json`; if there are none, a file of that name
+    is deleted. MF4 needs asammdf, and is not read back.
 
     Raises:
         RecordingError: the extension is unknown, the folder does not exist, a channel name or the

@@ -57,7 +57,11 @@ class Interpolated:
 
 
 def _breaks(values: FloatArray, held: bool) -> tuple[NDArray[np.intp], float]:
-    """Return the rows at which values (n,) step, or change their slope, and the channel's count."""
+    """Return the rows at which values (n,) break, and the least step between values, their count.
+
+    A break is a step if readings are `held`, else a change of slope; differences that are due to
+    rounding do not count.
+    """
     distinct = np.unique(values)
     if len(distinct) < 2:
         return np.empty(0, dtype=np.intp), 0.0
@@ -74,7 +78,11 @@ def _breaks(values: FloatArray, held: bool) -> tuple[NDArray[np.intp], float]:
 
 
 def _course(values: FloatArray, held: bool) -> tuple[Interpolated, NDArray[np.intp]] | None:
-    """Return how values (n,) are interpolated, and the rows of their breaks; None if not so."""
+    """Return how values (n,) are interpolated, and their breaks; None if they are not interpolated.
+
+    `held` says what is looked for: repeated readings, or else readings joined by straight lines. Of
+    several breaks in adjacent rows only the first is returned.
+    """
     rows, count = _breaks(values, held)
     lengths = np.diff(rows)
     longer = lengths[lengths > 1]
@@ -93,7 +101,11 @@ def _course(values: FloatArray, held: bool) -> tuple[Interpolated, NDArray[np.in
 
 
 def _true_rows(breaks: NDArray[np.intp], every: int, count: int) -> NDArray[np.bool_]:
-    """Return which of `count` rows were measured, (count,): one in `every` where it is calm."""
+    """Return a mask (count,) of the rows that were measured.
+
+    These are the `breaks`, and from each break on every `every`-th row until shortly before the
+    next one.
+    """
     true = np.zeros(count, dtype=np.bool_)
     for row, end in pairwise(np.append(breaks, count).tolist()):
         true[row : max(end - every // 2, row + 1) : every] = True
@@ -103,14 +115,18 @@ def _true_rows(breaks: NDArray[np.intp], every: int, count: int) -> NDArray[np.b
 def without_interpolated(
     channels: dict[str, FloatArray], measured: list[str]
 ) -> tuple[dict[str, FloatArray], dict[str, Interpolated]]:
-    """Return channels with NaN where a row is no reading, and the channels found interpolated.
+    """Return all channels, with NaN where a row is no reading, and those found interpolated.
 
-    A channel that does not show it itself has the true samples of the one that breaks most often,
-    unless more than 5 % of its own breaks are elsewhere.
+    If some channel is found interpolated, the rows that were measured of the one that breaks most
+    often are taken for those of the other tried channels, too. A channel with a missing value, or
+    with more than 5 % of its own breaks in other rows, is left as it is.
 
     Args:
-        channels: all channels, each (n,).
-        measured: names of those that are tried.
+        channels: all channels, each (n,); they are not changed.
+        measured: names of the channels that are tried.
+
+    Returns:
+        The channels, and name -> how it is interpolated for those that are.
     """
     courses = {}
     for name in measured:

@@ -46,7 +46,8 @@ def read_recording(
 
     Required channels must have a finite value in every row, except where the loop recorded that a
     measured sample is missing. In other channels NaN (in CSV an empty cell) is a missing sample.
-    Samples must be 1 ms apart within 1 %, without gaps, for 1 s at least. A CSV's metadata and
+    Samples must be 1 ms apart within 1 %, without gaps, for 1 s at least. Values that no
+    servo-hydraulic rig shows, as in a wrong unit, are refused. A CSV's metadata and
     events come from `NAME.json` beside it; if that describes other data, it is ignored with a
     warning.
 
@@ -72,10 +73,11 @@ def read_measured(
 ) -> Recording:
     """Return the recording in a file of any period, with gaps, as samples of one period.
 
-    Rows may be 0.1 ms to 1 s apart (0.1 s of a rig), uneven and with gaps of 10 minutes at most;
-    `on_grid` says what becomes of them. NaN is a missing value in any channel. Rows of a channel
-    that are no readings, because it was sampled more slowly and interpolated, become NaN too.
-    `Recording.sampling` says what was found. Otherwise this is as `read_recording`.
+    Rows may be 0.1 ms to 1 s apart (0.1 s at most if `of_rig`), uneven, and with gaps of 10 minutes
+    at most; `on_grid` makes samples of them. NaN is a missing value in any channel. Rows of a
+    channel that are no readings, because it was sampled more slowly and interpolated, become NaN
+    too. `Recording.sampling` says what was found. Formats, and metadata and events of a CSV, are as
+    with `read_recording`.
 
     Args:
         path: the file.
@@ -84,7 +86,7 @@ def read_measured(
         optional: measured channels that it may have; one that it lacks is NaN throughout.
         period: period of the samples, s.
         columns: channel -> column of the file, for channels that have another name or unit there.
-        of_rig: whether values that no servo-hydraulic rig shows are refused.
+        of_rig: whether values that no servo-hydraulic rig shows, as in a wrong unit, are refused.
 
     Raises:
         RecordingError: lists every problem of the file, each with remedy and, if it has one, line.
@@ -107,7 +109,11 @@ def read_sampling(
 ) -> Sampling | None:
     """Return how a file's rows are sampled; None if the file cannot be read as a recording.
 
-    `read_measured` tells what is wrong with such a file.
+    `read_measured` raises an error that says what is wrong with such a file.
+
+    Args:
+        path: the file.
+        columns: channel -> column of the file, for channels that have another name or unit there.
     """
     try:
         return sampling_of(_checked(fspath(path), (), columns, False, LONGEST_S).time_s)
@@ -123,6 +129,13 @@ def _checked(
     longest_s: float | None,
 ) -> Recording:
     """Return the rows of a file as a recording, after checking them (`problems_of`).
+
+    Args:
+        name: the file.
+        required: channels that the file must have, beside `time_s`.
+        columns: channel -> column of the file, for channels that have another name or unit there.
+        of_rig: whether values that no servo-hydraulic rig shows are refused.
+        longest_s: longest period of the rows, s; None if they must be 1 ms apart.
 
     Raises:
         RecordingError: lists every problem of the file.

@@ -52,14 +52,19 @@ class RecoverySummary:
 
 
 def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> RecoverySummary:
-    """Write the longest unbroken stretch of samples, with metadata and all events, to path_out.
+    """Write what can be read of a damaged MCAP file to a new file; return what was saved and lost.
 
-    A filter needs samples without gaps, so only the longest part is written if damage splits the
-    recording. Every chunk is checked by its checksum. The key `recovered` is added to the metadata.
+    A filter needs samples without gaps, so that of the stretches into which damage splits the
+    recording only the longest is written, with metadata and all events that can be read. Every
+    chunk is checked by its checksum. The key `recovered` is added to the metadata.
+
+    Args:
+        path_in: the damaged file, which is not changed.
+        path_out: the new file.
 
     Raises:
-        RecordingError: path_out exists, is in no folder or does not end with .mcap, or path_in does
-            not exist, has no readable sample, or is not a recording of rig.
+        RecordingError: path_out exists, its folder does not, or it does not end with .mcap; or
+            path_in does not exist, has no readable sample, or is not a recording of rig.
         OSError: a file cannot be read or written.
     """
     source, target = fspath(path_in), fspath(path_out)
@@ -105,6 +110,9 @@ def _readable(
     """Collect a file's readable records; return its stretches, and a sentence on each loss.
 
     A stretch is a list of sample blocks (n, n_channels) without a gap between them.
+
+    Raises:
+        ForeignSchemaError: there are no samples of rig before the end or the first damage.
     """
     file.seek(0, os.SEEK_END)
     size = file.tell()

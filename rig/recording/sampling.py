@@ -41,11 +41,11 @@ class Sampling:
     Attributes:
         period: period of the file's rows, s.
         grid: period of the samples that were made of them, s.
-        even: whether the rows are even, so that each may become the sample of its own number.
+        even: whether the rows are evenly spaced in time, gaps apart.
         gaps: number of gaps between rows.
         gaps_s: time in these gaps, s.
-        interpolated: channels that were sampled more slowly than the file says.
-        unrecorded: channels that the file could have had, and has not.
+        interpolated: channels that were sampled more slowly than the file's rows, with how.
+        unrecorded: optional channels that the file lacks, or that have no value in it.
     """
 
     period: float
@@ -72,10 +72,12 @@ class Sampling:
 
 
 def sampling_of(time_s: FloatArray, grid: float | None = None) -> Sampling:
-    """Return how rows at ascending times (n,), s, were sampled, for a grid of samples, s.
+    """Return how rows at ascending times (n,), s, were sampled: their period, evenness and gaps.
 
-    Without a grid it is one on which the rows are placed well: that of even rows. Uneven ones,
-    whose times matter, get a finer grid: 1 ms, or a 20th of their period if that is longer.
+    `grid` is the period in s of the samples that are to be made of them, and becomes
+    `Sampling.grid`. If it is None, it is chosen: the rows' own period if they are even, or no
+    longer than 1 ms apart. For other rows, whose times matter, it is 1 ms, or a 20th of their
+    period if that is longer.
     """
     period, steps = period_of(time_s), np.diff(time_s)
     gaps = steps > GAP * period
@@ -93,8 +95,8 @@ def sampling_of(time_s: FloatArray, grid: float | None = None) -> Sampling:
 def period_of(time_s: FloatArray) -> float:
     """Return the period of rows at ascending times (n,), s, rounded to four digits.
 
-    It is the mean of all steps that are no gaps, or 1 ms where that is within 1 %. There must be
-    two rows or more.
+    It is the mean of all steps that are no gaps (up to 1.5 times the median step). A mean within
+    1 % of 1 ms counts as 1 ms. There must be two rows or more.
     """
     steps = np.diff(time_s)
     median = float(np.median(steps))
@@ -107,10 +109,12 @@ def period_of(time_s: FloatArray) -> float:
 def on_grid(recording: Recording, period: float, held: Sequence[str]) -> Recording:
     """Return a recording as samples of one period, each reading at the sample nearest to its time.
 
-    Readings that are nearest to the same sample are averaged. What is commanded (`held`) acts from
-    its own row to the next: a sample has the mean of what acted until the next sample. Across a gap
-    it changes evenly. Where it is unknown for long (`UNKNOWN_S`), the readings are left out. Even
-    rows of this period are returned as they are.
+    Readings that are nearest to the same sample are averaged; a sample without any is NaN. A
+    commanded channel (`held`) acts from its own row to the next, so that a sample has the mean of
+    what acted until the next sample; across a gap in its rows the command changes evenly. While a
+    command is unknown for long (`UNKNOWN_S`), all readings are NaN. Rows that are even, of this
+    period, without gaps, and whose commands are all known are kept as they are. In any case
+    `Recording.sampling` of the result says how the rows were sampled.
 
     Args:
         recording: the recording, with ascending times.
@@ -136,7 +140,13 @@ def on_grid(recording: Recording, period: float, held: Sequence[str]) -> Recordi
 
 
 class _Grid:
-    """The samples that rows (n,) at ascending times, s, are put on, from the first row on."""
+    """An even grid of samples on which rows at ascending times are put; it begins at the first row.
+
+    Args:
+        rows_s: times of the rows, (n,), s.
+        own: period of the rows, s.
+        period: period of the samples, s.
+    """
 
     def __init__(self, rows_s: FloatArray, own: float, period: float) -> None:
         self.rows_s, self.own, self.period = rows_s, own, period
@@ -144,7 +154,10 @@ class _Grid:
         self.time_s = rows_s[0] + period * np.arange(int(self._places[-1]) + 1)
 
     def measured(self, values: FloatArray) -> FloatArray:
-        """Return readings (n,) as samples (m,), each moved to its sample by its rate of change."""
+        """Return readings (n,) as samples (m,); a sample to which no reading is nearest is NaN.
+
+        Each sample is the mean of its readings, moved to its time by their rate of change.
+        """
         known = np.isfinite(values)
         places, count = self._places[known], len(self.time_s)
         number = np.bincount(places, minlength=count)
@@ -159,9 +172,10 @@ class _Grid:
         return made
 
     def _rates(self, at: FloatArray, value: FloatArray) -> FloatArray:
-        """Return the rates of change of values (k,) at times (k,), from both neighbours if near.
+        """Return the rates of change of values (k,) at times (k,), s, by both neighbours of each.
 
-        Where one is further than `_NEIGHBOURS` periods, as at a gap, the other counts alone.
+        A neighbour that is further than `_NEIGHBOURS` periods, as at a gap, does not count. A value
+        without a neighbour has the rate 0.
         """
         if len(at) < 2:
             return np.zeros(len(at))
@@ -175,7 +189,11 @@ class _Grid:
         return np.divide(risen, passed, out=np.zeros(len(at)), where=passed > 0.0)
 
     def _known(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return times and values of a command's rows, with rows put evenly into each gap."""
+        """Return times and values of a command's known rows, with further rows in each gap.
+
+        The further rows are one period of the rows apart, on a straight line. A command that is NaN
+        throughout is 0 from the first row on.
+        """
         known = np.isfinite(values)
         at, value = self.rows_s[known], values[known]
         if not len(at):
@@ -190,7 +208,10 @@ class _Grid:
         return every, np.interp(every, at, value)
 
     def held(self, values: FloatArray) -> FloatArray:
-        """Return a command (n,), which acts from its row to the next, as samples (m,)."""
+        """Return a command (n,), which acts from its row to the next, as samples (m,).
+
+        A sample is the mean of what acts from its time to the next sample's.
+        """
         at, value = self._known(values)
         total = np.concatenate([[0.0], np.cumsum(value[:-1] * np.diff(at))])
         slack = 1e-6 * self.period

@@ -58,8 +58,9 @@ def problems_of(
 ) -> list[RecordingProblem]:
     """Return all problems of a table: those of the whole file first, then line by line.
 
-    With `longest_s` the rows may be of any period from 0.1 ms to that, and need not be even; then
-    gaps between rows and missing values are no problems, as long as a channel has any value.
+    With `longest_s` the rows may be of any period from 0.1 ms to that, and need not be even. Gaps
+    between rows are then no problems up to 10 minutes, nor are missing values (NaN) in a channel
+    other than `time_s` that has any value.
 
     Args:
         table: the table, with the problems that its reader found; what else is found is added.
@@ -120,7 +121,10 @@ def _conversion(name: str) -> str:
 
 
 def _check_magnitude(table: Table, name: str) -> None:
-    """Report a channel of `_SPANS` that has too large values, with its likely unit."""
+    """Report values of a channel of `_SPANS` that are implausibly large, with their likely unit.
+
+    If no more than a tenth of the rows have such values, the remedy blames the sensor instead.
+    """
     upper, unit, remedy = _SPANS[name]
     magnitude = np.abs(table.columns[name])
     # Infinity is left out here; it is reported by the check of required channels.
@@ -198,7 +202,11 @@ def _check_times(table: Table, longest_s: float | None) -> None:
 
 
 def _check_even(table: Table, known: NDArray[np.intp], steps: FloatArray) -> None:
-    """Check times that must be 1 ms apart; `steps` are those per row between the `known` rows."""
+    """Report what is wrong with times that must be 1 ms apart and last for 1 s at least.
+
+    `known` are the rows that have a time, (n,), and `steps` the differences of their times in s,
+    (n - 1,), each divided by the number of rows from one to the next.
+    """
     time_s = table.columns["time_s"][known]
     mean = float((time_s[-1] - time_s[0]) / (known[-1] - known[0]))
     # A gap changes the mean, jitter the median, so the rate is only wrong if both are wrong.
@@ -222,7 +230,11 @@ def _check_even(table: Table, known: NDArray[np.intp], steps: FloatArray) -> Non
 def _check_uneven(
     table: Table, known: NDArray[np.intp], steps: FloatArray, longest_s: float
 ) -> None:
-    """Check times that need not be even; `steps` are those between the `known` rows."""
+    """Report what is wrong with times that may be uneven, but must increase, for 1 s at least.
+
+    `known` are the rows that have a time, (n,), and `steps` the differences of their times in s,
+    (n - 1,).
+    """
     back = steps <= 0.0
     if back.any():
         _report_backwards(table, known, back)
@@ -243,12 +255,16 @@ def _check_uneven(
 
 
 def _is_right(period: float, unit_s: float = 1.0) -> bool:
-    """Return whether a period, in units of `unit_s` seconds, is 1 ms within the tolerance."""
+    """Return whether a period, a number of units of `unit_s` seconds, is 1 ms within 1 %."""
     return abs(period * unit_s / SAMPLE_PERIOD_S - 1.0) <= PERIOD_TOLERANCE
 
 
 def _remedy_of_unit(period: float, otherwise: str) -> str:
-    """Return the remedy for a period that is right in another unit than s, else `otherwise`."""
+    """Return the remedy for a wrong period, a number that was taken for s.
+
+    If the number would be right (1 ms) in ms, us or ns, it is to convert the times; else it is
+    `otherwise`.
+    """
     for unit, unit_s in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
         if _is_right(period, unit_s):
             return f"the time looks like {unit}: multiply it by {unit_s:g}"

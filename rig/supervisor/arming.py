@@ -33,8 +33,9 @@ def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: st
     Args:
         rig: the rig.
         wanted: slow output -> value, SI.
-        state: the state that the error names if the feedback does not come within `SETTLE_S`.
-        action: the remedy that the error names then.
+        state: what is wrong if the feedback does not come within `SETTLE_S`, as a phrase for the
+            error's message, such as "the bypass valves are not where they were sent".
+        action: what the operator is to do then, as a phrase for the same message.
 
     Raises:
         TripError: the feedback does not come in time, or the rig tripped or was stopped.
@@ -44,14 +45,16 @@ def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: st
 
 
 def arm(rig: ConnectedRig) -> None:
-    """Load the pump, shut the bypasses, and have the operator enable the valve.
+    """Load the pump, activate the valve drive, shut the bypasses, and have the valve enabled.
 
-    If the valve is enabled already, no reset is awaited. Afterwards the loop holds the ram.
+    It waits until the operator has pressed reset; if the valve is enabled already, or the device
+    does not report that, it does not wait. Afterwards the loop holds the ram. The state is then
+    ARMED for a rig that needs no homing, else NOT_HOMED.
 
     Raises:
-        TripError: no sample comes, the emergency stop is open or the loop reports a standing cause,
-            pump or valves do not follow, nobody pressed reset within `RESET_S`, a process does not
-            answer, or the rig tripped or was stopped.
+        TripError: no sample comes, the emergency stop is open, the loop reports a cause that
+            forbids motion, pump or valves do not follow, nobody pressed reset within `RESET_S`, a
+            process does not answer, or the rig tripped or was stopped.
     """
     rig.wait(
         lambda: np.isfinite(rig.latest("position_m")), ANSWER_S,
@@ -81,11 +84,13 @@ def arm(rig: ConnectedRig) -> None:
 def home(rig: ConnectedRig) -> None:
     """Find the encoder's zero at a stroke end; then hold the ram within its position limits.
 
-    A rig whose state is not `State.NOT_HOMED` is left as it is.
+    It sets the rig's `offset_m`, and its state becomes ARMED. A rig whose state is not NOT_HOMED is
+    left as it is.
 
     Raises:
-        TripError: no stroke end was found reliably, homing is not allowed before a run, the ram
-            stays at the end, a process does not answer, or the rig tripped or was stopped.
+        TripError: no stroke end was found reliably, the rig file does not allow homing before a
+            run, the ram stays at the stroke end, a process does not answer, or the rig tripped or
+            was stopped.
     """
     if rig.state is not State.NOT_HOMED:
         return

@@ -1,4 +1,4 @@
-"""The needle valves of a rig's bypasses are calibrated here by its flow meters.
+"""The needle valves of a rig's bypasses are calibrated here by the rig's flow meters.
 
 The zero of each meter is measured at rest with all balls shut. Then, for each bypass, the needle
 goes through its openings up and down with the ball open. Each opening is measured during a slow
@@ -83,10 +83,10 @@ class Samples(NamedTuple):
 
 
 class Strokes:
-    """The motions for a calibration: it moves the ram of an armed and homed rig, and its bypasses.
+    """Moves the ram and the bypass valves of an armed and homed rig, as a calibration needs it.
 
-    Every method that moves something raises `TripError` if the rig trips or is stopped, or if the
-    valves do not follow.
+    Every method that moves something waits for the end of the motion. It raises `TripError` if the
+    rig trips or is stopped, or if the valves do not follow.
     """
 
     def __init__(self, rig: ConnectedRig) -> None:
@@ -97,32 +97,40 @@ class Strokes:
         self._length_m = min(SPEED * STROKE_S, room)
 
     def shut_bypasses(self) -> None:
-        """Shut every ball valve and needle, and wait until they are."""
+        """Shut ball valve and needle of every bypass, and wait for their feedback.
+
+        A throttle in the return line is opened.
+        """
         self._move(preparing_moves(self._rig.configured, ()))
 
     def open_bypass(self, kind: str, opening: float) -> None:
-        """Open the ball valve of a bypass and its needle to `opening`, 0 to 1; await the feedback.
+        """Open a bypass's ball valve, and its needle to `opening` (0 to 1); await their feedback.
 
-        The bypass is named by the fault `kind` that it makes; the others stay as they are.
+        The bypass is the one that makes the fault `kind`; other bypasses stay as they are.
         """
         self._move({f"{kind}_ball": 1.0, f"{kind}_needle": opening})
 
     def feedback(self, kind: str) -> float:
-        """Return the newest opening, 0 to 1, that the needle of the bypass for a fault reported.
+        """Return the newest opening, 0 to 1, that the needle of a bypass has reported.
 
-        It is NaN if no driver reads the needle, it was not read yet, or the last read failed.
+        The bypass is the one that makes the fault `kind`. The opening is NaN if no driver reads the
+        needle, it was not read yet, or the last read failed.
         """
         return self._rig.slow(f"{kind}_needle")
 
     def rest(self, duration_s: float) -> Samples:
-        """Hold the ram in mid stroke for a time in s, and return the samples of that time."""
+        """Bring the ram midway between its limits, hold it there, and return the samples meanwhile.
+
+        `duration_s` is the time in s for which it is held; only this time is sampled.
+        """
         return self._follow(np.full(round(duration_s / TICK), self._middle_m))
 
     def stroke(self, direction: float) -> Samples:
         """Move the ram at constant speed, out (1) or in (-1), and return the samples meanwhile.
 
-        First the ram goes to the stroke's beginning. The stroke lasts `STROKE_S` and has its middle
-        at mid stroke; it is slower than `SPEED` if the position limits leave too little room.
+        First the ram goes to where the stroke begins, which is not sampled. The stroke lasts
+        `STROKE_S`; its middle is midway between the position limits. It is slower than `SPEED` if
+        these leave too little room.
         """
         way = np.linspace(-0.5, 0.5, round(STROKE_S / TICK))
         return self._follow(self._middle_m + direction * self._length_m * way)
@@ -149,7 +157,7 @@ class Strokes:
 
 
 def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
-    """Return fault -> bypass valve for the valves to calibrate.
+    """Return fault -> bypass valve for the bypasses of a rig whose needles are to be calibrated.
 
     A bypass can be calibrated if it has a flow meter (`WAYS`) that a driver reads, and a driver
     moves its valves.
@@ -159,7 +167,8 @@ def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
         asked: the faults whose bypasses are to be calibrated; if empty, all that can be.
 
     Raises:
-        CalibrationError: an asked one cannot be calibrated, none can be, or the rig is simulated.
+        CalibrationError: a bypass that was asked for cannot be calibrated, no bypass can be, or the
+            rig's backend is not hardware.
     """
     if rig.backend != "hardware":
         raise _refusal(rig.name, "backend", rig.backend, "has no valves to measure",
@@ -193,7 +202,11 @@ def calibrate(
     date: datetime.date,
     on_measured: Callable[[str, Measurement], None] = lambda kind, measurement: None,
 ) -> dict[str, NeedleCalibration]:
-    """Measure the needles of bypass valves, and return fault -> calibrated needle.
+    """Measure the needles of bypass valves on the rig, and return fault -> calibrated needle.
+
+    First all bypasses are shut, and the zeros of the meters are measured at rest for `ZERO_S`. Then
+    the needles are measured one after the other (`measure_needle`). At the end all bypasses are
+    shut; after an error they stay as they are.
 
     Args:
         strokes: moves the rig's ram and bypass valves.
@@ -204,10 +217,12 @@ def calibrate(
         on_measured: is called with fault and measurement after each measurement.
 
     Raises:
-        CalibrationError: a meter gives no readings, a flow does not settle in `TRIES` strokes, or
-            the measurements make no calibration; the error says why.
-        BypassError: the measured coefficients do not increase with the opening.
-        TripError: the rig tripped or was stopped.
+        CalibrationError: a meter gives readings in less than half of the samples, a flow does not
+            settle in `TRIES` strokes, a pressure drop is too small, or a flow is too small for the
+            meter or too large for the valve.
+        BypassError: the measured coefficients do not increase with the opening, or the largest
+            opening is not 1.
+        TripError: the rig tripped or was stopped, or the valves do not follow.
     """
     strokes.shut_bypasses()
     samples = strokes.rest(ZERO_S)
@@ -229,7 +244,10 @@ def measure_needle(
     return_pressure_Pa: float,  # noqa: N803
     on_measured: Callable[[Measurement], None] = lambda measurement: None,
 ) -> tuple[Measurement, ...]:
-    """Measure a bypass at each needle opening, upwards, then downwards; then shut every bypass.
+    """Measure a bypass at each needle opening, upwards, then downwards; return the measurements.
+
+    There are two measurements for each opening, in the order in which they were made. At the end
+    every bypass is shut; after an error the bypasses stay as they are.
 
     Args:
         strokes: moves the rig's ram and bypass valves.
@@ -242,7 +260,7 @@ def measure_needle(
     Raises:
         CalibrationError: the meter gives readings in less than half of the samples of a stroke, or
             the flow at an opening settles in none of `TRIES` strokes.
-        TripError: the rig tripped or was stopped.
+        TripError: the rig tripped or was stopped, or the valves do not follow.
     """
 
     def measurement(opening: float, upwards: bool) -> Measurement:
@@ -271,7 +289,9 @@ def measure_needle(
 
 
 def _metered(samples: Samples, kind: str) -> Array:
-    """Return the metered flow through a bypass, (n,), m^3/s.
+    """Return the flow through a bypass, (n,), m^3/s, as its meter read it, with the meter's zero.
+
+    It is NaN where a sample is missing.
 
     Raises:
         CalibrationError: more than half of the samples are missing.

@@ -76,7 +76,7 @@ class Stop(Protocol):
 
     @property
     def requested(self) -> bool:
-        """Whether the session shall end."""
+        """Whether somebody asked for the end of the session."""
 
     @property
     def reason(self) -> str:
@@ -104,7 +104,7 @@ class ConnectedRig:
         state: the present state of the session; OFF at first.
         offset_m: offset in m that is added to the encoder's position; 0 before homing.
         board: the memory that all processes share; it exists once connected.
-        note: is called with who did what at the present time, to record it for a trip report.
+        note: `note(who, what)` records for a trip report who did what at the present time.
         parts: the processes; they exist once connected.
         safety: the safety thread; it exists once connected.
         opened: the loop's answer to the order to open the fast device.
@@ -143,6 +143,8 @@ class ConnectedRig:
 
     def connect(self) -> None:
         """Start the processes and the safety thread, open and verify every device; move nothing.
+
+        The state is DISARMED then. After an error all has ended again, and the state is OFF.
 
         Raises:
             DriverError: a device is in use, does not answer, or is not the configured one.
@@ -207,7 +209,7 @@ class ConnectedRig:
         """Note an event, go to the state that follows on it, and tell the onlooker of that state.
 
         Raises:
-            TripError: the state machine refuses the event, or the rig has tripped meanwhile.
+            TripError: the state machine refuses the event; after a trip it is that of `tripped`.
         """
         self.note("session", event.value)
         try:
@@ -232,12 +234,12 @@ class ConnectedRig:
         )
 
     def latest(self, channel: str) -> float:
-        """Return a channel's last value other than NaN in the rows, up to 0.25 s old; else NaN."""
+        """Return the last finite value of a column of the rows of the last 0.25 s; NaN if none."""
         values = RingReader(self.board).latest(round(RECENT_S * self.configured.loop.rate))
         return last_known(values[:, self._channels.index(channel)])
 
     def slow(self, channel: str) -> float:
-        """Return a slow channel's last reading, of any age; NaN if there is none or it failed."""
+        """Return a slow channel's newest value, of any age; NaN if none or the last read failed."""
         return float(self.board.slow[SLOW_INPUTS.index(channel)])
 
     def ask(self, part: Child, order: object, timeout_s: float) -> Any:
@@ -259,8 +261,8 @@ class ConnectedRig:
         """Wait until `done` returns True. A timeout alone does not trip the rig.
 
         Raises:
-            TripError: it takes longer than `timeout_s`, with what is then wrong (`state`) and the
-                remedy (`action`) as message; or the rig tripped or was stopped.
+            TripError: it takes longer than `timeout_s`; the message joins the phrases `state` (what
+                is wrong then) and `action` (the remedy). Or the rig tripped or was stopped.
         """
         until = time.monotonic() + timeout_s
         self.check()
@@ -271,7 +273,9 @@ class ConnectedRig:
             self.check()
 
     def check(self) -> None:
-        """Show the safety thread that the supervisor works.
+        """Raise if the rig has tripped or is to stop; show the safety thread a sign of life.
+
+        The main thread must call this, `going_on` or `alive` at least every 5 s.
 
         Raises:
             TripError: the rig has tripped, or somebody asked for the end (`StopRequestedError`).
@@ -280,7 +284,7 @@ class ConnectedRig:
         self._heed_stop()
 
     def going_on(self) -> None:
-        """Show the safety thread that the supervisor works; a wish to end is not looked at.
+        """Do as `check`, but go on if somebody asked for the end.
 
         Raises:
             TripError: a part has tripped, even if rows still come.
@@ -290,7 +294,7 @@ class ConnectedRig:
             raise self.tripped()
 
     def segment(self, drive: Drive, **changes: Any) -> orders.Segment:
-        """Return a new segment without a number, with `changes` to this rig's usual fields."""
+        """Return a segment with number 0 and this rig's usual fields, with `changes` to these."""
         segment = orders.Segment(
             0,
             drive,
@@ -304,10 +308,12 @@ class ConnectedRig:
         return replace(segment, **changes)
 
     def switch_to(self, drive: Drive, **changes: Any) -> None:
-        """Send the loop a segment of `segment`, await the receipt, and have the loop switch to it.
+        """Send the loop a segment (see `segment`), wait until it is ready, and order the switch.
+
+        The switch itself, at the loop's next tick, is not awaited.
 
         Raises:
-            ChildError: the loop's process has ended, or did not answer within `ANSWER_S`.
+            TripError: the loop's process or thread has ended, or did not answer within `ANSWER_S`.
         """
         words = self.board.words
         number = int(words[Word.SWITCH]) + 1
@@ -315,12 +321,12 @@ class ConnectedRig:
         words[Word.SWITCH] = number
 
     def tracking(self, start_position: float, settle_s: float, **changes: Any) -> WireLoop:
-        """Return the loop that tracks a setpoint from a position in m on.
+        """Return the object that steps through a motion which tracks a setpoint; move nothing yet.
 
         Args:
-            start_position: the position in m.
-            settle_s: time in s in which the ram is brought to that position.
-            **changes: the setpoint, and other changes to the fields of `segment`.
+            start_position: position in m to which the ram is brought before the setpoint begins.
+            settle_s: time in s in which the ram is brought there.
+            **changes: the setpoint, and other fields of `orders.Segment` with unusual values.
         """
         return WireLoop(
             self.board,
@@ -337,9 +343,13 @@ class ConnectedRig:
         self.parts.field.send(WriteOutputs(mine))
 
     def off(self, wanted: Mapping[str, float]) -> list[str]:
-        """Return the slow outputs whose feedback is NaN or differs from the wanted value.
+        """Return the names of those slow outputs whose newest feedback is not at the wanted value.
 
-        Needles have a tolerance; outputs without a driver or a feedback channel are left out.
+        NaN counts as a difference. Needles may be off by `NEEDLE_TOLERANCE`. Outputs without a
+        driver or a feedback channel are left out.
+
+        Args:
+            wanted: slow output -> wanted value, SI.
         """
         off = []
         for name, value in wanted.items():
@@ -351,7 +361,10 @@ class ConnectedRig:
         return off
 
     def tripped(self) -> TripError:
-        """Wait up to 20 s until the rig is safe, report the trip once, return it as an error."""
+        """Wait up to 20 s until a rig that tripped is safe; return the error to raise.
+
+        The state becomes TRIPPED. The first call writes the trip report.
+        """
         safe = self.safety.wait_until_safe()
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
@@ -361,7 +374,10 @@ class ConnectedRig:
 
     @contextmanager
     def reporting_stops(self) -> Iterator[None]:
-        """Raise `TripError` if the loop ends a motion of the block by itself; report a trip."""
+        """Turn a `LoopStoppedError` of the block, a motion that the loop ended, into a `TripError`.
+
+        If the rig has tripped, it is the error of `tripped`; any other stop is noted.
+        """
         try:
             yield
         except LoopStoppedError as error:
@@ -371,7 +387,10 @@ class ConnectedRig:
             raise TripError(str(error)) from None
 
     def alive(self) -> None:
-        """Show the safety thread that the supervisor works; report a newly indicated cause."""
+        """Show the safety thread that the supervisor works; never raise for a trip or a stop.
+
+        If the loop indicates another cause than at the last call, the operator is shown it.
+        """
         self.safety.alive()
         words = self.board.words
         indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
@@ -383,9 +402,10 @@ class ConnectedRig:
         self.say(f"loop: {sentence}; {remedy}")
 
     def ramp_down(self) -> None:
-        """Bring the motion to rest and have the valve disabled; trip if that takes over `STOP_S`.
+        """Bring the motion to rest, wait until the valve is disabled, and become DISARMED.
 
-        In states with a disabled valve, or RAMPING_DOWN, nothing is done; ARMING is disarmed.
+        If that takes over `STOP_S`, trip. In states with a disabled valve, or RAMPING_DOWN, nothing
+        is done, except that ARMING becomes DISARMED.
         """
         if self.state is State.ARMING:
             self.handle(Event.DISARM)
@@ -412,7 +432,7 @@ class ConnectedRig:
         """Bring everything to its safe state, and end the processes.
 
         Raises:
-            TripError: a trip was not reported yet, or a part is not safe without any trip.
+            TripError: a trip was not reported yet, or nothing tripped but a device is not safe.
         """
         ended: TripError | None = None
         unsafe: dict[str, str] = {}
@@ -439,7 +459,10 @@ class ConnectedRig:
             raise ended
 
     def _make_field_safe(self) -> Mapping[str, str]:
-        """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones."""
+        """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones.
+
+        The loop goes on for some rows. If the field process does not answer, trip and return {}.
+        """
         try:
             failures: Mapping[str, str] = self.ask(self.parts.field, MakeSafe(), SAFE_S)
         except ChildError as error:
@@ -455,7 +478,10 @@ class ConnectedRig:
         return failures
 
     def _close_loop(self) -> Mapping[str, str]:
-        """Make the loop close its device; return "loop" -> failure if it is not safe, else {}."""
+        """Make the loop close its device; return "loop" -> failure if it is not safe, else {}.
+
+        If the loop's process does not answer, that is noted and {} is returned.
+        """
         try:
             closed = self.parts.loop.last_answer(orders.Close(), orders.Closed, ANSWER_S)
         except ChildError as error:

@@ -20,11 +20,12 @@ Slow I/O and the needle's drive cannot follow shorter ones.
 
 
 def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
-    """Return output -> value before a test: balls shut (0), needles as the first faults need them.
+    """Return slow output -> value before a test, for all valves by which the rig makes faults.
 
-    Needle values are openings, 0 to 1; for a ramp it is that of its beginning. A leak then begins
-    with the turn of its ball, and not with the slow motion of its needle. A needle without a fault
-    is at 0; so is the throttle in the return line, which is open there.
+    All balls are shut (0). Each needle has the opening, 0 to 1, with which the earliest fault of
+    its bypass begins, so that the leak begins with the turn of the ball, and not with the slow
+    motion of the needle. A needle without a fault is at 0. So is the throttle in the return line,
+    whether it has a fault or not; it is open there.
     """
     outputs: dict[str, float] = {}
     for kind in rig.injectable:
@@ -40,7 +41,8 @@ def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
 def moves(rig: Rig, faults: Iterable[Fault]) -> tuple[Move, ...]:
     """Return the moves that make the faults of a test: (tick, output -> value), sorted by tick.
 
-    Ticks count from the start of the test. Needles must be at their places of `preparing_moves`.
+    Ticks count from the start of the test. Before the first move, the valves must be where
+    `preparing_moves` puts them.
 
     Args:
         rig: a rig whose valves can make the faults, as `check` has verified.
@@ -76,7 +78,11 @@ def _moves_of(rig: Rig, fault: Fault, previous_end_s: float | None) -> list[Move
 
 
 def _opening(rig: Rig, fault: Fault, since_s: float) -> float:
-    """Return the needle's opening, 0 to 1, for a fault `since_s` seconds after it began."""
+    """Return the value of a fault's needle, `since_s` seconds after the fault began.
+
+    For a leak it is the needle's opening, 0 to 1; for a blocked return line it is how far its
+    throttle is shut, from 0 (open) to 1.
+    """
     share = 1.0 if fault.ramp_s == 0.0 else min(since_s / fault.ramp_s, 1.0)
     if fault.kind == Verdict.RETURN_BLOCKAGE:
         assert rig.return_valve is not None

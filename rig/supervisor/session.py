@@ -53,7 +53,7 @@ class Session:
     Raises:
         DriverError: on entry, a device does not answer or is not the configured one.
         TripError: on entry, the rig could not be armed or homed, or was stopped; on exit, a trip
-            was not reported yet, or a part is not safe without any trip.
+            was not reported yet, or nothing tripped but a device is not safe.
     """
 
     live = True
@@ -93,7 +93,9 @@ class Session:
         self.rig.check()
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> "HardwareTest":
-        """Return a test's loop, which has not moved the ram yet; the test becomes the present one.
+        """Return the object that steps through a test; it has not moved the ram yet.
+
+        The test is the one that `writer` records, until `loop` is called again.
 
         Args:
             test: the test.
@@ -117,9 +119,10 @@ class Session:
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> Iterator["TestRecord"]:
-        """Record the test of the last `loop` to a new file within the block, by the recorder.
+        """Have the recorder write the test of the last call of `loop` to a new file in the block.
 
-        At the end of the block, also after an error, the file is completed.
+        The block is given the test's `TestRecord`. At the end of the block, also after an error,
+        the file is completed.
 
         Args:
             path: the file.
@@ -161,7 +164,10 @@ class HardwareTest:
 
     @property
     def number(self) -> int:
-        """The number of the test's segment; reading it makes the loop ready for the segment."""
+        """The number of the test's segment.
+
+        The first reading orders the segment, and waits until the loop is ready to switch to it.
+        """
         return self._wire.ready()
 
     @property
@@ -182,6 +188,8 @@ class HardwareTest:
 
     def inject(self) -> None:
         """Set the bypass valves for the test's start, wait for them, and schedule its faults.
+
+        The field process will move the valves at the ticks of the faults. The state becomes ARMED.
 
         Raises:
             TripError: the rig tripped or was stopped, or the valves do not follow within 20 s.
@@ -209,7 +217,10 @@ class HardwareTest:
             return self._wire.advance(ticks)
 
     def decided(self, row: Array) -> None:
-        """Pass a decision of the detector, as a row, to the loop; note a newly confirmed fault."""
+        """Pass a decision of the detector, a row of `DECIDED`, to the loop.
+
+        A fault that the decision before did not confirm is noted for a trip report.
+        """
         found = confirmed_fault(row)
         if found and found != self._found:
             self._rig.note("detector", found)
@@ -291,11 +302,13 @@ class TestRecord:
             self._rig.parts.recorder.send(NoteInRecording(time_s, kind, text))
 
     def timing(self) -> Mapping[str, Any]:
-        """Return statistics of the loop's timing so far."""
+        """Return statistics of the loop's timing in the rows so far (`Timing.summary`)."""
         return self._timing.summary()
 
     def finish(self) -> None:
-        """Add the loop's timing as an event, show it in short, and have the file completed.
+        """Record the loop's timing as an event, show it to the operator, and complete the file.
+
+        It waits until the recorder has completed the file.
 
         Raises:
             TripError: the recorder is gone; samples that it has flushed are on disk.
@@ -309,8 +322,8 @@ class TestRecord:
         """Send the recorder an order, and wait for its answer.
 
         Raises:
-            TripError: the recorder is gone, so that the safety thread trips. Samples that the
-                recorder has flushed are on disk.
+            TripError: the recorder is gone or does not answer; the safety thread is given time to
+                trip before. Samples that the recorder has flushed are on disk.
         """
         try:
             self._rig.ask(self._rig.parts.recorder, order, timeout_s)

@@ -36,7 +36,7 @@ class State(Enum):
 
 
 class Event(Enum):
-    """An event: a request of the operator or the campaign, or a report of the rig."""
+    """A request of operator or campaign, or a report of the rig, that may change the state."""
 
     CONNECT = "connect"
     CONNECTED = "connected"
@@ -79,7 +79,10 @@ VALVE_ENABLED: Final = frozenset(
 
 @dataclass(frozen=True)
 class Conditions:
-    """The conditions that guards check, as the rig last reported them; by default nothing is met.
+    """What the guards of transitions check, as the rig last reported it.
+
+    By default the emergency stop is open, the valve disabled, the rig not homed, and there is no
+    reason against motion and no unconfirmed step.
 
     Attributes:
         estop_closed: whether the emergency stop's chain is closed.
@@ -102,8 +105,8 @@ class Guard(NamedTuple):
     Attributes:
         name: the condition in words.
         holds: returns whether the condition is met.
-        reason: why the event is refused if it is not met, with a remedy; names of conditions in
-            braces stand for their values.
+        reason: the message, with a remedy, if the event is refused because the condition is not
+            met; a field of `Conditions` in braces stands for that field's value.
     """
 
     name: str
@@ -187,15 +190,20 @@ TRANSITIONS: Final = (
 
 
 class IllegalTransition(Exception):  # noqa: N818 (a refusal, not a failure)
-    """The error of an event that the session refuses: why, with a remedy, and in which state."""
+    """Raised for an event that the table does not allow; the message says why and in which state.
+
+    It also gives the remedy, if there is one.
+    """
 
 
 def next_state(state: State, event: Event, conditions: Conditions) -> State:
     """Return the state to which an event leads from a state, under the present conditions.
 
+    It is that of the first row of `TRANSITIONS` for state and event whose guards all hold.
+
     Raises:
         IllegalTransition: the table has no row for state and event, or each such row has a guard
-            that does not hold; the reasons are then those of the first row.
+            that does not hold; the message then gives the reasons of the first row.
     """
     reasons: list[str] = []
     for row in TRANSITIONS:

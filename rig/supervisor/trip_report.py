@@ -72,7 +72,10 @@ class TripReport:
 
     @property
     def concerned(self) -> str:
-        """The channel that the first-out cause concerns; empty if it concerns none."""
+        """The channel that the first-out cause concerns; empty if it concerns none.
+
+        Only a cause of the loop concerns a channel.
+        """
         return self.channel if self.first[0] == "loop" else ""
 
     @property
@@ -219,7 +222,11 @@ def write_trip_report(report: TripReport, directory: Path, path: Path | None = N
 def kept_trip_report(
     report: TripReport, directory: Path, say: Say, path: Path | None = None
 ) -> Path | None:
-    """Write a trip report and return its path; if it cannot be written, show it and return None."""
+    """Write a trip report (`write_trip_report`) and return the path of its JSON.
+
+    If it cannot be written, the reason and the report's lines are shown by `say`, and None is
+    returned.
+    """
     try:
         return write_trip_report(report, directory, path)
     except OSError as error:
@@ -230,7 +237,10 @@ def kept_trip_report(
 
 
 def trip_error(report: TripReport, path: Path | None) -> TripError:
-    """Return the error of a trip: its cause in words, the remedy, and the report's path, if any."""
+    """Return the error to raise for a trip: the first-out cause in words, remedy, report's path.
+
+    The path is None if the report was not written.
+    """
     remedy = explain(report.first[1], report.concerned).remedy
     where = f" ({path})" if path is not None else ""
     return TripError(f"tripped: {report.sentence}; {remedy}{where}", path)
@@ -277,11 +287,15 @@ class EventLog:
         self._reported: Path | None = None
 
     def note(self, who: str, what: str) -> None:
-        """Record who did what, at the present time."""
+        """Record for a trip report who did what at the present time."""
         self._notes.append(News(time.monotonic_ns(), who, what))
 
     def take(self, news: News) -> None:
-        """Record a part's report and show it to the operator; journal one on another master."""
+        """Record a part's report, and show it to the operator.
+
+        A report on another master (`Driven`) replaces an earlier one on the same part of the rig,
+        and is passed to `journal`, too.
+        """
         text = news.text
         if isinstance(news, Driven):
             self._driven[news.who, news.part] = news
@@ -317,7 +331,7 @@ class EventLog:
         return trip_error(self.report, self._reported)
 
     def complete_report(self) -> None:
-        """Write the trip report anew if another master did something that is not in it.
+        """Write the trip report again if another master did something that it does not contain.
 
         Without a trip report nothing is done.
         """

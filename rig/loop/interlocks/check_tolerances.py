@@ -87,7 +87,7 @@ class Tolerances(NamedTuple):
     """Distance of the spool from the nominal valve's that is allowed beside `spool_m`, as a part of
     the nominal spool's opening."""
     spool_lag_s: float = 4e-3
-    """The same in the way that the nominal spool goes in this time at its present speed."""
+    """Time in which the nominal spool, at its present speed, goes a further distance allowed."""
 
 
 def false_alarm_chance(period_s: float) -> float:
@@ -99,17 +99,18 @@ def false_alarm_chance(period_s: float) -> float:
 
 
 def sigmas(period_s: float) -> float:
-    """Return how many standard deviations normal noise exceeds with `false_alarm_chance`.
+    """Return the number of standard deviations that a comparison must allow for normal noise.
 
-    The chance is that of one side.
+    Noise exceeds it on one side with the chance `false_alarm_chance`.
     """
     return -NormalDist().inv_cdf(false_alarm_chance(period_s))
 
 
 def frozen_samples(period_s: float) -> int:
-    """Return the number of equal samples in a row whose chance is `false_alarm_chance`.
+    """Return the number of equal samples in a row from which on a transducer counts as frozen.
 
-    It holds for a healthy transducer whose converter is finer than the noise.
+    A healthy transducer, whose converter is finer than its noise, shows so many with a chance of
+    `false_alarm_chance` at most.
     """
     return ceil(log(false_alarm_chance(period_s)) / log(_REPEAT_CHANCE))
 
@@ -123,16 +124,16 @@ def tolerances(
     homing: HomingSettings,
     command_limit_V: float = COMMAND_LIMIT,  # noqa: N803
 ) -> Tolerances:
-    """Return the tolerances of a rig.
+    """Return the tolerances with which the samples of a rig are checked.
 
     Args:
         par: parameters of the nominal plant, not the true ones of a simulated rig.
         sensors: data sheets of the transducers.
-        fitted: channels of `FAST_INPUTS` that the fast driver supplies.
-        period_s: period of the loop.
-        stale_s: greatest age of a sample.
+        fitted: channels of `FAST_INPUTS` that the fast driver supplies, which must have values.
+        period_s: period of the loop, s.
+        stale_s: greatest age of a sample, s.
         homing: gives the greatest command and load pressure of a ram that is not homed.
-        command_limit_V: greatest command of either sign.
+        command_limit_V: greatest command of either sign, V.
     """
     deviation = sigmas(period_s)
     # An empty chamber reads the low end of its range; only beyond it is a transducer broken.

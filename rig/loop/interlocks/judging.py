@@ -78,13 +78,13 @@ class InterlockMemory(NamedTuple):
     """Memory of the plausibility checks (`rig.loop.interlocks.plausibility.Evidence`)."""
 
     def clear(self) -> None:
-        """Reset the memory in place, with a latched trip, before the valve is enabled anew."""
+        """Reset the whole memory in place, a latched trip included, as before the first tick."""
         for array, start in zip(self, interlock_memory(self.outside.size), strict=True):
             array[:] = start
 
 
 def interlock_memory(limits: int) -> InterlockMemory:
-    """Return the memory of an interlock with so many limits before its first tick."""
+    """Return the memory that an interlock with this number of limits has before its first tick."""
     channels = len(FAST_INPUTS)
     return InterlockMemory(
         np.zeros(3, np.int64),
@@ -110,13 +110,13 @@ class Interlock(NamedTuple):
 
 
 def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
-    """Return an interlock before its first tick."""
+    """Return an interlock with these limits and tolerances, as it is before its first tick."""
     return Interlock(limits, tolerances, interlock_memory(limits.channel.size))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def allowed_command(command, homed, tol, memory):
-    """Return the command in V, which is limited while the rig is not homed.
+    """Return the command in V that the valve may get: `command` itself if the rig is homed.
 
     A ram that is not homed goes slowly and pushes gently. A command that would raise the load
     pressure fades to 0 while the load pressure that it makes rises from a quarter to three quarters
@@ -139,8 +139,8 @@ def allowed_command(command, homed, tol, memory):
 def held_position(position, homed, limits):
     """Return the position in m at which to hold a ram: the present one, if it is within limits.
 
-    Beyond a limit at which the rig holds or worse, it is a position well within that limit. A ram
-    that is not homed is held at its present position.
+    If it is beyond a limit of the position whose action is a hold or worse, the result is within
+    that limit by its hysteresis and 5 mm. A ram that is not homed is held where it is.
     """
     if not homed:
         return position
@@ -222,13 +222,16 @@ def check_sample(tick, interlock):
 
 @inlined
 def _worse(found, other):
-    """Return the worse of two (action, cause, channel), the first one if they are equally bad."""
+    """Return that of two (action, cause, channel) with the higher action; `found` if equal."""
     return other if other[0] > found[0] else found
 
 
 @inlined
 def _take(inputs, tol, memory):
-    """Store a fresh sample, and return whether it is a new one of the device, not a repetition."""
+    """Store a fresh sample in the memory; return whether the device took it anew.
+
+    If its `device_counter` has not changed, it repeats the sample before, and False is returned.
+    """
     new = isnan(inputs[_COUNTER]) or inputs[_COUNTER] != memory.values[_COUNTER]
     for i in range(inputs.size):
         value = inputs[i]
@@ -244,7 +247,10 @@ def _take(inputs, tol, memory):
 
 @inlined
 def _chain(driving, tol, memory):
-    """Judge emergency stop, device watchdog and enabled valve, as far as they are reported."""
+    """Return (action, cause, channel) by emergency stop, device watchdog and enabling of the valve.
+
+    What the device does not report (NaN) is not judged.
+    """
     values = memory.values
     off = driving and values[_ENABLED] == 0.0
     memory.unconfirmed[_DISABLED] = memory.unconfirmed[_DISABLED] + 1 if off else 0
@@ -259,7 +265,10 @@ def _chain(driving, tol, memory):
 
 @inlined
 def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
-    """Judge whether the device answers, takes samples, takes writes, and puts out the command."""
+    """Return (action, cause, channel) by whether the device does its work.
+
+    It must answer, take samples, take what is written, and put out the command.
+    """
     values, ticks, commands = memory.values, memory.unconfirmed, memory.commands
     if fresh or command != commands[0]:
         for i in range(_COMMANDS - 1, 0, -1):
@@ -290,7 +299,11 @@ def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
 
 @inlined
 def _transducers(tol, memory):
-    """Judge each channel by itself: it must have a value, be within its range, and not freeze."""
+    """Judge each channel by itself; return the worst (action, cause, channel).
+
+    A channel must have a value, be within its range, and not freeze. One that does not is NaN in
+    `memory.trusted`; the others are copied there.
+    """
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     if memory.values[_ENCODER_FAULT] == 1.0:
         worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, POSITION
@@ -315,7 +328,10 @@ def _transducers(tol, memory):
 
 @inlined
 def _unhomed(command, homed, tol, memory):
-    """Judge command and load pressure of a ram that is not homed, which may meet its stroke end."""
+    """Return (action, cause, channel) by command and load pressure of a ram that is not homed.
+
+    Such a ram may meet its stroke end. For a homed one nothing is wrong.
+    """
     if homed:
         return _NONE, _NONE, NO_CHANNEL
     force = memory.values[PRESSURE_1] - memory.values[PRESSURE_2]
@@ -331,7 +347,10 @@ def _unhomed(command, homed, tol, memory):
 
 @inlined
 def _limits(homed, limits, memory):
-    """Judge the limits of all channels, except those of the position while it is not known."""
+    """Judge the limits of all channels; return the worst (action, cause, channel).
+
+    Limits of the position do not count while the ram is not homed.
+    """
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     for i in range(limits.channel.size):
         where = limits.channel[i]

@@ -234,7 +234,10 @@ EXPLANATIONS: Final = {
 
 
 def explain(cause: Cause, channel: str = "") -> Explanation:
-    """Return the explanation of a cause, with the name of its channel, or "a channel" if empty."""
+    """Return sentence and remedy that explain a cause to the operator.
+
+    `channel` is the name that stands for the channel in the sentence; "a channel" if it is empty.
+    """
     sentence, remedy = EXPLANATIONS[cause]
     return Explanation(sentence.format(channel=channel or "a channel"), remedy)
 

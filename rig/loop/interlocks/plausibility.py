@@ -160,8 +160,10 @@ def _jumped(step, unsure_ticks, tol, evidence):
 
 @inlined
 def _against_flow(values, step, homed, tol, evidence):
-    """Return whether the travel is outside what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
+    """Return whether more travel than is allowed is not explained by the valve's flow.
 
+    The step since the last fresh sample is compared with what eq. 2.3 allows for the flow of eqs.
+    2.1 and 2.2. What is beyond goes to the accounts of travel in `evidence`, which are updated.
     Oil that leaks out makes the ram extend less than the account of chamber 1 gives and more than
     that of chamber 2: acc_2 - q_12 <= A v <= acc_1 - q_12, whatever external leaks there are.
     """
@@ -215,9 +217,10 @@ def _against_flow(values, step, homed, tol, evidence):
 
 @inlined
 def _works_backwards(load_pressure, load, step, tol, evidence):
-    """Return whether the ram gives back more energy than it can store, which friction never does.
+    """Update the account of work; return whether the ram gave back more energy than it can store.
 
-    Without a load cell the result is False, since a spring could give the energy.
+    A real ram cannot, as friction only takes energy. Without a load cell (NaN) the result is False,
+    since a spring could give the energy.
     """
     if isnan(load):
         return False
@@ -229,7 +232,10 @@ def _works_backwards(load_pressure, load, step, tol, evidence):
 
 @inlined
 def _above_supply(p1, p2, supply, tol, evidence):
-    """Return the channel of a chamber pressure that was above the supply for too long, or -1."""
+    """Return the channel of a chamber pressure that has been above the supply for too long, or -1.
+
+    The times for which the pressures have been above it are updated in `evidence`.
+    """
     limit = (tol.par.supply_pressure if isnan(supply) else supply) + tol.above_supply_Pa
     evidence[_ABOVE_1] = evidence[_ABOVE_1] + evidence[_GAP] if p1 > limit else 0.0
     evidence[_ABOVE_2] = evidence[_ABOVE_2] + evidence[_GAP] if p2 > limit else 0.0
@@ -242,7 +248,11 @@ def _above_supply(p1, p2, supply, tol, evidence):
 
 @inlined
 def _not_following(spool, tol, evidence):
-    """Return whether the spool has been away from the nominal valve's for longer than its lag."""
+    """Return whether the spool has been away from the nominal valve's for more than `spool_ticks`.
+
+    The time for which it has been away is updated in `evidence`; without a spool signal (NaN) the
+    result is False.
+    """
     if isnan(spool):
         return False
     model = evidence[_MODEL]
@@ -255,7 +265,10 @@ def _not_following(spool, tol, evidence):
 
 @inlined
 def _advance_valve(ticks, tol, evidence):
-    """Advance the nominal valve's second-order lag under the last command (docs/model.md)."""
+    """Advance the nominal spool in `evidence` by so many ticks of the last command.
+
+    It is a second-order lag (docs/model.md).
+    """
     par = tol.par
     natural, target = par.valve_natural_frequency, par.valve_gain * evidence[_COMMAND]
     step = tol.period_s / _SUBSTEPS

@@ -28,7 +28,9 @@ class LoopStoppedError(Exception):
 
 
 class TripError(Exception):
-    """Raised when the rig tripped, or left the motion that was asked for; the message says why.
+    """Raised when the rig tripped, was stopped, or does not do what was asked of it.
+
+    The message says why, and what the operator is to do.
 
     Attributes:
         report: path of the trip report; None if there is none.
@@ -40,4 +42,4 @@ class TripError(Exception):
 
 
 class StopRequestedError(TripError):
-    """Raised when the operator stopped the rig; nothing was wrong with it."""
+    """Raised when somebody asked for the rig to stop; nothing was wrong with the rig."""

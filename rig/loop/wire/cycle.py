@@ -174,10 +174,10 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
 
 @inner
 def _wait_for_tick(counts, pace):
-    """Sleep to the next tick; return when it was due, when the loop woke, and the ticks missed.
+    """Sleep to the next tick; return when it was due, when the loop woke, and how many were missed.
 
-    A tick counts as missed if it cannot begin before half its period has passed, so that two
-    exchanges are never less than half a period apart.
+    The two times are in ns on CLOCK_MONOTONIC. A tick counts as missed if it cannot begin before
+    half its period has passed, so that two exchanges are never less than half a period apart.
     """
     due, missed = counts[Count.DUE_NS], 0
     if due == 0:
@@ -222,7 +222,10 @@ def _cause_at_wakeup(words, counts, now, missed, pace):
 
 @inner
 def _take_decision(segment, counts, memory, shared):
-    """Copy the newest decision to `memory.decided`, if it is whole and about this segment."""
+    """Copy the newest decision, if it is new, to `memory.decided`, if it is about this segment.
+
+    A decision that may have been overwritten while it was copied is left for the next tick.
+    """
     number = load_acquire(shared.words, Word.DECISIONS.value)
     if number == counts[Count.DECISION]:
         return
@@ -257,7 +260,11 @@ def _trip(words, cause, channel, now):
 
 @inner
 def _acted_upon(judged, cause, channel, action, words):
-    """Put the interlock's action on the board; return the segment's, which only gets worse."""
+    """Return the segment's action from now on: `action`, or `judged` if that is worse.
+
+    An INDICATE does not change it; after a trip it is TRIP. If `judged` is worse than `action`, or
+    both are NONE, it is put on the board with its cause and channel.
+    """
     if words[Word.LOOP_TRIP] != 0:
         return Action.TRIP.value
     if judged > action or judged == Action.NONE.value == action:
@@ -291,7 +298,10 @@ def _drive(course, tick, action, taken, words):
 
 @inner
 def _command(drive, course, filt, tick, pace, limits, memory, words):
-    """Return the command in V for a tick, as `drive` asks; note in `memory` where a hold began."""
+    """Return the command in V for a tick, as `drive` asks.
+
+    When a hold or a ramp down begins, note in `memory.handling` where it does.
+    """
     handling, position = memory.handling, memory.encoder[0] + course.offset
     if drive == Drive.TRACK:
         setpoint, limit = course.setpoint[tick], course.limit
@@ -321,7 +331,10 @@ def _ramp_left(tick, pace, memory):
 
 @inner
 def _enable(drive, course, tick, pace, memory, words):
-    """Return 1.0 if the valve is to be enabled at a tick, else 0.0."""
+    """Return 1.0 if the valve is to be enabled at a tick, else 0.0.
+
+    It is not after a trip, at the end of a ramp down, or unless the course enables it.
+    """
     if words[Word.LOOP_TRIP] != 0:
         return 0.0
     if drive == Drive.RAMP_DOWN and _ramp_left(tick, pace, memory) == 0.0:
@@ -341,7 +354,10 @@ def _setpoint(drive, course, tick, memory):
 
 @inner
 def _exchange(fd, plan, command, enable, course, pace, memory, words):
-    """Write the outputs and read the inputs, with all counts that follow from it.
+    """Write command and enabling to the device, and read `memory.inputs` from it, in one exchange.
+
+    The counts in `memory` and the words of the board that follow from it are updated, such as that
+    the device has confirmed null after a trip. The course's offset is added to the position.
 
     Returns:
         The `ExchangeStatus`, and the time in ns at which the command left, 0 if it did not.
@@ -392,7 +408,10 @@ def _is_unconfirmed(status, now, counts, words, pace):
 
 @inner
 def _take_sample(offset, now, memory, words):
-    """Copy the inputs to the reading, unless the device has taken no sample since the last one."""
+    """Copy the inputs to the reading, unless the device has taken no sample since the last one.
+
+    If the device reports an encoder fault with the sample, the ram is no longer homed.
+    """
     inputs = memory.inputs
     if inputs[_DEVICE_COUNTER] == memory.device_counter[0]:
         return
@@ -408,7 +427,10 @@ def _take_sample(offset, now, memory, words):
 
 @inner
 def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared):
-    """Update the filter with `memory.reading`, and return the ring's next row, begun with it."""
+    """Update the filter by `memory.reading`; return the ring's next row, filled by `sample_row`.
+
+    Readers of the ring do not see the row before `_end_row`.
+    """
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
     sample_row(
         starts, (tick * pace.period_s, setpoint, command), held, memory.reading, filt,
@@ -419,7 +441,10 @@ def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared
 
 @inner
 def _waiting_row(setpoint, command, pace, memory, shared):
-    """Return the ring's next row for a tick before the first whole sample, without estimates."""
+    """Return the ring's next row for a tick before the first whole sample, without estimates.
+
+    Its time is one period before 0.
+    """
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
     row[:] = nan
     row[0] = -pace.period_s

@@ -71,7 +71,7 @@ class WireLoop:
 
     Attributes:
         channels: names of the rows' columns.
-        number: number of the test's segment, which its rows carry; 0 before it runs.
+        number: number of the test's segment, which its rows carry; 0 before `ready` orders it.
     """
 
     board: Board
@@ -122,7 +122,8 @@ class WireLoop:
     def ready(self) -> int:
         """Order the test's segment, unless that was done; return its number, for the recorder.
 
-        It waits up to `ANSWER_S` until the loop is ready to switch, which `advance` makes it do.
+        It waits up to `ANSWER_S` until the loop is ready to switch to the segment. The first call
+        of `advance` then makes it switch.
 
         Raises:
             ChildError: the loop did not take the order.
@@ -162,7 +163,7 @@ class WireLoop:
         return rows[:wanted]
 
     def decided(self, row: Array) -> None:
-        """Post a decision, a row of `DECIDED`, which rows written from then on contain."""
+        """Post a decision on the test, a row of `DECIDED`, which later rows of the loop contain."""
         post_decision(self.board, self.number, row)
 
     def safe_state(self) -> None:

@@ -33,10 +33,10 @@ def is_null(inputs):
 
 @inner
 def look_at_null(fd, look, tol, pace, memory):
-    """Read the device, and note in `memory.found` if another master drives a valve at null.
+    """Read the device; note in `memory.found` if another master drives a valve that was at null.
 
-    The valve is driven if it is enabled, its output is beyond `NULL_V`, or its spool has left null
-    for long. If the reading fails, nothing is noted.
+    The valve counts as driven if it is enabled, its output is beyond `NULL_V`, or its spool has
+    settled at null and then left it for long. If the reading fails, nothing is noted.
 
     Args:
         fd: descriptor of the device's connection.
@@ -69,10 +69,10 @@ def look_at_null(fd, look, tol, pace, memory):
 
 @inner
 def _spool_off_null(spool_m, tol, counts):
-    """Return the spool's distance from null in m if it settled there and then left for long, or 0.
+    """Return the spool's position in m, from null, if it settled there and then left for long.
 
-    A spool that never came to null is stuck, which no other master caused. NaN counts neither as at
-    null nor as away from it.
+    Otherwise return 0. A spool that never came to null is stuck, which no other master caused. NaN
+    counts neither as at null nor as away from it. `counts` is updated.
     """
     if counts[Count.SETTLED] < tol.spool_ticks:
         at_null = abs(spool_m) <= tol.spool_m

@@ -62,7 +62,7 @@ class Segment:
 
 
 def course(segment: Segment) -> Course:
-    """Return a segment's course, whose fields have the types for which the loop is compiled."""
+    """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),

@@ -203,7 +203,10 @@ def _number(cell: str) -> float | None:
 
 
 def _report_texts(table: Table, name: str, found: Sequence[tuple[int, str]], n_rows: int) -> None:
-    """Report the cells of a column that are no numbers, by row and text, in a table of n rows."""
+    """Report the cells of a column that are no numbers, which are `found` as (row, text).
+
+    If all of the `n_rows` cells are, there is one report on the column.
+    """
     limit = "every cell must be a number or empty"
     remedy = "write a number with a decimal point, or leave the cell empty"
     if found and len(found) == n_rows:

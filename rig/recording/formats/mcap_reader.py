@@ -43,7 +43,7 @@ DAMAGE: Final = (
 
 
 class ForeignSchemaError(Exception):
-    """The error of an MCAP file without samples, or with samples in another schema than ours."""
+    """Raised for an MCAP file without samples, or with samples in a schema not of `McapWriter`."""
 
 
 class SampleCollector:
@@ -192,7 +192,7 @@ def columns_of(
 
 
 def foreign(path: str, reason: str) -> RecordingError:
-    """Return the error of an MCAP file that another program wrote."""
+    """Return the error of an MCAP file that another program wrote; `reason` says how that shows."""
     limit = "only recordings written by rig are read"
     columns = ", ".join(REPLAY_CHANNELS)
     remedy = f"export it as CSV from the program that made it, with columns {columns}"

@@ -109,7 +109,7 @@ class McapStream:
         )
 
     def finish(self) -> None:
-        """Write the end of data, the summary and the footer."""
+        """Write the end of data, the summary and the footer; leave the file open."""
         self._write([records.DataEnd(data_section_crc=0)])
         groups: dict[Opcode, Sequence[records.McapRecord]] = {
             Opcode.SCHEMA: self._schemas,

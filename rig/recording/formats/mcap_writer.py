@@ -50,8 +50,8 @@ class McapWriter(AbstractContextManager["McapWriter"]):
     Args:
         path: the file to make.
         channels: names of the channels, which are protobuf identifiers; the first is `time_s`.
-        metadata: values that JSON can hold; they are stored exactly. The log time of time_s = 0 (ns
-            since an epoch) is the one with the key "start_ns", or 0.
+        metadata: values that JSON can hold; they are stored exactly. The value of key "start_ns" is
+            also taken as the log time of time_s = 0, ns since an epoch; it is 0 without that key.
 
     Raises:
         RecordingError: the file exists or its folder does not, or a channel name or metadata
@@ -143,7 +143,10 @@ class McapWriter(AbstractContextManager["McapWriter"]):
         self._stream.file.flush()
 
     def close(self) -> None:
-        """Flush, complete the file and close it; do nothing if it is closed already."""
+        """Flush, write the summary that makes the file complete, and close it.
+
+        Repeated calls do nothing.
+        """
         if self._stream.file.closed:
             return
         try:

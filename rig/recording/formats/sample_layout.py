@@ -70,6 +70,10 @@ def sample_schema(channels: Sequence[str]) -> bytes:
 class SampleLayout:
     """The layout of MCAP Message records with samples of `channels`, as a packed numpy dtype.
 
+    Attributes:
+        channels: names of the channels.
+        dtype: the dtype of one record.
+
     Raises:
         ValueError: there is no channel, or there are more than MAX_CHANNELS.
     """
@@ -96,7 +100,7 @@ class SampleLayout:
         self._content_length = self.dtype.itemsize - RECORD_PREFIX
 
     def blank(self, n: int, channel_id: int) -> NDArray[Any]:
-        """Return n new records, shape (n,), that only lack sequence, times and values."""
+        """Return n new sample records, shape (n,), whose sequence, times and values are still 0."""
         records = np.zeros(n, self.dtype)
         records["opcode"] = MESSAGE_OPCODE
         records["length"] = self._content_length

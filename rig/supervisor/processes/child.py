@@ -32,9 +32,10 @@ _GRACE_S: Final = 10.0
 
 
 class ChildError(TripError):
-    """The error of a child that has ended or does not answer; the message names it.
+    """Raised if a child has ended, or its answer does not come or cannot be read.
 
-    It is a `TripError`, as the safety thread notices the same failure and makes the rig safe.
+    The message names the child. It is a `TripError`, as the safety thread notices a dead or silent
+    child too, and makes the rig safe.
     """
 
 
@@ -58,14 +59,14 @@ class News:
 
 
 class Child:
-    """A process of the session, as the supervisor sees it; it is started at once.
+    """A process of the session, as the supervisor sees it; making the object starts the process.
 
     Args:
         name: name of the process in messages.
         module: module whose `main()` the process runs; that gets board and pipe by `child_ends`.
         board: memory that the process shares.
         log: file to which its stdout and stderr are appended, and also errors of `on_news`.
-        on_news: is called with each `News` of the process, in a thread for this purpose.
+        on_news: is called with each `News` that the process sends, in a thread of its own.
     """
 
     def __init__(
@@ -139,7 +140,12 @@ class Child:
         return answer
 
     def ask(self, order: object, timeout_s: float) -> Any:
-        """Send an order, wait for the answer and return it; see `send` and `answer`."""
+        """Send an order, wait up to `timeout_s` for the next answer, and return it.
+
+        Raises:
+            ChildError: the process has ended, did not answer in time, or its answer cannot be read.
+                An answer that is an exception is raised too.
+        """
         self.send(order)
         return self.answer(timeout_s)
 
@@ -152,7 +158,7 @@ class Child:
             order: the order.
             timeout_s: longest time in s for which the answer is awaited.
             look_s: time in s after which `look` is called, again and again, while it is awaited.
-            look: may raise an error, which ends the waiting.
+            look: what is called then; it may raise an error, which ends the waiting.
 
         Returns:
             The answer.
@@ -172,10 +178,19 @@ class Child:
             look()
 
     def last_answer(self, order: object, kind: type[Last], timeout_s: float) -> Last:
-        """Send the last order, wait for its answer, which is of a type of its own, and return it.
+        """Send the final order to the process, wait for its answer of type `kind`, and return it.
 
-        Answers that come before it are late, to orders that nobody waits for any more: they are
-        dropped, also those that are exceptions. Errors are those of `send` and `answer`.
+        Answers of other types that come first are late answers to earlier orders, for which nobody
+        waits any more. They are dropped, also those that are exceptions.
+
+        Args:
+            order: the order after which no other one is sent.
+            kind: the type of the answer to it; no answer to an earlier order is of this type.
+            timeout_s: longest time in s for the whole wait.
+
+        Raises:
+            ChildError: the process has ended, the answer did not come in time, or some message of
+                the process, even a late one, cannot be read.
         """
         self.send(order)
         until = time.monotonic() + timeout_s
@@ -192,7 +207,7 @@ class Child:
     def end(self, grace_s: float = _GRACE_S) -> None:
         """Close the pipe, and wait until the process has ended; kill it after `grace_s` seconds.
 
-        When the pipe is closed, the process brings its part of the rig to the safe state and ends.
+        A process whose pipe is closed brings its part of the rig to the safe state and ends itself.
         """
         # A thread that is blocked in reading the pipe does not notice `close`, so shut it down.
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as end:
@@ -206,7 +221,10 @@ class Child:
         self._pipe.close()
 
     def _read(self) -> None:
-        """Receive messages until the pipe is closed; a message that cannot be read ends nothing."""
+        """Receive messages until the pipe is closed; sort them into news and answers.
+
+        A message that cannot be read becomes an answer, a `ChildError`.
+        """
         while True:
             try:
                 message = self._pipe.recv()
@@ -239,9 +257,9 @@ _CLOSED: Final = object()
 
 
 def child_ends() -> tuple[Board, Connection]:
-    """Return the board and the pipe that this process, a child, has by its command line.
+    """Return the board and the pipe of this process, a child, from its command line's descriptors.
 
-    From then on the process ignores SIGINT.
+    From then on the process ignores SIGINT (Ctrl-C).
     """
     board_fd, pipe_fd = (int(argument) for argument in sys.argv[1:3])
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -26,7 +26,8 @@ class Driven(News):
     """A report on a part of the rig that another master drove out of its safe state.
 
     Attributes:
-        part: the part of the rig.
+        text: the state in which it was found, such as "open".
+        part: the part of the rig, such as "valve" or "pump".
         times: how often it was found driven.
         first_ns: when it was first found driven, CLOCK_MONOTONIC in ns.
         last_ns: when it was last found driven, CLOCK_MONOTONIC in ns.
@@ -61,17 +62,20 @@ class Tally:
         self._reported: dict[str, Driven] = {}
 
     def found(self, part: str, what: str) -> None:
-        """Count that a part was found driven now; `what` says how."""
+        """Count that a part was found driven now, and report it when due.
+
+        `what` is the state in which it was found, such as "open".
+        """
         now, known = time.monotonic_ns(), self._found.get(part)
         times, first_ns = (known.times + 1, known.first_ns) if known else (1, now)
         self.counted(part, what, times, first_ns, now)
 
     def counted(self, part: str, what: str, times: int, first_ns: int, last_ns: int) -> None:
-        """Set the count of a part to what somebody else has counted so far; report it when due.
+        """Set the count of a part to what the caller has counted so far, and report it when due.
 
         Args:
             part: the part of the rig.
-            what: what was found.
+            what: the state in which it was found.
             times: how often it was found driven.
             first_ns: when first, CLOCK_MONOTONIC in ns.
             last_ns: when last, CLOCK_MONOTONIC in ns.
@@ -94,11 +98,13 @@ class Tally:
 
 
 def departures(values: Mapping[str, float]) -> dict[str, str]:
-    """Return part -> state for each part of the rig whose slow inputs differ from the safe state.
+    """Return part -> its state in words, for each part of the rig that is out of its safe state.
+
+    That is a bypass whose ball valve is not shut, a return throttle moved by more than a tenth of
+    its stroke, a pump that is loaded, or a valve drive that is in hold or active.
 
     Args:
-        values: slow input -> value that a driver read, SI; NaN does not count as a difference, nor
-            does the throttle up to a tenth of its stroke.
+        values: slow input -> value that a driver read, SI; NaN counts as safe.
     """
     found = {}
     for name, value in values.items():

@@ -36,7 +36,14 @@ Outputs = Mapping[str, float]
 
 @dataclass(frozen=True)
 class OpenField:
-    """The order to open the drivers; the answer is a tuple of their names, or a `DriverError`."""
+    """The order to open the slow drivers; the answer is a tuple of their names.
+
+    If one of them cannot be opened, the answer is its `DriverError`.
+
+    Attributes:
+        drivers: the slow drivers.
+        settings: settings of the loop, with the silences after which a part counts as lost.
+    """
 
     drivers: tuple[DriverSpec, ...]
     settings: LoopSettings
@@ -51,10 +58,14 @@ class WriteOutputs:
 
 @dataclass(frozen=True)
 class FollowMoves:
-    """The order to set outputs at ticks of a segment, which replaces the earlier schedule.
+    """The order to set slow outputs at ticks of a segment; there is no answer.
 
-    `moves` are pairs of tick and outputs, in the order of the ticks. They are made while the loop
-    runs that segment; a trip or `MakeSafe` drops the rest. There is no answer.
+    It replaces all moves that were ordered earlier. The moves are made while the loop runs that
+    segment; a trip or `MakeSafe` drops those that are left.
+
+    Attributes:
+        segment: number of the segment.
+        moves: pairs of a tick of the segment and outputs (name -> SI value), in order of the ticks.
     """
 
     segment: int
@@ -85,7 +96,15 @@ class _Served:
 
 
 class FieldProcess:
-    """The field process of one session, which serves its slow drivers as the module describes."""
+    """What works inside the field process of a session; `run` does it.
+
+    It obeys the orders that come on the supervisor's pipe, and serves the slow drivers that
+    `OpenField` names. After a trip it brings them to their safe state and keeps them there.
+
+    Args:
+        board: the board, to which it writes readings, its trip, confirmations and its beat.
+        pipe: this process's end of the pipe to the supervisor.
+    """
 
     def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
@@ -99,7 +118,7 @@ class FieldProcess:
         self._tally = Tally("field", self._report)
 
     def run(self) -> None:
-        """Serve until the pipe is closed; then bring the drivers to their safe state, and close."""
+        """Serve until the pipe is closed; then bring drivers to their safe state and close them."""
         try:
             while obeyed_next(self._pipe, CYCLE_S, self._obey):
                 self.cycle()
@@ -110,9 +129,10 @@ class FieldProcess:
                 served.driver.close()
 
     def cycle(self) -> None:
-        """Make the moves that are due, check for trips and silence, read every driver that is due.
+        """Make the moves that are due, and read every driver that is due; `run` repeats this.
 
-        After a trip it makes no moves; it brings driven or unsafe drivers back to their safe state.
+        If a part has tripped or is silent, it brings the drivers to their safe state. From then on
+        it makes no moves; drivers that are driven or unsafe are brought back to their safe state.
         """
         now = time.monotonic()
         if not self._safe:
@@ -193,10 +213,10 @@ class FieldProcess:
             self._bring_to_safe_state(served)
 
     def _bring_to_safe_state(self, served: _Served) -> None:
-        """Bring a driver to its safe state, and confirm that on the board.
+        """Bring a driver to its safe state once; for bypasses and pump, confirm that on the board.
 
-        If it fails, the reason becomes the driver's `failure` and is reported once. The driver is
-        tried again every second for as long as this process lives.
+        If it fails, the reason becomes the driver's `failure`, for which `cycle` tries again every
+        second. The first failure in a row is reported, and trips if the driver has outputs.
         """
         failed_before = bool(served.failure)
         try:
@@ -249,7 +269,11 @@ class FieldProcess:
         return False
 
     def _make_safe(self) -> dict[str, str]:
-        """Bring the drivers to their safe state in the order of a trip; return each failure."""
+        """Bring the drivers to their safe state in the order of a trip, and drop all moves.
+
+        Return driver -> failure for the drivers that are not safe. A driver that failed less than a
+        second ago is not tried again.
+        """
         self._safe = True
         self._moves = []
         self._wait_for_null()
@@ -307,6 +331,6 @@ _CAUSES: Final = {
 
 
 def main() -> None:
-    """Run as the field process of a session."""
+    """Run this process as the field process of a session, until the supervisor closes the pipe."""
     board, pipe = child_ends()
     FieldProcess(board, pipe).run()

@@ -66,9 +66,14 @@ def loop_channel(board: Board) -> str:
 
 
 def stage_times(rows: Array, channels: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Return name in `TIMED` -> median (p50), 99th percentile (p99) and maximum (max), in s.
+    """Return statistics in s of each column in `TIMED`: name -> {"p50": median, "p99", "max"}.
 
-    Timings that the rows, float64 (n, channels), do not hold, or hold only as NaN, are left out.
+    "p99" is the 99th percentile. Columns that the rows do not have, or that are NaN throughout, are
+    left out.
+
+    Args:
+        rows: float64 (n, channels).
+        channels: names of the rows' columns.
     """
     found: dict[str, dict[str, float]] = {}
     for name in (name for name in TIMED if name in channels):
@@ -81,9 +86,10 @@ def stage_times(rows: Array, channels: Sequence[str]) -> dict[str, dict[str, flo
 
 
 class Health:
-    """A collector of the rows between two messages `health`, whose content it makes.
+    """Makes the content of the live stream's messages `health`, which docs/stream.md describes.
 
-    docs/stream.md describes that content.
+    It collects rows between two messages for the statistics of their timings; all else is read from
+    the board.
 
     Args:
         board: the board.
@@ -101,7 +107,10 @@ class Health:
         self._rows.append(rows)
 
     def content(self) -> dict[str, Any]:
-        """Return a message's content: the present state, and the timings since the last call."""
+        """Return the content of a message: the present state, and timings of the rows taken so far.
+
+        These rows are forgotten then, so that the next content has the timings of later rows only.
+        """
         words, now = self._words, time.monotonic()
         rows = np.concatenate([np.empty((0, len(self._channels))), *self._rows])
         self._rows, since, self._since = [], self._since, now

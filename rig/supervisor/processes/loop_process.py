@@ -68,7 +68,15 @@ _NEVER: Final = -1
 
 
 class LoopProcess:
-    """The loop process of one session, which serves its fast driver as the module describes."""
+    """What works inside the loop process of a session; `run` does it.
+
+    It obeys the orders that come on the supervisor's pipe (`rig.loop.wire.orders`), and runs
+    segments on the fast driver in a thread of its own.
+
+    Args:
+        board: the board, to which it writes the rows and the loop's words.
+        pipe: this process's end of the pipe to the supervisor.
+    """
 
     def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
@@ -109,7 +117,7 @@ class LoopProcess:
         self._terminated = True
 
     def _serve(self) -> Cause:
-        """Obey orders; return the cause for which the process ends, NONE if it is an order."""
+        """Obey orders until the session ends; return the cause of that, NONE after a `Close`."""
         for order in self._orders():
             if isinstance(order, Open):
                 self._open(order)
@@ -205,7 +213,8 @@ class LoopProcess:
     def _rescue(self) -> Cause:
         """Trip, and keep the valve of a loop that ended by itself at null until the session ends.
 
-        Return the cause for which the process ends then.
+        Orders are answered by an error meanwhile. Return the cause of the session's end, NONE after
+        a `Close`.
         """
         trip(self._words, "loop", Cause.CRASH)
         self._tend_null()
@@ -314,7 +323,7 @@ def _in_words(found: Integers) -> str:
 
 
 def main() -> None:
-    """Run as the loop process of a session."""
+    """Run this process as the loop process of a session, until that ends or SIGTERM comes."""
     process = LoopProcess(*child_ends())
     signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
     process.run()

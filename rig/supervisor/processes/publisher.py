@@ -115,7 +115,7 @@ class Asked(News):
 
 
 class Publisher:
-    """The publisher of one stream.
+    """What works inside the publisher's process: it publishes one live stream while `serve` runs.
 
     Args:
         board: the board with the ring of rows.
@@ -156,7 +156,10 @@ class Publisher:
             self._event("stream", order.note)
 
     def serve(self) -> None:
-        """Publish until the supervisor closes its end of the pipe; then end the stream."""
+        """Obey orders, send rows and take commands until the supervisor closes its end of the pipe.
+
+        The stream is ended then.
+        """
         while obeyed_next(self._pipe, POLL_S, self._obey_all):
             self._take_rows()
             self._take_commands()
@@ -249,14 +252,14 @@ class Publisher:
                 self._reply(query, "the supervisor does not answer")
 
     def _command_came(self, query: zenoh.Query) -> None:
-        """Queue a command, or count it if too many wait; a thread of Zenoh calls this."""
+        """Queue a command, or count it to be refused if too many wait; Zenoh's thread calls it."""
         try:
             self._commands.put_nowait(query)
         except queue.Full:
             self._overrun += 1
 
     def _put_came(self, sample: zenoh.Sample) -> None:
-        """Count a command that is no query, to be refused, as it cannot be answered."""
+        """Count a command that was put instead of asked: it cannot be answered, and is refused."""
         self._overrun += 1
 
     def _take_commands(self) -> None:
@@ -319,12 +322,22 @@ class Publisher:
 
 
 def event_content(who: str, kind: str, text: str, time_s: float | None = None) -> dict[str, Any]:
-    """Return the content of a message `event`, at the present time; see `Stream.event`."""
+    """Return the content of a message `event` with the present wall-clock time.
+
+    Args:
+        who: who caused the event.
+        kind: kind of event, such as `trip`.
+        text: what happened.
+        time_s: time within the present test, s; None if it has none.
+    """
     return {"at_ns": time.time_ns(), "time_s": time_s, "who": who, "kind": kind, "text": text}
 
 
 def main() -> None:
-    """Run as the publisher of a session: await the order `Open`, and publish until the end."""
+    """Run this process as a publisher: await the order `Open`, then publish until the pipe closes.
+
+    If the stream cannot be opened, the supervisor is sent the `ValueError`, and the process ends.
+    """
     board, pipe = child_ends()
     # The recorder has precedence, however much this process's readers ask of it.
     os.nice(NICENESS)

@@ -35,7 +35,7 @@ busy; without the right to it (root's, or CAP_SYS_NICE) the recorder runs like a
 class BeginRecording:
     """The order to record the rows of a segment to a new file; the answer is the segment's number.
 
-    It completes an earlier file that is still open.
+    The recorder first completes an earlier file that is still open.
 
     Attributes:
         segment: number of the segment, as in the rows' column `segment`.
@@ -69,7 +69,16 @@ class FinishRecording:
 
 
 class Recorder:
-    """The recorder, which writes one file at a time, as the module describes."""
+    """What works inside the recorder's process; `run` does it.
+
+    It obeys the orders that come on the supervisor's pipe (`BeginRecording`, `NoteInRecording`,
+    `FinishRecording`), and writes the rows of one segment at a time from the board's ring to a
+    file. It ignores rows of other segments.
+
+    Args:
+        board: the board, to which it also writes its beat and the number of rows on disk.
+        pipe: this process's end of the pipe to the supervisor.
+    """
 
     def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
@@ -84,9 +93,10 @@ class Recorder:
         self._flushed_at = 0.0
 
     def run(self) -> None:
-        """Record until the supervisor closes the pipe or is gone; then complete the file.
+        """Obey orders and record until the supervisor closes the pipe or is gone.
 
-        A file that is open then takes the rows of another half second and the cause of a trip.
+        A file that is open then takes the rows of another half second and the first-out cause of a
+        trip, and is completed.
         """
         try:
             while obeyed_next(self._pipe, POLL_S, self._obey):
@@ -159,7 +169,10 @@ class Recorder:
 
 
 def main() -> None:
-    """Run as the recorder of a session."""
+    """Run this process as the recorder of a session, until the supervisor closes the pipe.
+
+    After an error of the operating system the exit code is its `errno`.
+    """
     board, pipe = child_ends()
     with suppress(OSError):
         os.nice(NICENESS)

@@ -52,7 +52,7 @@ class SafetyThread:
         parts: the processes.
         rig: gives the silences after which a part counts as lost, and the drivers by which the
             thread makes connections of its own.
-        report: is called, from the safety thread, with who did what, for the trip report.
+        report: is called, from the safety thread, with who and what they did, for a trip report.
         found: is called, from the safety thread, with each report on another master.
     """
 
@@ -163,7 +163,8 @@ class SafetyThread:
     def _make_safe(self) -> None:
         """Ensure that valve, bypasses and pump are safe, in this order.
 
-        The loop and the field process do it if they are alive, else this thread does.
+        The loop and the field process make them safe; for what they do not confirm in time, this
+        thread does it by connections of its own.
         """
         if not self._confirmed((Word.VALVE_NULL_AT,), self._loop, Cause.LOOP_LOST, NULL_WAIT_S):
             self._by_own_connection("fast")
@@ -185,17 +186,20 @@ class SafetyThread:
         return all(bool(self._words[word]) for word in words)
 
     def _by_own_connection(self, kind: str) -> None:
-        """Bring all devices of a kind that move something to their safe state, and keep them."""
+        """Bring all devices of a `kind`, "fast" or "slow", that move something to their safe state.
+
+        `_keep_safe` looks after them from then on.
+        """
         drivers = [spec for spec in self._drivers if spec.kind == kind and spec.outputs]
         for spec in sorted(drivers, key=lambda spec: rank_of(spec.outputs)):
             self._kept[spec.name] = spec
             self._make_one_safe(spec, is_news=True)
 
     def _make_one_safe(self, spec: DriverSpec, is_news: bool) -> None:
-        """Bring a device to its safe state by a new connection.
+        """Bring a device to its safe state by a new connection; raise no error if that fails.
 
-        The reason of a failure is reported, unless the device was unsafe already; a success only if
-        it was, or `is_news`.
+        A failure is reported, unless the last attempt failed too. A success is reported if the last
+        attempt failed, or if `is_news`.
         """
         self._beat()
         try:

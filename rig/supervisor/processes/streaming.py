@@ -99,7 +99,7 @@ class Stream:
             self._threads[-1].start()
 
     def columns(self, segment: int, channels: tuple[str, ...], test: int) -> None:
-        """Set the names of the columns of a segment's rows, and the number of their test."""
+        """Tell the publisher which columns the rows of a segment have, and their test's number."""
         columns = Columns(segment, channels, test)
         self._columns.append(columns)
         self._order(columns)
@@ -127,7 +127,7 @@ class Stream:
         self.send("event", event_content(who, kind, text, time_s))
 
     def close(self) -> None:
-        """Send the orders that still wait, for at most a second, and end the publisher."""
+        """Wait until waiting messages are sent, for at most a second; then end the publisher."""
         until = time.monotonic() + END_S
         while self._orders and self._child is not None and time.monotonic() < until:
             time.sleep(POLL_S / 10)
@@ -226,7 +226,11 @@ class Stream:
             raise ChildError("the stream is closed")
 
     def _news(self, news: News) -> None:
-        """Show news of the publisher; a command is obeyed and answered before."""
+        """Show news of the publisher to the operator.
+
+        If the news is a command (`Asked`), `on_command` is called first, and the publisher is sent
+        the answer.
+        """
         if isinstance(news, Asked):
             try:
                 refusal = self._on_command(news.command)
