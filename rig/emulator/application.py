@@ -165,7 +165,10 @@ class Emulator:
         self._positions = positions
 
     def _summarize(self) -> None:
-        """Record the number of exchanges in the last second, if there were any."""
+        """Record the number of exchanges since the last summary, if there were any, once a second.
+
+        The record's trace is then passed to the kernel.
+        """
         now = self._clock()
         if now - self._summed_ns < _SUMMARY_NS:
             return

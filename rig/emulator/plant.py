@@ -142,7 +142,7 @@ class EmulatedPlant:
         self.time_ns += duration_ns
 
     def _set_supply(self, pressure: float) -> None:
-        """Set the pump's pressure in Pa; its ripple is in proportion to the pressure."""
+        """Set the pump's pressure in Pa; its ripple is in proportion to that above the return's."""
         back = self._par.return_pressure
         share = (pressure - back) / (self._full_pressure - back)
         ripple = share * self._full_ripple

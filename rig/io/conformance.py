@@ -79,7 +79,7 @@ _CHECKS: Final[list[Check]] = []
 
 
 def _check(body: Callable[[Specimen, Driver], None]) -> Check:
-    """Add a check that makes a specimen, which `body` judges, to `CHECKS`; return that check."""
+    """Return a check that makes a specimen and has `body` judge it; add the check to `CHECKS`."""
 
     @wraps(body)
     def check(factory: Factory) -> None:
@@ -403,10 +403,13 @@ def _exchanged(
 
 
 def _exchange_well(specimen: Specimen, driver: FastDriver, plan: Plan) -> None:
-    """Exchange until inputs have come and the device has left its safe state, or enough times.
+    """Exchange until inputs have come and the device has left its safe state, 200 times at most.
+
+    The outputs are the `moves` of the specimen.
 
     Raises:
-        NonconformityError: an exchange fails, or no inputs come.
+        NonconformityError: an exchange fails, gives a wrong time of sending, or has inputs that the
+            driver does not declare; or no inputs come.
     """
     for sequence in range(_READINGS):
         values = {**specimen.moves, "host_counter": float(sequence)}

@@ -63,7 +63,7 @@ class DriverSpec:
         """Return the driver, not yet open.
 
         Raises:
-            DriverError: `driver_class` fails, or the driver refuses its options.
+            DriverError: the driver is not installed or is broken, or refuses its options.
         """
         driver: Driver = driver_class(self.type)(self.name, self.options)
         return driver
@@ -72,7 +72,8 @@ class DriverSpec:
         """Return the fast driver, not yet open, with which the loop is to exchange samples.
 
         Raises:
-            DriverError: `create` fails, or the driver is not a fast one.
+            DriverError: the driver is not installed or is broken, refuses its options, or is not a
+                fast one.
         """
         driver = self.create()
         if not isinstance(driver, FastDriver):

@@ -43,7 +43,10 @@ class LanesType(types.Type):
         return Conversion.safe if self._is_filled_by(other) else None
 
     def unify(self, typing_context: Any, other: Any) -> Any:
-        """Return lanes as the type of a variable that is one value on another path; else None."""
+        """Return this type for a variable that is one value on another path; None for other types.
+
+        The compiler asks where two paths of the code meet. The one value then fills all lanes.
+        """
         return self if self._is_filled_by(other) else None
 
 

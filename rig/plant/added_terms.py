@@ -267,9 +267,9 @@ def _quantity(kind, v, x, spool, p1, p2, command):
 
 @inlined
 def _further(x, knot, piece, after):
-    """Return the ends (x, y, x, y) of the piece from a knot to the one after, if x is beyond it.
+    """Return the piece of a table from `knot` to `after` if x is beyond `knot`, else `piece`.
 
-    Else return `piece`.
+    A knot is a pair (x, y), and a piece is its two ends (x, y, x, y).
     """
     beyond = x > knot[0]
     return (

@@ -60,7 +60,10 @@ def start_clock(path: Array, time_s: float) -> None:
 
 
 def hold_reference(path: Array, spool: float) -> None:
-    """Set the spool's reference behind the play, in place, to the position in m of a held spool."""
+    """Set a path's reference behind the play, in place, to the position in m where a spool is held.
+
+    When the spool is free again, it follows the command through the play from there.
+    """
     path[_REFERENCE] = spool
 
 
@@ -153,7 +156,8 @@ def _drive_delayed(state, path, command, par, fault, substeps):
 def drive_undelayed(state, path, command, par, fault, duration, substeps):
     """Advance plant and path in place over `duration` (s), in which one command (V) acts.
 
-    The delay is not applied; the other arguments are as in `drive`.
+    Play and ripple act, but not the delay. The other arguments are as in `drive`; without a ripple,
+    `substeps` is the least number of integration steps over `duration`.
     """
     if (par.valve_hysteresis != 0.0) | (par.supply_ripple != 0.0):
         _drive_for(state, path, command, par, fault, duration, substeps)

@@ -84,7 +84,10 @@ def pressure_reading(shown, deviation, sensors):
 
 @inlined
 def noisy_readings(shown, noise_1, noise_2, noise_spool, noise_supply, sensors):
-    """Return noisy readings of `Means`, SI: position, both pressures, spool and supply pressure.
+    """Return the readings of position, pressures 1 and 2, spool and supply pressure, in SI.
+
+    The position is only rounded to the encoder's resolution. The other four get noise, and are then
+    limited to the ranges of their transducers.
 
     Args:
         shown: `Means`, the readings without noise, range and resolution.
@@ -124,7 +127,11 @@ def follow_flows(meters, leaks, time_constant, step):
 
 @inlined
 def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, reading):
-    """Sample every transducer as `read_sensors` does, without advancing the flow meters' lag."""
+    """Sample every transducer once and write the readings to `reading`; advance nothing.
+
+    The arguments are those of `read_sensors`, except that the flow meters' lag in `meters` must
+    have been advanced by the caller.
+    """
     p1, p2 = seen_pressures(seen, state[2], state[3], par)
     shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)
     reading[0], reading[1], reading[2], reading[3], reading[4] = noisy_readings(

@@ -41,7 +41,7 @@ class BypassIo:
         ball_travel_s: time that a ball takes from shut to open, s.
 
     Attributes:
-        valves: the valves; its method `stick` jams one.
+        valves: the valves; their method `stick` jams those of a bypass.
         wire: faults of the line to the device; other code may change them at any time.
         shorted: bypasses whose ball has both switches on, as by a damaged cable.
         identity: number in the identity register.
@@ -203,7 +203,10 @@ class BypassIo:
         return {**setpoints, at.identity: self.identity, at.watchdog: valves.watchdog_ms}
 
     def _through_wire(self, sending: bool, data: bytes) -> bytes:
-        """Return the bytes that remain of a frame after the wire's present faults."""
+        """Return what the wire's present faults leave of a reply; requests pass unchanged.
+
+        `sending` is true for replies, which this device sends.
+        """
         return self.wire.passed(data, self._noise) if sending else data
 
     def _note_connection(self, connected: bool) -> None:

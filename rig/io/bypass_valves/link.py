@@ -96,7 +96,9 @@ class BypassLink:
             self._ask(signal, self._client.write_register, register, number)
 
     def shut_balls(self, bypasses: Sequence[str]) -> None:
-        """Command the balls from the first of `BYPASSES` to the last given to shut, in one request.
+        """Command balls to shut by one request, without waiting for their moves.
+
+        They are those of all bypasses from the first of `BYPASSES` to the last of `bypasses`.
 
         Raises:
             DriverError: the device does not reply, or refuses.

@@ -129,7 +129,10 @@ class CanPump:
             raise self._error(state, "add it with VAL_", "dbc") from None
 
     def _error(self, state: str, action: str, channel: str = "") -> DriverError:
-        """Return an error; of a unit that is connected and disobeys, its channel is `_LOADED`."""
+        """Return an error of this driver.
+
+        The channel is `_LOADED` if the unit is connected, but has a fault or does not obey.
+        """
         return DriverError(self.name, state, action, channel)
 
     def _connected(self) -> CanLink:

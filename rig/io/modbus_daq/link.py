@@ -127,9 +127,9 @@ class DaqLink:
         raise DriverError(self._driver, state, "check host, port and map", channel)
 
     def set_up(self) -> None:
-        """Write the map's set-up and the watchdog's, unless the device holds all of it; then check.
+        """Write the set-up of map and watchdog and check it, unless the device holds it already.
 
-        Of a register that is written more than once, the last value counts as the one it must hold.
+        A register that is written more than once must hold the last of its values.
 
         Raises:
             DriverError: the device refuses, gives no valid reply, or does not hold the values after
@@ -259,6 +259,6 @@ class DaqLink:
 
 
 def _number_at_zero(register: Register) -> float:
-    """Return the number that a register holds for the value 0; for a switch, the whole word."""
+    """Return the number in a register whose signal is 0; for a switch, with all other bits 0."""
     number = (0.0 - register.bias) / register.gain
     return number * (1 << register.bit) if register.bit is not None else number
