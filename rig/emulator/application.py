@@ -101,9 +101,10 @@ class Emulator:
         """Begin to serve all parts; the times of the script count from now.
 
         Raises:
-            AddressError: an address is in use, or cannot be used; nothing is served then.
-            DriverError: the CAN bus cannot be opened; nothing is served then.
-            LinkError: a serial line cannot be made; nothing is served then.
+            AddressError: an address is in use, or cannot be used. After this error and the others,
+                nothing is served.
+            DriverError: the CAN bus cannot be opened.
+            LinkError: a serial line cannot be made.
             NotServedError: a fault of the script concerns a part that the rig does not have.
         """
         try:
@@ -196,7 +197,10 @@ class Emulator:
         self.daq.close()
 
     def status(self) -> dict[str, Any]:
-        """Return the state of every device, and the plant's true state, SI."""
+        """Return the states of all devices, the plant's true state and leaks in SI, and the faults.
+
+        The leaks are fault coefficients, by the names `FAULT_COLUMNS`.
+        """
         truth = self.plant.truth
         return {
             "time_ns": self.plant.time_ns,

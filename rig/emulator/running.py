@@ -121,7 +121,7 @@ class EmulatorThread:
         return self._ask(lambda emulator: emulator.injection.clear(number))
 
     def status(self) -> dict[str, Any]:
-        """Return the state of every device, and the plant's true state, SI.
+        """Return the states of all devices, the plant's true state and leaks in SI, and the faults.
 
         Raises:
             RuntimeError: the emulator has failed.

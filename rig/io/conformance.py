@@ -281,7 +281,11 @@ def _require(holds: bool, otherwise: str) -> None:
 
 
 def _bounded(what: str, call: Callable[..., object], *args: object) -> None:
-    """Make a call and raise what it raises; raise an error if it takes more than `PATIENCE_S`."""
+    """Make a call in a thread of its own and wait for its end; raise what it raises.
+
+    Raises:
+        NonconformityError: the call takes more than `PATIENCE_S`.
+    """
     raised: list[BaseException] = []
 
     def run() -> None:
@@ -333,7 +337,10 @@ def _safe(specimen: Specimen, when: str) -> None:
 
 
 def _leaves_safety(specimen: Specimen) -> bool:
-    """Return whether the device leaves its safe state in time; True if nothing is to move."""
+    """Read until the device has left its safe state, and return True; False after 200 readings.
+
+    Return True at once if the specimen has no `moves`.
+    """
     for _ in range(_READINGS):
         if not specimen.moves or not specimen.is_safe():
             return True
@@ -368,7 +375,11 @@ def _in_compiled_code(
 
 
 def _compile_exchange(driver: FastDriver) -> None:
-    """Compile the exchange before it is timed, because that may take longer than any call."""
+    """Compile the exchange before it is timed, because compiling may take longer than any call.
+
+    Raises:
+        NonconformityError: the exchange cannot be compiled.
+    """
     numbers = np.zeros(1)
     arguments = 0, driver.plan(), 0, numbers, numbers, 0
     try:

@@ -14,7 +14,7 @@ from .registry import DriverSpec
 
 
 def connection_of(options: Any) -> str | None:
-    """Return the name of the device that a driver's options name, by which it is locked, or None.
+    """Return the name by which the device of a driver's options is locked; None if there is none.
 
     The name is `host:port`, a serial port, or a node with its CAN bus. A node is named by its id,
     or by the DBC file that describes its frames; CAN options without either name no device.

@@ -87,7 +87,7 @@ def driver_types() -> tuple[str, ...]:
 
 
 def driver_class(driver_type: str) -> Any:
-    """Return the class of a type of driver.
+    """Return the class of a type of driver; check that it has all names that a driver must have.
 
     Raises:
         DriverError: no driver of this type is installed, several are, or the driver is broken; the

@@ -90,7 +90,7 @@ def simulated_rig(
         spool_sensor: whether the rig measures its spool.
         supply_pressure_sensor: whether it measures its supply pressure.
         load_cell: whether it measures the force on its rod.
-        position: of the ram, m; None means mid stroke.
+        position: position of the ram, m; None for mid stroke.
     """
     par = model.parameters
     generator = np.random.default_rng(seed)

@@ -306,7 +306,7 @@ def _value(kind, size, at, by, x, table):
 
 @inlined
 def _entry(kind):
-    """Return 10 times the first digit of a term's kind plus the last: its place and its turning."""
+    """Return a number of two digits, the first and the last of a term's kind: place and turning."""
     return 10.0 * _digit(kind, 1000.0) + _digit(kind, 1.0)
 
 

@@ -106,10 +106,10 @@ def delayed_command(path, command, delay):
 
 @inner
 def _rippled(time, step, par):
-    """Return the constant pump pressure in Pa over a step that makes the supply ripple.
+    """Return the pump pressure in Pa that, if constant over a step, makes the supply ripple.
 
-    The supply line is a first-order lag. It turns the constant pressure into an exponential, which
-    equals the sine p_s0 + A sin(2 pi f t + phi) at both ends of the step.
+    The supply line is a first-order lag. It turns the constant pump pressure into an exponential of
+    the supply pressure, which equals p_s0 + A sin(2 pi f t + phi) at both ends of the step.
 
     Args:
         time: start of the step, s.
@@ -126,7 +126,10 @@ def _rippled(time, step, par):
 
 @inner
 def _drive_for(state, path, command, par, fault, duration, substeps):
-    """Advance plant and path in place over `duration` (s), in which one command (V) acts."""
+    """Advance plant and path in place over `duration` (s), in which one command (V) acts.
+
+    Play and ripple act, but not the delay.
+    """
     driven = command_through_play(path, command, par)
     ripples = par.supply_ripple != 0.0
     supply, pieces, steps = par.supply_pressure, 1, substeps

@@ -47,7 +47,7 @@ any sensor."""
 
 
 def rest_state(parameters: Parameters, position: float) -> np.ndarray:
-    """Return the state (9,) of a ram at rest at `position` (m) with the valve at null.
+    """Return the state (9,) of a ram at rest at `position` (m), with the spool at 0 m.
 
     Both chambers are at the mean of supply and return pressure. A ripple is added to the supply
     pressure as it is at time 0.

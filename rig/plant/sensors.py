@@ -144,7 +144,7 @@ def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, read
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors, reading):
-    """Sample every transducer once a tick and write the readings to `reading`.
+    """Advance the flow meters by a tick, sample every transducer, and write the readings.
 
     Args:
         state: float64 (9,), true state (`PlantState`).

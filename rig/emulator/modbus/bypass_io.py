@@ -150,9 +150,10 @@ class BypassIo:
         registers: list[int],
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        """Act on written values, or update the registers that are read; pymodbus does the rest.
+        """Act on the values of a request, or update the `registers` that it reads, in place.
 
-        Return the exception by which the device refuses; None if it does not.
+        Pymodbus does the rest. Before that, faults of the wire may delay or refuse the request.
+        Return the exception by which the request is refused; None if it is not.
         """
         if self.wire.delay_s > 0.0:
             await asyncio.sleep(self.wire.delay_s)

@@ -75,7 +75,7 @@ class ValveBank:
         self._barked = False
 
     def tend(self) -> None:
-        """Advance the valves to the present; a watchdog whose time ended acts at that moment."""
+        """Advance the valves to the present; a watchdog whose time is over acts as of its end."""
         now = self._clock()
         deadline = self._heard_ns + self.watchdog_ms * 1_000_000
         if self.watchdog_ms and not self._barked and deadline <= now:

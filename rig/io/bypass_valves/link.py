@@ -69,7 +69,9 @@ class BypassLink:
         return not self._client.connected
 
     def set_watchdog(self, time_s: float) -> None:
-        """Set the time in s without requests after which the device shuts the valves; 0: never.
+        """Set the time in s without a request after which the device's watchdog acts; 0: never.
+
+        The device then shuts the balls and opens the throttle by itself.
 
         Raises:
             DriverError: the device does not reply, or refuses.

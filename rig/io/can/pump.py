@@ -1,4 +1,7 @@
-"""The driver of the pump unit on CAN: pressure, oil temperature, unloading valve; DBC messages."""
+"""The driver of a pump unit on CAN, by which it is read, loaded and unloaded.
+
+A DBC file describes the messages.
+"""
 
 import time
 from collections.abc import Mapping

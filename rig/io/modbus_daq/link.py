@@ -68,7 +68,7 @@ class RefusedError(DriverError):
 
 
 class DaqLink:
-    """One connection, which is opened when it is made.
+    """A connection to the device for all but samples; making this object opens it.
 
     Args:
         driver: name of the driver, for error messages.
