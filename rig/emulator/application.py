@@ -197,9 +197,9 @@ class Emulator:
         self.daq.close()
 
     def status(self) -> dict[str, Any]:
-        """Return the states of all devices, the plant's true state and leaks in SI, and the faults.
+        """Return the states of all devices, of the plant and of the faults.
 
-        The leaks are fault coefficients, by the names `FAULT_COLUMNS`.
+        That of the plant is its true state with the fault coefficients that act, SI.
         """
         truth = self.plant.truth
         return {

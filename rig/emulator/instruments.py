@@ -45,7 +45,7 @@ class Instruments:
         return Reading(*(self._shown(index, value) for index, value in enumerate(reading)))
 
     def read_carried(self) -> dict[str, float]:
-        """Return the readings of the carried transducers by channel, SI, in order of `CARRIED`."""
+        """Return the readings of the transducers `CARRIED`, which change slowly, by channel, SI."""
         return {
             name: self._shown(index, STEADY[name])
             for index, name in enumerate(CARRIED, len(READINGS))

@@ -121,7 +121,9 @@ class EmulatorThread:
         return self._ask(lambda emulator: emulator.injection.clear(number))
 
     def status(self) -> dict[str, Any]:
-        """Return the states of all devices, the plant's true state and leaks in SI, and the faults.
+        """Return the states of all devices, of the plant and of the faults.
+
+        That of the plant is its true state with the fault coefficients that act, SI.
 
         Raises:
             RuntimeError: the emulator has failed.

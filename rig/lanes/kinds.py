@@ -43,9 +43,9 @@ class LanesType(types.Type):
         return Conversion.safe if self._is_filled_by(other) else None
 
     def unify(self, typing_context: Any, other: Any) -> Any:
-        """Return this type for a variable that is one value on another path; None for other types.
+        """Return the type of a variable that has this type on one path and `other` on another.
 
-        The compiler asks where two paths of the code meet. The one value then fills all lanes.
+        It is this type if `other` is that of one value, which then fills all lanes; else None.
         """
         return self if self._is_filled_by(other) else None
 

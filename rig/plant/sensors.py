@@ -129,8 +129,8 @@ def follow_flows(meters, leaks, time_constant, step):
 def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, reading):
     """Sample every transducer once and write the readings to `reading`; advance nothing.
 
-    The arguments are those of `read_sensors`, except that the flow meters' lag in `meters` must
-    have been advanced by the caller.
+    The arguments are as in `read_sensors`, but the caller has advanced the flow meters' lag in
+    `meters`, and `load` is the true spring force in N.
     """
     p1, p2 = seen_pressures(seen, state[2], state[3], par)
     shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)

@@ -188,7 +188,10 @@ class BypassIo:
         return None
 
     def _current(self, function: int) -> Mapping[int, int]:
-        """Return the registers that a function reads, by address; 16 bits are in one register."""
+        """Return the present contents of the registers that a function reads, by address.
+
+        Coils and switches are packed into registers of 16 bits.
+        """
         at, valves = STANDARD_REGISTERS, self.valves
         if function in _COILS:
             return {at.coils // 16: _packed(opened for opened, _ in valves.orders().values())}

@@ -95,7 +95,7 @@ class IoDevice(ABC):
     def _settle(self, cause: str, at_ns: int) -> None:
         """Set relay and valve output to what host, emergency stop and device allow.
 
-        A change of the relay is recorded as of `at_ns`, an opening with its cause. A change of the
+        A change of the relay is recorded as of `at_ns`, an opening with `cause`. A change of the
         output is passed on to the valve, from `at_ns` on.
         """
         allowed, command, output = self._asked()

@@ -25,7 +25,7 @@ class NotServedError(ValueError):
 class _Injected:
     """One fault that waits for its time or acts.
 
-    Its times count from `origin_ns`, which is None until the valve it waits for is first enabled.
+    Its times count from `origin_ns`, which is None while it waits for the valve's first enabling.
     """
 
     number: int

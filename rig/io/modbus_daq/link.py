@@ -259,6 +259,9 @@ class DaqLink:
 
 
 def _number_at_zero(register: Register) -> float:
-    """Return the number in a register whose signal is 0; for a switch, with all other bits 0."""
+    """Return the number that a register holds if its signal is 0.
+
+    For a switch it is the number of the whole register, with all other bits 0.
+    """
     number = (0.0 - register.bias) / register.gain
     return number * (1 << register.bit) if register.bit is not None else number
