@@ -144,7 +144,10 @@ _PARTS: Final = {
 
 
 def _place(spec: DriverSpec) -> Any:
-    """Return where a driver looks for its device: TCP address, serial port, or CAN options."""
+    """Return where a driver looks for its device: TCP address, serial port, or CAN options.
+
+    Return None for a driver whose device the emulator does not have.
+    """
     options = spec.options
     if spec.type == "flow_meters":
         return Path(options.port)

@@ -101,9 +101,10 @@ class Emulator:
         """Begin to serve all parts; the times of the script count from now.
 
         Raises:
-            AddressError: an address is in use, or cannot be used; nothing is served then.
-            DriverError: the CAN bus cannot be opened; nothing is served then.
-            LinkError: a serial line cannot be made; nothing is served then.
+            AddressError: an address is in use, or cannot be used. After this error and the others,
+                nothing is served.
+            DriverError: the CAN bus cannot be opened.
+            LinkError: a serial line cannot be made.
             NotServedError: a fault of the script concerns a part that the rig does not have.
         """
         try:
@@ -165,7 +166,10 @@ class Emulator:
         self._positions = positions
 
     def _summarize(self) -> None:
-        """Record the number of exchanges in the last second, if there were any."""
+        """Record the number of exchanges since the last summary, if there were any, once a second.
+
+        The record's trace is then passed to the kernel.
+        """
         now = self._clock()
         if now - self._summed_ns < _SUMMARY_NS:
             return
@@ -193,7 +197,10 @@ class Emulator:
         self.daq.close()
 
     def status(self) -> dict[str, Any]:
-        """Return the state of every device, and the plant's true state, SI."""
+        """Return the states of all devices, of the plant and of the faults.
+
+        That of the plant is its true state with the fault coefficients that act, SI.
+        """
         truth = self.plant.truth
         return {
             "time_ns": self.plant.time_ns,

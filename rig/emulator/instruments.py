@@ -35,27 +35,36 @@ class Instruments:
         self._failed: dict[int, Callable[[float], float]] = {}
 
     def read(self) -> Reading:
-        """Return one sample of the transducers of `Reading`, SI; frozen and failed ones read so."""
+        """Return one sample of the transducers of `Reading`, SI.
+
+        A frozen transducer repeats an old reading, and a failed one reads as its failure says.
+        """
         reading = self.plant.reading()
         if not self._frozen and not self._failed:
             return reading
         return Reading(*(self._shown(index, value) for index, value in enumerate(reading)))
 
     def read_carried(self) -> dict[str, float]:
-        """Return the readings of the carried transducers by channel, SI, in order of `CARRIED`."""
+        """Return the readings of the transducers `CARRIED`, which change slowly, by channel, SI."""
         return {
             name: self._shown(index, STEADY[name])
             for index, name in enumerate(CARRIED, len(READINGS))
         }
 
     def _shown(self, index: int, value: float) -> float:
-        """Return the reading of the transducer at an index in `CHANNELS`, given its value, SI."""
+        """Return what the transducer at an index in `CHANNELS` reads in place of `value`, both SI.
+
+        It is `value` unless the transducer is frozen or has failed.
+        """
         if index in self._frozen:
             return self._frozen[index]
         return self._failed[index](value) if index in self._failed else value
 
     def freeze(self, channel: Channel, frozen: bool) -> None:
-        """Freeze a channel at its present reading, which may be a wrong one, or end that."""
+        """Freeze a channel at its present reading, or, if not `frozen`, let it go on.
+
+        The present reading may be the wrong one of a failed transducer.
+        """
         index = CHANNELS.index(channel)
         if frozen:
             self._frozen[index] = (*self.read(), *self.read_carried().values())[index]
@@ -68,7 +77,7 @@ class Instruments:
         Args:
             channel: name of the channel.
             reads: how it reads: not a number, zero, an end of its range, or drifting away.
-            rate_per_s: rate of a drift, in its own unit a second.
+            rate_per_s: rate of a drift from the true value, in the channel's SI unit a second.
         """
         index = CHANNELS.index(channel)
         low, high = rails(self.plant.sensors)[index]

@@ -49,7 +49,8 @@ class EmulatedPlant:
     Args:
         model: the true model of the rig.
         sensors: data sheet of its transducers.
-        bypass_valves: the bypass valves, by the fault that each makes; the others make none.
+        bypass_valves: the bypass valves, by the fault that each makes; a bypass that is not among
+            them makes no leak.
         return_resistance: resistance of the return throttle when shut, Pa/(m^3/s)^2.
         pump_loaded: whether there is pressure from the start.
         seed: seed of the noise.
@@ -118,7 +119,10 @@ class EmulatedPlant:
         self._move(until_ns)
 
     def _move(self, until_ns: int) -> None:
-        """Advance to a moment in ns, up to which the acting command does not change."""
+        """Advance to a moment in ns, up to which the acting command does not change.
+
+        Meanwhile the supply pressure follows the pump as it is loaded or unloaded.
+        """
         target = self._full_pressure if self.pump_loaded else self._par.return_pressure
         while self._par.supply_pressure != target and self.time_ns < until_ns:
             step_ns = min(_PUMP_STEP_NS, until_ns - self.time_ns)
@@ -142,7 +146,7 @@ class EmulatedPlant:
         self.time_ns += duration_ns
 
     def _set_supply(self, pressure: float) -> None:
-        """Set the pump's pressure in Pa; its ripple is in proportion to the pressure."""
+        """Set the pump's pressure in Pa; its ripple is in proportion to that above the return's."""
         back = self._par.return_pressure
         share = (pressure - back) / (self._full_pressure - back)
         ripple = share * self._full_ripple

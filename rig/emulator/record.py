@@ -21,7 +21,7 @@ class Record:
 
     Args:
         path: file to which events are appended; None for no file.
-        trace: CSV file with one line for every command received; None for no file.
+        trace: CSV file, written anew, with one line for every command received; None for no file.
         clock: returns the time in ns.
 
     Raises:

@@ -84,7 +84,10 @@ class EmulatorThread:
             self._failure = error
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Stop serving and end the thread; raise the error by which it ended before, if any."""
+        """Stop serving, end the thread and close the record.
+
+        If the emulator has failed, its error is raised, unless the `with` block raises one itself.
+        """
         assert self._emulator is not None
         self._loop.call_soon_threadsafe(self._emulator.stop)
         self._thread.join()
@@ -118,7 +121,9 @@ class EmulatorThread:
         return self._ask(lambda emulator: emulator.injection.clear(number))
 
     def status(self) -> dict[str, Any]:
-        """Return the state of every device, and the plant's true state, SI.
+        """Return the states of all devices, of the plant and of the faults.
+
+        That of the plant is its true state with the fault coefficients that act, SI.
 
         Raises:
             RuntimeError: the emulator has failed.

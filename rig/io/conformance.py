@@ -79,7 +79,7 @@ _CHECKS: Final[list[Check]] = []
 
 
 def _check(body: Callable[[Specimen, Driver], None]) -> Check:
-    """Add a check that makes a specimen, which `body` judges, to `CHECKS`; return that check."""
+    """Return a check that makes a specimen and has `body` judge it; add the check to `CHECKS`."""
 
     @wraps(body)
     def check(factory: Factory) -> None:
@@ -281,7 +281,11 @@ def _require(holds: bool, otherwise: str) -> None:
 
 
 def _bounded(what: str, call: Callable[..., object], *args: object) -> None:
-    """Make a call and raise what it raises; raise an error if it takes more than `PATIENCE_S`."""
+    """Make a call in a thread of its own and wait for its end; raise what it raises.
+
+    Raises:
+        NonconformityError: the call takes more than `PATIENCE_S`.
+    """
     raised: list[BaseException] = []
 
     def run() -> None:
@@ -333,7 +337,10 @@ def _safe(specimen: Specimen, when: str) -> None:
 
 
 def _leaves_safety(specimen: Specimen) -> bool:
-    """Return whether the device leaves its safe state in time; True if nothing is to move."""
+    """Read until the device has left its safe state, and return True; False after 200 readings.
+
+    Return True at once if the specimen has no `moves`.
+    """
     for _ in range(_READINGS):
         if not specimen.moves or not specimen.is_safe():
             return True
@@ -368,7 +375,11 @@ def _in_compiled_code(
 
 
 def _compile_exchange(driver: FastDriver) -> None:
-    """Compile the exchange before it is timed, because that may take longer than any call."""
+    """Compile the exchange before it is timed, because compiling may take longer than any call.
+
+    Raises:
+        NonconformityError: the exchange cannot be compiled.
+    """
     numbers = np.zeros(1)
     arguments = 0, driver.plan(), 0, numbers, numbers, 0
     try:
@@ -403,10 +414,13 @@ def _exchanged(
 
 
 def _exchange_well(specimen: Specimen, driver: FastDriver, plan: Plan) -> None:
-    """Exchange until inputs have come and the device has left its safe state, or enough times.
+    """Exchange until inputs have come and the device has left its safe state, 200 times at most.
+
+    The outputs are the `moves` of the specimen.
 
     Raises:
-        NonconformityError: an exchange fails, or no inputs come.
+        NonconformityError: an exchange fails, gives a wrong time of sending, or has inputs that the
+            driver does not declare; or no inputs come.
     """
     for sequence in range(_READINGS):
         values = {**specimen.moves, "host_counter": float(sequence)}

@@ -14,7 +14,7 @@ from .registry import DriverSpec
 
 
 def connection_of(options: Any) -> str | None:
-    """Return a name of the device that only one driver may use; None if options name no device.
+    """Return the name by which the device of a driver's options is locked; None if there is none.
 
     The name is `host:port`, a serial port, or a node with its CAN bus. A node is named by its id,
     or by the DBC file that describes its frames; CAN options without either name no device.
@@ -91,9 +91,9 @@ def _lock(driver: str, connection: str) -> Iterator[None]:
 
 
 def _opened(path: Path) -> int:
-    """Return a descriptor of a lock file that runs of all users share, made if it is not there.
+    """Return a descriptor of a lock file that runs of all users share; make it if it is not there.
 
-    Linux lets nobody open another user's file in /tmp who asks for it to be made as well.
+    It is first opened without O_CREAT, with which Linux refuses another user's file in /tmp.
     """
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
     try:

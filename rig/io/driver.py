@@ -134,7 +134,7 @@ class Plan(Protocol):
     def exchange(
         self, fd: int, sequence: int, outputs: Floats, inputs: Floats, deadline_ns: int
     ) -> tuple[int, int]:
-        """Write the outputs to the device and read its inputs, waiting for its reply alone.
+        """Write the outputs to the device and read its inputs, waiting for nothing but its reply.
 
         Args:
             fd: the driver's `fileno()`.

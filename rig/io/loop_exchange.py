@@ -12,7 +12,11 @@ from .driver import Floats, Plan
 def exchange(
     fd: int, plan: Plan, sequence: int, outputs: Floats, inputs: Floats, deadline_ns: int
 ) -> tuple[int, int]:
-    """Exchange by the method of the plan's class; see `rig.io.driver.Plan.exchange`."""
+    """Exchange one sample by the compiled method `exchange` of the plan's class.
+
+    Fill `inputs`, and return the `ExchangeStatus` and the time in ns at which the command left. The
+    arguments are those of `rig.io.driver.Plan.exchange`, with the plan as the second.
+    """
     return plan.exchange(fd, sequence, outputs, inputs, deadline_ns)
 
 

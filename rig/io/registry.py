@@ -63,7 +63,7 @@ class DriverSpec:
         """Return the driver, not yet open.
 
         Raises:
-            DriverError: `driver_class` fails, or the driver refuses its options.
+            DriverError: the driver is not installed or is broken, or refuses its options.
         """
         driver: Driver = driver_class(self.type)(self.name, self.options)
         return driver
@@ -72,7 +72,8 @@ class DriverSpec:
         """Return the fast driver, not yet open, with which the loop is to exchange samples.
 
         Raises:
-            DriverError: `create` fails, or the driver is not a fast one.
+            DriverError: the driver is not installed or is broken, refuses its options, or is not a
+                fast one.
         """
         driver = self.create()
         if not isinstance(driver, FastDriver):
@@ -86,7 +87,7 @@ def driver_types() -> tuple[str, ...]:
 
 
 def driver_class(driver_type: str) -> Any:
-    """Return the class of a type of driver.
+    """Return the class of a type of driver; check that it has all names that a driver must have.
 
     Raises:
         DriverError: no driver of this type is installed, several are, or the driver is broken; the

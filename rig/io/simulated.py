@@ -59,9 +59,10 @@ class SimulatedRig:
         return self.generator.standard_normal((ticks, READING_COUNT))
 
     def noise_apart(self, ticks: int) -> Array:
-        """Return noise for ticks outside a test; the noise that the test itself gets is unchanged.
+        """Return float64 (ticks, 9) standard normal numbers that `noise` would not return.
 
-        The result is as that of `noise`, but a generator of its own draws it.
+        They are for ticks outside a test. A generator of their own, spawned from `generator`, draws
+        them, so that the numbers of `noise` during the test stay the same.
         """
         return self.generator.spawn(1)[0].standard_normal((ticks, READING_COUNT))
 
@@ -89,7 +90,7 @@ def simulated_rig(
         spool_sensor: whether the rig measures its spool.
         supply_pressure_sensor: whether it measures its supply pressure.
         load_cell: whether it measures the force on its rod.
-        position: of the ram, m; None means mid stroke.
+        position: position of the ram, m; None for mid stroke.
     """
     par = model.parameters
     generator = np.random.default_rng(seed)

@@ -28,7 +28,7 @@ def _teach(function: Any, result: Any, arguments: tuple[Any, ...], emit: Emit) -
         function: the function or operator.
         result: numba type of the result, `lanes` or `truths`.
         arguments: numba type of each argument.
-        emit: writes the instructions.
+        emit: writes the instructions that compute the result.
     """
 
     class Typed(AbstractTemplate):

@@ -43,7 +43,10 @@ class LanesType(types.Type):
         return Conversion.safe if self._is_filled_by(other) else None
 
     def unify(self, typing_context: Any, other: Any) -> Any:
-        """Return lanes as the type of a variable that is one value on another path; else None."""
+        """Return the type of a variable that has this type on one path and `other` on another.
+
+        It is this type if `other` is that of one value, which then fills all lanes; else None.
+        """
         return self if self._is_filled_by(other) else None
 
 

@@ -44,7 +44,10 @@ def start_streams(seeds: Sequence[int]) -> NDArray[np.uint64]:
 
 @njit(cache=True, error_model="numpy")
 def _fill_uniform(state, numbers):
-    """Fill an array (n, LANES) with uniform numbers (k + 1/2) / 2^53 in (0, 1); update `state`."""
+    """Fill an array (n, LANES) with uniform numbers above 0 and up to 1, and update `state`.
+
+    The numbers are (k + 1/2) / 2^53, rounded to float64, with k drawn from 0 to 2^53 - 1.
+    """
     for i in range(numbers.shape[0]):
         for lane in range(LANES):
             a, b, c, d = state[0, lane], state[1, lane], state[2, lane], state[3, lane]
@@ -63,7 +66,7 @@ def _fill_uniform(state, numbers):
 
 @intrinsic
 def _split(typing_context, number):
-    """Return n and m of positive numbers 2^n m with 1 <= m < 2; they must not be denormal."""
+    """Return n and m of positive numbers 2^n m, 1 <= m < 2; the numbers must not be denormal."""
 
     def emit(context, builder, signature, arguments):
         def constant(value: int) -> ir.Constant:

@@ -1,7 +1,7 @@
 """The physics of the rig in one place: parameters with units, rates, integrator, sensors, effects.
 
-Simulation, filters, controller and gap workflow all share this one model. The package imports only
-numpy, numba and the packages of compiled code, `rig.jit` and `rig.lanes`.
+Simulation, filters, controller and gap workflow all share this one model. Of the project's packages
+this one imports only those for compiled code, `rig.jit` and `rig.lanes`.
 """
 
 from lazy_loader import attach_stub

@@ -267,9 +267,9 @@ def _quantity(kind, v, x, spool, p1, p2, command):
 
 @inlined
 def _further(x, knot, piece, after):
-    """Return the ends (x, y, x, y) of the piece from a knot to the one after, if x is beyond it.
+    """Return the piece of a table from `knot` to `after` if x is beyond `knot`, else `piece`.
 
-    Else return `piece`.
+    A knot is a pair (x, y), and a piece is its two ends (x, y, x, y).
     """
     beyond = x > knot[0]
     return (
@@ -306,7 +306,7 @@ def _value(kind, size, at, by, x, table):
 
 @inlined
 def _entry(kind):
-    """Return 10 times the first digit of a term's kind plus the last: its place and its turning."""
+    """Return a number of two digits, the first and the last of a term's kind: place and turning."""
     return 10.0 * _digit(kind, 1000.0) + _digit(kind, 1.0)
 
 

@@ -60,7 +60,10 @@ def start_clock(path: Array, time_s: float) -> None:
 
 
 def hold_reference(path: Array, spool: float) -> None:
-    """Set the spool's reference behind the play, in place, to the position in m of a held spool."""
+    """Set a path's reference behind the play, in place, to the position in m where a spool is held.
+
+    When the spool is free again, it follows the command through the play from there.
+    """
     path[_REFERENCE] = spool
 
 
@@ -103,10 +106,10 @@ def delayed_command(path, command, delay):
 
 @inner
 def _rippled(time, step, par):
-    """Return the constant pump pressure in Pa over a step that makes the supply ripple.
+    """Return the pump pressure in Pa that, if constant over a step, makes the supply ripple.
 
-    The supply line is a first-order lag. It turns the constant pressure into an exponential, which
-    equals the sine p_s0 + A sin(2 pi f t + phi) at both ends of the step.
+    The supply line is a first-order lag. It turns the constant pump pressure into an exponential of
+    the supply pressure, which equals p_s0 + A sin(2 pi f t + phi) at both ends of the step.
 
     Args:
         time: start of the step, s.
@@ -123,7 +126,10 @@ def _rippled(time, step, par):
 
 @inner
 def _drive_for(state, path, command, par, fault, duration, substeps):
-    """Advance plant and path in place over `duration` (s), in which one command (V) acts."""
+    """Advance plant and path in place over `duration` (s), in which one command (V) acts.
+
+    Play and ripple act, but not the delay.
+    """
     driven = command_through_play(path, command, par)
     ripples = par.supply_ripple != 0.0
     supply, pieces, steps = par.supply_pressure, 1, substeps
@@ -153,7 +159,8 @@ def _drive_delayed(state, path, command, par, fault, substeps):
 def drive_undelayed(state, path, command, par, fault, duration, substeps):
     """Advance plant and path in place over `duration` (s), in which one command (V) acts.
 
-    The delay is not applied; the other arguments are as in `drive`.
+    Play and ripple act, but not the delay. The other arguments are as in `drive`; without a ripple,
+    `substeps` is the least number of integration steps over `duration`.
     """
     if (par.valve_hysteresis != 0.0) | (par.supply_ripple != 0.0):
         _drive_for(state, path, command, par, fault, duration, substeps)

@@ -23,7 +23,10 @@ objects. Numba fills these variables in, so that they must exist."""
 
 
 class _PartLibrary(JITCodeLibrary):
-    """The code of one part, which other functions copy."""
+    """Numba's library for the code of one part, which other functions copy.
+
+    Unlike numba's own, it neither optimises the code nor makes machine code of it.
+    """
 
     def _optimize_final_module(self) -> None:
         """Do nothing: the code is optimised together with the functions that copy it."""

@@ -47,7 +47,7 @@ any sensor."""
 
 
 def rest_state(parameters: Parameters, position: float) -> np.ndarray:
-    """Return the state (9,) of a ram at rest at `position` (m) with the valve at null.
+    """Return the state (9,) of a ram at rest at `position` (m), with the spool at 0 m.
 
     Both chambers are at the mean of supply and return pressure. A ripple is added to the supply
     pressure as it is at time 0.
@@ -75,7 +75,7 @@ def signed_root(drop):
 
 
 def signed_roots(drops: Any) -> Any:
-    """Return `signed_root` of a number or an array of any shape in Pa; for code not compiled."""
+    """Return `signed_root` in Pa^0.5 of a number or an array in Pa, for plain Python code."""
     return np.sign(drops) * np.sqrt(np.abs(drops))
 
 
@@ -146,7 +146,7 @@ def is_real_valve(par):
 def port_flows(opening, p1, p2, supply, back, par):
     """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s, laps and asymmetry included.
 
-    The opening in m includes the null bias, but no lap.
+    The opening in m is the spool's position plus the null bias, before an overlap is taken off.
     """
     if anywhere(is_real_valve(par)):
         edges = edge_flows(lapped(opening, par), p1, p2, supply, back, par)
@@ -183,7 +183,10 @@ def leak_flows(p1, p2, back, par, fault):
 
 @inlined
 def open_leaks(state, par, fault):
-    """Return `leak_flows` in m^3/s of a true state (`PlantState`); a cavity counts as 0 Pa."""
+    """Return the leaks (from chamber 1, from chamber 2, from 1 to 2) of a true state in m^3/s.
+
+    The state has the order of `PlantState`. The pressure in a cavity counts as 0 Pa.
+    """
     return leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
 
 
@@ -191,8 +194,10 @@ def open_leaks(state, par, fault):
 def line_rates(opening, p1, p2, q1, q2, leak_1, leak_2, ps, pe, par, fault):
     """Return the rates of supply and return pressure, (dp_s/dt, dp_e/dt), in Pa/s.
 
-    They follow from the droop of the supply and the back pressure of the return line (Merritt 1967,
-    ch. 3). A supply leak flows from the supply line to the return line (figure 2.3).
+    With a first-order lag the pressures follow those of pump and tank, less the droop of the supply
+    and plus the back pressure of the return line, which both grow with the square of the flow
+    (Merritt 1967, ch. 3). A supply leak flows from the supply to the return line (figure 2.3). The
+    flows are in m^3/s: q1 into chamber 1, q2 out of chamber 2, and leaks from chambers to return.
     """
     dps = par.supply_pressure - ps
     dpe = par.return_pressure - pe
@@ -350,7 +355,10 @@ def friction(velocity, friction_state, par):
 
 @inlined
 def friction_at(level, velocity, friction_state, par):
-    """Return the results of `friction` for a given friction level in N."""
+    """Return (dz/dt in m/s, friction in N against the motion) for a given friction level in N.
+
+    Bristles and Karnopp friction are as in `friction`, which works the level out by itself.
+    """
     karnopp = par.friction_law == KARNOPP
     speed = abs(velocity)
     force = par.viscous * velocity

@@ -42,7 +42,7 @@ class EffectParameter:
 
     @property
     def neutral(self) -> float:
-        """Return the SI value of a rig without the effect; for a shift, that of the nominal rig."""
+        """Return the knob's SI value without the effect; for a shift, that of the nominal rig."""
         return float(getattr(NOMINAL, self.field))
 
 

@@ -34,7 +34,9 @@ _FAST_BRISTLE: Final = 2.0
 
 @inlined
 def _net_force(y, par):
-    """Return the force in N that stiction must balance: pressures less environment.
+    """Return the force in N, positive in extension, that stiction must balance in a ram at rest.
+
+    It is the force of the pressures less that of spring, constant force and stops.
 
     `y` is the state in the order of `PlantState`.
     """
@@ -85,10 +87,11 @@ def _rates(y, command, par, fault):
 
 @inlined
 def _bristle_weights(y, acceleration, h, command, par):
-    """Return the bristles' relaxation rate (1/s), their decay over half a step, and four weights.
+    """Return the bristles' relaxation rate (1/s), decay factor over half a step, and four weights.
 
-    The weights (s) are that of half a step and those of the first, of both middle and of the last
-    stage. Without relaxation they are the classical h/2, h/6, h/3, h/6.
+    The weights in s are, in this order, that of half a step, and those of the first stage, of each
+    middle stage and of the last stage. Where bristles relax too slowly for the exact solution, the
+    rate is 0, the factor 1, and the weights are the classical h/2, h/6, h/3, h/6.
 
     Args:
         y: state at the start of the step.
@@ -185,7 +188,10 @@ def _stopped(y, par):
 
 @inlined
 def _karnopp_step(y, k, h, longest, par):
-    """Return the step in s, at most `h`, that ends at the next change of Karnopp's mode."""
+    """Return the step in s that ends where Karnopp's mode changes, else `h` (s).
+
+    The step of a sliding ram is also shorter than `h` where friction falls steeply with speed.
+    """
     return select(
         y[6] == 0.0,
         break_away_step(y, k, h, _net_force(y, par), par),

@@ -36,5 +36,8 @@ def lagged(shown, before, now, steps, kept):
 
 @inlined
 def whole_ticks(ticks):
-    """Return the whole ticks in a delay, given in ticks, with a tolerance for rounding errors."""
+    """Return the number of whole ticks in a delay that is given in ticks.
+
+    A delay that is less than `NO_FRACTION` below a whole number counts as that number.
+    """
     return floor(ticks + NO_FRACTION)

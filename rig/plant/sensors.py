@@ -84,7 +84,10 @@ def pressure_reading(shown, deviation, sensors):
 
 @inlined
 def noisy_readings(shown, noise_1, noise_2, noise_spool, noise_supply, sensors):
-    """Return noisy readings of `Means`, SI: position, both pressures, spool and supply pressure.
+    """Return the readings of position, pressures 1 and 2, spool and supply pressure, in SI.
+
+    The position is only rounded to the encoder's resolution. The other four get noise, and are then
+    limited to the ranges of their transducers.
 
     Args:
         shown: `Means`, the readings without noise, range and resolution.
@@ -124,7 +127,11 @@ def follow_flows(meters, leaks, time_constant, step):
 
 @inlined
 def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, reading):
-    """Sample every transducer as `read_sensors` does, without advancing the flow meters' lag."""
+    """Sample every transducer once and write the readings to `reading`; advance nothing.
+
+    The arguments are as in `read_sensors`, but the caller has advanced the flow meters' lag in
+    `meters`, and `load` is the true spring force in N.
+    """
     p1, p2 = seen_pressures(seen, state[2], state[3], par)
     shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)
     reading[0], reading[1], reading[2], reading[3], reading[4] = noisy_readings(
@@ -137,7 +144,7 @@ def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, read
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors, reading):
-    """Sample every transducer once a tick and write the readings to `reading`.
+    """Advance the flow meters by a tick, sample every transducer, and write the readings.
 
     Args:
         state: float64 (9,), true state (`PlantState`).

@@ -34,7 +34,7 @@ def simulate(
     substeps: int = SUBSTEPS,
     start_s: float = 0.0,
 ) -> dict[str, Array]:
-    """Simulate a rig in open loop at 1 kHz.
+    """Return the true motion of a rig that is simulated in open loop at 1 kHz.
 
     With a command delay, the command before the first sample is 0 V.
 

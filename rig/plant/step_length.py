@@ -1,7 +1,8 @@
 """The length of the next integration step, which is shorter where the plant is fast or reverses.
 
-Each rule compares a rate of the plant with the rate that the longest step resolves, and shortens
-the step in proportion. If the longest step is halved, all steps are halved.
+Most rules compare a rate of the plant with the rate that the longest step resolves, and shorten the
+step in proportion; if the longest step is halved, so are these steps. Other rules end a step at an
+event: the ram comes to rest or breaks away, or an edge of the valve opens or closes.
 """
 
 from math import copysign, sqrt
@@ -71,11 +72,13 @@ _EVENT: Final = 1e-6
 
 @inlined
 def resolving_step(y, longest, duration, par, fault):
-    """Return the step in s that resolves oil, lines, spool and bristles for a whole interval.
+    """Return the longest step in s to take in an interval, by oil, lines, spool and bristles.
+
+    The step is `longest` if it resolves these four, and shorter if one of them is too fast for it.
 
     Args:
         y: state at the start of the interval, in the order of `PlantState`.
-        longest: longest step, s; the result is between `SHORTEST` times this and this.
+        longest: greatest result, s; the least result is `SHORTEST` times this.
         duration: length of the interval, s.
         par: `Parameters`.
         fault: 8 fault coefficients in the order of `FaultInput` (SI).
@@ -129,9 +132,10 @@ def resolving_step(y, longest, duration, par, fault):
 
 @inlined
 def _kink_step(opening, speed, kink, h):
-    """Return the step in s, at most `h`, that ends where a moving opening reaches a kink.
+    """Return the step in s that ends where a moving opening reaches a kink, else `h` (s).
 
-    Opening and kink are in m, the speed of the opening is in m/s.
+    The result is also `h` if the kink is 1e-6 s ahead or less, or `h` or more. Opening and kink are
+    in m, the speed of the opening is in m/s.
     """
     ahead = (kink - opening) / select(speed == 0.0, 1e-30, speed)
     return select((ahead > _EVENT) & (ahead < h), ahead, h)
@@ -139,7 +143,10 @@ def _kink_step(opening, speed, kink, h):
 
 @inlined
 def _edge_step(y, k, h, par):
-    """Return the step in s, at most `h`, that ends where an edge with a lap begins to open."""
+    """Return the step in s that ends where a valve edge with a lap opens or closes, else `h` (s).
+
+    An edge that does so within 1e-6 s does not count. `y` is the state and `k` its rates.
+    """
     spool, speed = y[0] + par.spool_null_bias, k[0]
     lap = par.valve_deadband
     outer = lap + par.valve_underlap_leakage
@@ -151,10 +158,10 @@ def _edge_step(y, k, h, par):
 
 @inlined
 def standstill_step(y, k, h):
-    """Return the step in s that ends where a ram that slows down comes to rest, else `h`.
+    """Return the step in s that ends where a ram that slows down comes to rest, else `h` (s).
 
-    It is at most `h`, unless rest comes within 1e-6 s; it is then 1e-6 s. `y` is the state and `k`
-    its rates.
+    The result is `h` if the ram does not come to rest within `h`. If it does so within 1e-6 s, the
+    result is 1e-6 s. `y` is the state and `k` its rates.
     """
     velocity, acceleration = y[5], k[5]
     stops = (velocity * acceleration < 0.0) & (abs(velocity) < abs(acceleration) * h)
@@ -165,9 +172,11 @@ def standstill_step(y, k, h):
 
 @inlined
 def _aeration_rate(pressure, slope, h, par):
-    """Return the rate in 1/s at which oil with air stiffens or softens in a step of h (s).
+    """Return the rate in 1/s by which oil with air limits a step of `h` (s); 0 without air.
 
-    The pressure is in Pa, and its slope in Pa/s.
+    It is the magnitude of the pressure's slope (Pa/s) divided by the lowest absolute pressure in
+    the step, times the part of the bulk modulus that the air takes away there. `pressure` (Pa,
+    gauge) is that at the start of the step; a gauge pressure below zero counts as zero.
     """
     lowest = min(pressure, pressure + h * slope)
     softened = 1.0 - aeration_softening(lowest, par)
@@ -176,11 +185,11 @@ def _aeration_rate(pressure, slope, h, par):
 
 @inlined
 def smooth_step(y, k, longest, shortest, par):
-    """Return the step in s, at most `longest`, over which friction, stops and oil change little.
+    """Return the step in s, at most `longest`, that resolves friction, stops and oil with air.
 
-    Oil counts only if it has air in it. The step also ends where an edge with a lap begins to open
-    and, if friction or a stop shortens it, where a ram that slows down comes to rest. For these two
-    it may be shorter than `shortest`, but not shorter than 1e-6 s.
+    The step also ends where a valve edge with a lap opens or closes and, if friction or a stop has
+    shortened the step, where a ram that slows down comes to rest. By these two events it may become
+    shorter than `shortest`, but not shorter than 1e-6 s.
 
     Args:
         y: state at the start of the step, in the order of `PlantState`.
@@ -217,10 +226,11 @@ def smooth_step(y, k, longest, shortest, par):
 
 @inlined
 def break_away_step(y, k, h, net_force, par):
-    """Return the step in s that ends at the break-away of a stuck ram, else `h`.
+    """Return the step in s that ends where a stuck ram breaks away, else `h` (s).
 
-    It is at least 1e-6 s. `y` is the state, `k` its rates, and `net_force` (N) the force that
-    stiction balances.
+    The result is `h` if the ram does not break away within `h`. If it does so within 1e-6 s, the
+    result is 1e-6 s. `y` is the state, `k` its rates, and `net_force` (N) the force that stiction
+    balances.
     """
     loading = par.piston_area * (k[2] - k[3])
     gap = copysign(slip_friction(0.0, loading, par), loading) - net_force
@@ -229,9 +239,11 @@ def break_away_step(y, k, h, net_force, par):
 
 @inlined
 def sliding_step(y, k, h, longest, par):
-    """Return the step in s, at most `h`, that resolves sliding down the Stribeck slope or to rest.
+    """Return the step in s, at most `h` (s), for a ram that slides with Karnopp friction.
 
-    `y` is the state, `k` its rates, and `longest` the longest step in s.
+    It is shorter than `h` at low speeds if friction falls steeply with speed (Stribeck), and it
+    ends where a ram that slows down comes to rest. `y` is the state, `k` its rates, and `longest`
+    the longest step in s, from which the step for steep friction follows.
     """
     slope = (par.stiction - par.coulomb) / par.stribeck_velocity
     runaway = _RUNAWAY_RATE * total_mass(par)

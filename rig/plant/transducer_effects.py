@@ -45,9 +45,10 @@ class Means(NamedTuple):
 
 
 def transducers(parameters: Parameters, state: Array) -> Array:
-    """Return the memory (`TRANSDUCERS_SIZE`,) of a rig that has long been in `state` (9,).
+    """Return the transducers' memory (`TRANSDUCERS_SIZE`,) on a rig that has long been in `state`.
 
-    The encoder starts in the middle of its play, and the memory's time at 0 s.
+    The state is float64 (9,), in the order of `PlantState`. The encoder starts in the middle of its
+    play, and the memory's time at 0 s.
     """
     seen = np.zeros(TRANSDUCERS_SIZE)
     seen[_LAGGED : _LAST + 2] = np.maximum([*state[2:4], *state[2:4]], 0.0)
@@ -69,7 +70,10 @@ def _follow_pressures(seen, state, lag, step):
 
 @inner
 def _follow_position(seen, position, backlash, step):
-    """Advance the encoder through its play, and add its position to the history once a tick."""
+    """Advance the encoder's position, in place, over a step (s); add it to the history once a tick.
+
+    `position` (m) is the ram's true one after the step, and `backlash` (m) the full play.
+    """
     seen[_ENCODER] = play(seen[_ENCODER], position, 0.5 * backlash)
     seen[_TIME] += step
     newest = int(seen[_NEWEST])

@@ -78,14 +78,15 @@ class CanDevices:
         return {part: options.bus for part, (options, _) in self._devices.items()}
 
     def set_analog(self, command_V: float, at_ns: int) -> None:  # noqa: N803
-        """Set the output of the I/O node in V, from a moment in ns on."""
+        """Pass on the output of the I/O node (V), which acts from a moment in ns on."""
         self._analog = command_V
         self.tend(at_ns)
 
     def tend(self, at_ns: int | None = None) -> None:
-        """Update the spool's command, from now or from a moment in ns on.
+        """Give the plant the command that drives the spool now, if it has changed.
 
-        The state of the servovalve's electronics changes by itself.
+        It acts from now on, or from the moment `at_ns`. Call this often: the servovalve's
+        electronics may change their state, and with it the command, at any time.
         """
         acting = self._analog
         if self.valve is not None:

@@ -169,7 +169,11 @@ class ValveNode:
         self._follow(previous)
 
     def _follow(self, previous_word: int) -> None:
-        """Make at most one transition by the control word; the next follows in the next cycle."""
+        """Make the transition that the control word asks for, if any; a stuck valve makes none.
+
+        At most one is made, and the next follows in the next cycle. `previous_word` is the control
+        word before this one, which tells whether a bit has risen.
+        """
         if not self.faults.stuck:
             self._become(ds408.after_word(self.state, self._word, previous_word))
 

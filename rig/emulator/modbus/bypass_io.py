@@ -41,7 +41,7 @@ class BypassIo:
         ball_travel_s: time that a ball takes from shut to open, s.
 
     Attributes:
-        valves: the valves; its method `stick` jams one.
+        valves: the valves; their method `stick` jams those of a bypass.
         wire: faults of the line to the device; other code may change them at any time.
         shorted: bypasses whose ball has both switches on, as by a damaged cable.
         identity: number in the identity register.
@@ -150,9 +150,10 @@ class BypassIo:
         registers: list[int],
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        """Act on written values, or update the registers that are read; pymodbus does the rest.
+        """Act on the values of a request, or update the `registers` that it reads, in place.
 
-        Return the exception by which the device refuses; None if it does not.
+        Pymodbus does the rest. Before that, faults of the wire may delay or refuse the request.
+        Return the exception by which the request is refused; None if it is not.
         """
         if self.wire.delay_s > 0.0:
             await asyncio.sleep(self.wire.delay_s)
@@ -187,7 +188,10 @@ class BypassIo:
         return None
 
     def _current(self, function: int) -> Mapping[int, int]:
-        """Return the registers that a function reads, by address; 16 bits are in one register."""
+        """Return the present contents of the registers that a function reads, by address.
+
+        Coils and switches are packed into registers of 16 bits.
+        """
         at, valves = STANDARD_REGISTERS, self.valves
         if function in _COILS:
             return {at.coils // 16: _packed(opened for opened, _ in valves.orders().values())}
@@ -203,7 +207,10 @@ class BypassIo:
         return {**setpoints, at.identity: self.identity, at.watchdog: valves.watchdog_ms}
 
     def _through_wire(self, sending: bool, data: bytes) -> bytes:
-        """Return the bytes that remain of a frame after the wire's present faults."""
+        """Return what the wire's present faults leave of a reply; requests pass unchanged.
+
+        `sending` is true for replies, which this device sends.
+        """
         return self.wire.passed(data, self._noise) if sending else data
 
     def _note_connection(self, connected: bool) -> None:

@@ -79,9 +79,10 @@ class IoDevice(ABC):
 
     @abstractmethod
     def _asked(self) -> tuple[bool, float, float]:
-        """Return whether the relay may close, but for the emergency stop, and what follows.
+        """Return whether the relay may close, the host's command, and the output that follows.
 
-        That is the command of the host, and the output that it makes if the relay is closed, in V.
+        Command and output are in V; the output is that with a closed relay. The emergency stop is
+        not taken into account.
         """
 
     def press_estop(self, pressed: bool) -> None:
@@ -92,7 +93,11 @@ class IoDevice(ABC):
         self._settle("estop", now)
 
     def _settle(self, cause: str, at_ns: int) -> None:
-        """Set relay and output as host, emergency stop and device allow, at `at_ns`."""
+        """Set relay and valve output to what host, emergency stop and device allow.
+
+        A change of the relay is recorded as of `at_ns`, an opening with `cause`. A change of the
+        output is passed on to the valve, from `at_ns` on.
+        """
         allowed, command, output = self._asked()
         enabled = allowed and self.estop_closed
         if enabled and not self.enabled:

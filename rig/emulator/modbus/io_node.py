@@ -102,7 +102,7 @@ class IoNode(IoDevice):
         self._null_requested = False
 
     def has(self, address: int, count: int) -> bool:
-        """Return whether `count` registers from `address` on can be read, all of one block."""
+        """Return whether one block has all of the `count` registers from `address` on."""
         return self._block(address, count) is not None
 
     def _block(self, address: int, count: int) -> int | None:
@@ -151,7 +151,11 @@ class IoNode(IoDevice):
             raise ModbusException(ILLEGAL_ADDRESS)
 
     def _take(self, offset: int, data: bytes) -> None:
-        """Act on data that the host wrote from byte `offset` of the write block on."""
+        """Act on data that the host wrote from byte `offset` of the write block on.
+
+        Raises:
+            ModbusException: the command is not finite; nothing is changed then.
+        """
         image = self._image.copy()
         image[offset : offset + len(data)] = data
         counter, bits, command = _WRITTEN.unpack(image)
@@ -178,7 +182,10 @@ class IoNode(IoDevice):
         return self._watchdog_ms * 1_000_000
 
     def tend(self) -> int:
-        """Make the watchdog trip if its time is over, and return the present in ns."""
+        """Make the watchdog trip if its time is over, and return the present in ns.
+
+        It trips only while the host sets `VALVE_ENABLE`.
+        """
         now = self._clock()
         armed = Control.VALVE_ENABLE in self._control and not self._tripped
         deadline = self._fed_ns + self._watchdog_ns

@@ -30,7 +30,7 @@ _RANGES: Final = {
 
 
 Place = Register | RegisterValue | Fact | Watchdog
-"""What stands in one or two registers, by its address and type."""
+"""Descriptions of a number in one or two registers; each has an address and a type."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,15 @@ class RegisterCode:
     word_order: Literal["high_first", "low_first"]
 
     def number(self, place: Place, words: Mapping[int, int]) -> float:
-        """Return the number that stands in a place, given the registers' words by address."""
+        """Return the number in the registers of a place, unscaled, given all words by address."""
         halves = [words[at].to_bytes(2, "big") for at in addresses(place)]
         return float(unpack(_FORMATS[place.type], b"".join(self._ordered(halves)))[0])
 
     def words(self, place: Place, number: float) -> dict[int, int]:
-        """Return the words of a number by address; unless F32, it is rounded and kept in range."""
+        """Return the words, by address, that hold a number in the registers of a place.
+
+        Unless the type is F32, the number is rounded, and limited to the range of the type.
+        """
         if place.type != "F32":
             low, high = _RANGES[place.type]
             number = min(max(round(number), low), high)
@@ -62,7 +65,7 @@ class RegisterCode:
 
 
 def addresses(place: Place) -> range:
-    """Return the addresses of the one or two registers that a number takes."""
+    """Return the addresses of the one or two registers that a place takes."""
     return range(place.address, place.address + WORDS[place.type])
 
 
@@ -146,7 +149,10 @@ class MappedDevice(IoDevice):
             self._take(given, now)
 
     def _take(self, given: dict[str, float], now: int) -> None:
-        """Act on outputs in SI by signal, which the host has set at `now` in ns."""
+        """Act on outputs in SI by signal, which the host has written at `now` in ns.
+
+        A watchdog that has tripped no longer counts as tripped.
+        """
         self._given = given
         self._tripped = False
         self.exchanges += 1
@@ -159,7 +165,10 @@ class MappedDevice(IoDevice):
         return asked and not self._tripped, command, command
 
     def _hear(self) -> int:
-        """Restart the watchdog's time, since the host sent a request; return the present in ns."""
+        """Restart the watchdog's time, since the host sent a request; return the present in ns.
+
+        A watchdog whose time was over trips first.
+        """
         self._heard_ns = self.tend()
         return self._heard_ns
 
@@ -174,7 +183,11 @@ class MappedDevice(IoDevice):
         return now
 
     def _watchdog_ns(self) -> int:
-        """Return the silence in ns after which the watchdog trips; 0 if it is not armed."""
+        """Return the silence of the host in ns after which the watchdog trips; 0 if it never does.
+
+        It never does if the map has no watchdog, or if one of the registers by which it is armed
+        does not hold its value.
+        """
         watchdog = self._map.watchdog
         if watchdog is None:
             return 0

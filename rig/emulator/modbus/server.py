@@ -90,12 +90,15 @@ class ModbusServer:
         self.disconnect()
 
     def disconnect(self) -> None:
-        """Close all connections at once, as a pulled cable or a restart does in the end."""
+        """Close all connections at once; clients may connect again."""
         for connection in tuple(self.connections):
             connection.abort()
 
     def note(self, event: str, peer: str) -> None:
-        """Record that a client's connection has been made or lost, and tell the device."""
+        """Record that a client's connection was made or lost, and set the device's number of them.
+
+        `event` is "connected" or "disconnected", and `peer` is the client's address.
+        """
         self.device.connections = len(self.connections)
         self.record.note(event, device=self.name, peer=peer)
 

@@ -23,7 +23,10 @@ class _Drive:
     stuck: bool = False
 
     def advance(self, elapsed_s: float) -> float | None:
-        """Move for a time; return the time in s left on arrival, None if it does not arrive now."""
+        """Move for `elapsed_s`; return how much of this time is left on arrival at the target.
+
+        Return None if the valve does not arrive: it is on its way, stuck, or there already.
+        """
         distance = self.target - self.position
         if self.stuck or distance == 0.0:
             return None
@@ -72,7 +75,7 @@ class ValveBank:
         self._barked = False
 
     def tend(self) -> None:
-        """Advance the valves to the present; a watchdog whose time ended acts at that moment."""
+        """Advance the valves to the present; a watchdog whose time is over acts as of its end."""
         now = self._clock()
         deadline = self._heard_ns + self.watchdog_ms * 1_000_000
         if self.watchdog_ms and not self._barked and deadline <= now:
@@ -81,7 +84,7 @@ class ValveBank:
         self._advance(now)
 
     def watch(self, watchdog_ms: int) -> None:
-        """Set the watchdog's time in ms; see `watchdog_ms`."""
+        """Set the time in ms without a request after which the watchdog acts; 0: never."""
         self.tend()
         self._record.note("bypass_watchdog_set", self._time_ns, watchdog_ms=watchdog_ms)
         self.watchdog_ms = watchdog_ms

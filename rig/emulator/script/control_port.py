@@ -106,7 +106,7 @@ class ControlPort:
             return _refusal(*map(str, error.problems))
 
     def _done(self, do: str, keys: Mapping[str, Any]) -> dict[str, Any]:
-        """Carry out an action with the keys of its request, and return what the reply tells."""
+        """Carry out an action with the keys of its request; return the reply without `ok`."""
         emulator = self._emulator
         match do:
             case "inject":

@@ -23,7 +23,10 @@ class NotServedError(ValueError):
 
 @dataclass
 class _Injected:
-    """One fault that waits for its time or acts; without origin it waits for the enabling."""
+    """One fault that waits for its time or acts.
+
+    Its times count from `origin_ns`, which is None while it waits for the valve's first enabling.
+    """
 
     number: int
     fault: WireFault
@@ -49,9 +52,10 @@ class Injection:
         self._numbers = 0
 
     def script(self, faults: Iterable[WireFault]) -> None:
-        """Add a script's faults, whose times count from now or from the valve's first enabling.
+        """Add a script's faults; none is added if an error is raised.
 
-        None is added if an error is raised.
+        The times of a fault count from now or, if its `after` is "enable" and the valve has not
+        been enabled yet, from the valve's first enabling.
 
         Raises:
             NotServedError: some faults concern parts that the rig lacks.
@@ -66,7 +70,10 @@ class Injection:
             self._faults.append(_Injected(self._numbers, fault, None if waits else self._clock()))
 
     def inject(self, fault: WireFault) -> int:
-        """Add a fault, whose time counts as in a script; return the number by which to clear it.
+        """Add a fault; return the number by which to clear it.
+
+        Its times count from now or, if its `after` is "enable" and the valve has not been enabled
+        yet, from the valve's first enabling. A fault that is due begins at once.
 
         Raises:
             NotServedError: the fault concerns a part that the rig lacks.
@@ -76,14 +83,20 @@ class Injection:
         return self._numbers
 
     def clear(self, number: int | None = None) -> int:
-        """End the fault of a number, whether it acts or waits, or all; return how many ended."""
+        """End the fault with this number, or all faults if it is None; return how many there were.
+
+        Faults that wait for their time are removed too.
+        """
         chosen = [f for f in self._faults if number is None or f.number == number]
         for injected in chosen:
             self._end(injected)
         return len(chosen)
 
     def valve_enabled(self) -> None:
-        """Start the times of faults that wait for the first time that the valve is enabled."""
+        """Take note that the valve is enabled: times that count from its first enabling start now.
+
+        Every call but the first does nothing.
+        """
         self._enabled = True
         for injected in self._faults:
             if injected.origin_ns is None:

@@ -127,7 +127,9 @@ class Sensor(Fault):
     """A transducer fails: it reads not a number, zero, an end of its range, or drifts away.
 
     Attributes:
-        rate: rate of a drift, in the channel's SI unit a second.
+        target: name of the transducer's channel.
+        reads: "nan", "zero", "low" or "high" (the ends of the range), or "drift".
+        rate: rate of a drift, in the channel's SI unit a second; else without effect.
     """
 
     target: Channel
@@ -179,7 +181,7 @@ class LostCounts(Fault):
     flagged: bool = False
 
     def act(self, emulator: "Emulator", begins: bool) -> None:
-        """Make the encoder lose counts; nothing brings them back."""
+        """Make the encoder lose counts if the fault begins; its end brings nothing back."""
         if begins:
             emulator.node.lose_counts(self.counts, self.flagged)
 
@@ -217,7 +219,10 @@ class CanGarbage(_OfCan):
 
 @dataclass(frozen=True)
 class StuckCan(_OfCan):
-    """A node of the CAN bus answers, but obeys no commands: it stays in its state, or loaded."""
+    """A node of the CAN bus sends as usual, but obeys no commands.
+
+    The servovalve's electronics stay in their state, and the pump unit stays loaded or unloaded.
+    """
 
     target: CanDevice = "pump"
 
@@ -255,7 +260,10 @@ class DriveFault(Fault):
         return "" if emulator.can.valve else "the rig has no servovalve on CAN; leave the fault out"
 
     def act(self, emulator: "Emulator", begins: bool) -> None:
-        """Make the electronics meet the fault; only a reset ends it."""
+        """Make the electronics meet the fault if it begins; its end does nothing.
+
+        Only a reset by the host brings the electronics out of their fault state.
+        """
         assert emulator.can.valve is not None
         if begins:
             emulator.can.valve.fail(self.code)
@@ -325,7 +333,7 @@ class WireFault:
         options: an instance of the class of that kind.
         at_s: time at which it begins, in s from the moment that `after` names.
         after: moment from which `at_s` counts: "start", when the fault is added, or "enable", when
-            the valve is first enabled.
+            the valve is first enabled, or when the fault is added if that is later.
         for_s: how long it lasts, s; inf: to the end.
     """
 
@@ -336,5 +344,5 @@ class WireFault:
     for_s: float = inf
 
     def described(self) -> dict[str, Any]:
-        """Return the fault as the record and the control port show it."""
+        """Return the fault, without its times, as the record and the control port show it."""
         return {"fault": self.kind, **asdict(self.options)}

@@ -52,7 +52,7 @@ class Travel:
         """Return what is wrong with the valve, which is now at `position`; empty if nothing is.
 
         Wrong is a valve that has not reached its target in the time allowed, or that has left it
-        after an earlier call found it there.
+        after an earlier call found it there. A call that finds it there sets `arrived`.
         """
         if self.reached(position):
             self.arrived = True
@@ -116,7 +116,7 @@ class BypassValves:
         self._link: BypassLink | None = None
 
     def open(self) -> None:
-        """Connect, verify the device's identity and arm its watchdog; no valve moves.
+        """Connect, verify the device's identity and set its watchdog; no valve moves.
 
         If the driver is open already, nothing is done.
 
@@ -164,9 +164,9 @@ class BypassValves:
     def safe_state(self) -> None:
         """Shut every ball, open the throttle, and return when the device has confirmed it.
 
-        This uses a new connection. Before that, the balls are commanded to shut over the present
-        one: the device may still receive commands there though it does not answer, and a new
-        connection is of no use before the device answers.
+        This uses a new connection, which stays open. Before that, the balls are commanded to shut
+        over the present one: the device may still receive commands there though it does not answer,
+        and a new connection is of no use before the device answers.
 
         Raises:
             DriverError: it was not confirmed within the time that the slowest move may take.

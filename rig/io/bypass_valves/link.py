@@ -69,7 +69,9 @@ class BypassLink:
         return not self._client.connected
 
     def set_watchdog(self, time_s: float) -> None:
-        """Set the time in s without requests after which the device shuts the valves; 0: never.
+        """Set the time in s without a request after which the device's watchdog acts; 0: never.
+
+        The device then shuts the balls and opens the throttle by itself.
 
         Raises:
             DriverError: the device does not reply, or refuses.
@@ -96,7 +98,9 @@ class BypassLink:
             self._ask(signal, self._client.write_register, register, number)
 
     def shut_balls(self, bypasses: Sequence[str]) -> None:
-        """Command the balls from the first of `BYPASSES` to the last given to shut, in one request.
+        """Command balls to shut by one request, without waiting for their moves.
+
+        They are those of all bypasses from the first of `BYPASSES` to the last of `bypasses`.
 
         Raises:
             DriverError: the device does not reply, or refuses.

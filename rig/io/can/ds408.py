@@ -159,7 +159,7 @@ def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
 
 
 def after_fault(state: DriveState) -> DriveState:
-    """Return the state to which a fault brings the valve; `state` if it is not ready already."""
+    """Return the state to which a fault brings a valve in `state`; `state` if that is not ready."""
     fallen = (t.target for t in TRANSITIONS if t.source is state and t.word == FAULT)
     return next(fallen, state)
 
@@ -235,8 +235,9 @@ _BEATS_IN_SILENCE: Final = 4
 
 
 def set_up(node: int, rate_hz: float, silence: float) -> Iterator[tuple[Entry, int]]:
-    """Yield the entries with the values to write into them, in order, in a pre-operational node.
+    """Yield entries with the values that the host writes into them to set up the node, in order.
 
+    The node must be pre-operational. The entries are those of the two PDOs and of the heartbeat.
     The mapping of both messages is written at every start (CiA 301, sections 7.5.2.33 ff.), so that
     earlier settings of a valve do not matter.
 

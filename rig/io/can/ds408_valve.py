@@ -120,7 +120,9 @@ class Ds408Valve:
             raise self._error(state, "check that its TPDO1 can be mapped (docs/can.md)")
 
     def listen(self) -> list[int]:
-        """Handle the frames that have come in; return the error codes of the valve's emergencies.
+        """Handle the frames that have come in; return the error codes of new emergencies.
+
+        An emergency is new if no earlier call returned it.
 
         Raises:
             DriverError: heartbeat or status message stay away for `silence`, or the valve has

@@ -1,4 +1,7 @@
-"""The driver of the pump unit on CAN: pressure, oil temperature, unloading valve; DBC messages."""
+"""The driver of a pump unit on CAN, by which it is read, loaded and unloaded.
+
+A DBC file describes the messages.
+"""
 
 import time
 from collections.abc import Mapping
@@ -129,7 +132,10 @@ class CanPump:
             raise self._error(state, "add it with VAL_", "dbc") from None
 
     def _error(self, state: str, action: str, channel: str = "") -> DriverError:
-        """Return an error; of a unit that is connected and disobeys, its channel is `_LOADED`."""
+        """Return an error of this driver.
+
+        The channel is `_LOADED` if the unit is connected, but has a fault or does not obey.
+        """
         return DriverError(self.name, state, action, channel)
 
     def _connected(self) -> CanLink:

@@ -183,9 +183,9 @@ class CanValve:
 
         Raises:
             DriverError: the driver is not open, or the valve is lost, has met a fault, left its
-                target by itself, or does not take a step in time. An
-                emergency and a fault are raised once each. The error of a lost valve is raised at
-                every call while it is lost.
+                target by itself, or does not take a step in time. An emergency and a fault are
+                raised once each. The error of a lost valve is raised at every call while it is
+                lost.
         """
         valve = self._connected()
         try:

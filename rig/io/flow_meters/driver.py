@@ -149,7 +149,10 @@ class FlowMeters:
         return serial.Serial(self._options.port, self._options.baud, timeout=0, exclusive=True)
 
     def _take(self) -> dict[str, float]:
-        """Return the newest flow in m^3/s of each meter that sent one, by signal."""
+        """Return the newest flow in m^3/s of each meter that sent one, by signal, without waiting.
+
+        A line that can no longer be read is closed, and the result is empty.
+        """
         if self._port is None:
             return {}
         try:
@@ -163,7 +166,7 @@ class FlowMeters:
         return flows
 
     def _wait(self, wait_s: float) -> None:
-        """Let the next attempt to open the line wait for a time in s."""
+        """Allow the next attempt to open the line only after a time in s; return at once."""
         self._retry_s = wait_s
         self._retry_ns = self._clock() + round(wait_s * 1e9)
 

@@ -132,7 +132,8 @@ def _drop(plan, size):
 def _judge_reply(plan, transaction, size):
     """Return the status of a whole reply of `size` bytes with the right transaction id.
 
-    The reply is at the start of the receive buffer.
+    The reply is at the start of the receive buffer, and stays there. The exception code of a
+    refusal is stored in `plan.tally`.
     """
     reply, frames = plan.received, plan.frames
     start, head_size = plan.transactions[transaction, 0], plan.transactions[transaction, 3]
@@ -251,6 +252,10 @@ class ExchangePlan(NamedTuple):
             outputs: values of `FAST_OUTPUTS`, SI.
             inputs: filled with the values of `FAST_INPUTS`, SI.
             deadline_ns: deadline of all replies together, on CLOCK_MONOTONIC.
+
+        Returns:
+            The `ExchangeStatus`, and the time on CLOCK_MONOTONIC in ns at which the command left, 0
+            if it did not leave.
         """
         inputs[:] = np.nan
         sent_ns = 0

@@ -68,7 +68,7 @@ class RefusedError(DriverError):
 
 
 class DaqLink:
-    """One connection, which is opened when it is made.
+    """A connection to the device for all but samples; making this object opens it.
 
     Args:
         driver: name of the driver, for error messages.
@@ -127,9 +127,9 @@ class DaqLink:
         raise DriverError(self._driver, state, "check host, port and map", channel)
 
     def set_up(self) -> None:
-        """Write the map's set-up and the watchdog's, unless the device holds all of it; then check.
+        """Write the set-up of map and watchdog and check it, unless the device holds it already.
 
-        Of a register that is written more than once, the last value counts as the one it must hold.
+        A register that is written more than once must hold the last of its values.
 
         Raises:
             DriverError: the device refuses, gives no valid reply, or does not hold the values after
@@ -259,6 +259,9 @@ class DaqLink:
 
 
 def _number_at_zero(register: Register) -> float:
-    """Return the number that a register holds for the value 0; for a switch, the whole word."""
+    """Return the number that a register holds if its signal is 0.
+
+    For a switch it is the number of the whole register, with all other bits 0.
+    """
     number = (0.0 - register.bias) / register.gain
     return number * (1 << register.bit) if register.bit is not None else number

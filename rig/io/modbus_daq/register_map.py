@@ -234,7 +234,7 @@ class RegisterMap:
 
 
 def spans(registers: Sequence[Register]) -> tuple[Span, ...]:
-    """Return the runs without gaps that registers make, which are given ordered by address."""
+    """Return the runs without gaps that registers make; the registers are ordered by address."""
     found: list[Span] = []
     for register in registers:
         end = register.address + WORDS[register.type]
@@ -255,7 +255,7 @@ def block(registers: Sequence[Register]) -> Span:
 
 
 def feedback_bytes(read: Sequence[Span], written: Sequence[Span]) -> tuple[int, int]:
-    """Return the bytes of a feedback request (function 76) for these runs, and of its reply."""
+    """Return the numbers of bytes of a feedback request (function 76) for runs and of its reply."""
     header = 8
     words_out = sum(span.size for span in written)
     words_in = sum(span.size for span in read)
