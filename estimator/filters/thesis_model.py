@@ -70,6 +70,7 @@ def stiffness(position: float, parameters: Parameters) -> Vector:
 def friction(velocity: float, actuator_force: float, parameters: Parameters) -> Vector:
     """Return F_c in N (eqs. 2.16, 2.17, stiction acting both ways) and dF_c/dv in N s/m (eq. 4.20).
 
+    The velocity is in m/s; `actuator_force` is the force of the pressures on the piston in N.
     While the ram sticks, the derivative is zero as in the printed A, although F_c then depends on
     the pressures.
     """

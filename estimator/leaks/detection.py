@@ -289,7 +289,7 @@ class OilAccountDetector:
         """Remember the leak that `decision` names, in case it ends before it is confirmed.
 
         Only a leak that is named alone is remembered, with the decision in which its statistic was
-        greatest. Once any fault is confirmed, none is.
+        greatest. Once any fault is confirmed, none is. The time of the call is kept in any case.
         """
         leak, *others = findings
         self._named_s = self._last_s
@@ -303,8 +303,8 @@ class OilAccountDetector:
     def _passed(self) -> Decision | None:
         """Return the decision on a leak that was named and ended unconfirmed; None without one.
 
-        It sets `claimed` to that leak. A named leak of which no end is found is forgotten 5 s after
-        a fault was last found.
+        If there is one, `claimed` is set to it. A named leak of which no end is found is forgotten
+        once no fault has been found for more than 5 s.
         """
         if self._named is None:
             return None
@@ -423,9 +423,10 @@ class OilAccountDetector:
         return float(stored / par.piston_area)
 
     def _mean_size(self, finding: Finding) -> float:
-        """Return a leak's mean absolute flow in m^3/s per unit coefficient, from 2 s after its onset.
+        """Return the mean absolute flow in m^3/s that a leak has per unit coefficient.
 
-        It is averaged up to the leak's end or up to now; if no block lies between, from the onset.
+        It is averaged from 2 s after the leak's onset up to its end or up to now; if no block lies
+        between, from the onset.
         """
         sums = self._test.sums
         mark, last = sums.mark_at(finding.onset_s + SETTLED_AFTER_S), sums.marks

@@ -201,7 +201,9 @@ class SupplyTest:
         )  # fmt: skip
 
     def _droop_change(self, since: Array, total: Array) -> float:
-        """Return the change of the mean droop at an onset, in Pa per unit of the third unknown, R.
+        """Return how much the droop raises the mean supply pressure from before to after an onset.
+
+        It is in Pa per unit of the third unknown, R, which is in units of its prior.
 
         Args:
             since: products of the rows since the onset, (4, 4).
