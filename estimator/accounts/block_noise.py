@@ -19,7 +19,10 @@ MOST_LASTING: Final = 0.9
 
 
 class RecentBlocks:
-    """Keeps missing flow, nuisances and faults of the last `RECENT` blocks, in units of noise."""
+    """Keeps missing flow, nuisances and faults of the last `RECENT` blocks.
+
+    All are in units of the expected noise (`noise.whitening`).
+    """
 
     def __init__(self) -> None:
         self._blocks = 0

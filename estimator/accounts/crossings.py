@@ -35,9 +35,14 @@ def crossing_rate(limit: float, least: int, most: int) -> float:
 
 @lru_cache(maxsize=4096)
 def limit_at(rate: float, least: int, most: int) -> float:
-    """Return the limit that the greatest score crosses at a rate per block (`crossing_rate`).
+    """Return the limit that the greatest score crosses at a given rate; undoes `crossing_rate`.
 
-    The limit is in standard deviations and not below `LEAST_LIMIT`; arguments as there.
+    The limit is in standard deviations and not below `LEAST_LIMIT`.
+
+    Args:
+        rate: crossings per block.
+        least: number of blocks since the latest onset.
+        most: number of blocks since the earliest onset.
     """
     limit = 4.0
     for _ in range(_ROUNDS):
@@ -61,7 +66,9 @@ def student_quantile(probability: float, freedom: float) -> float:
 
 
 def noise_limit(rate: float, least: int, most: int, freedom: float) -> float:
-    """Return `limit_at` for scores that are divided by an estimated noise (Student's t).
+    """Return the limit that the greatest score crosses at a given rate if the noise is estimated.
+
+    The scores are divided by that estimate. The limit is `limit_at`, raised by Student's t.
 
     Args:
         rate: crossings per block.

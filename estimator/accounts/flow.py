@@ -178,7 +178,11 @@ def _accumulate(samples, null, par, last, row, rows):
 
 
 class FlowAccount:
-    """Collects samples into `AccountBlock`s; any number of samples may be added at a time."""
+    """Collects samples into `AccountBlock`s; any number of samples may be added at a time.
+
+    Args:
+        parameters: the parameters of the rig that are assumed.
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters

@@ -107,7 +107,10 @@ class JointFit:
         return forms[:, 0], np.clip(forms[:, 1], 0.0, _MOST_LEVERAGE)
 
     def error_of_sum(self, count: int) -> float:
-        """Return the variance of the sum of the last `count` coefficients."""
+        """Return the variance of the sum of the last `count` coefficients.
+
+        It holds, as `error` does, if noise is the same in all blocks.
+        """
         return self._variance * float(self._inverse[-count:, -count:].sum())
 
     def uneven_error(self) -> float:

@@ -131,8 +131,8 @@ def _doubt(conductance, drop):
 def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
     """Return the flows per opening (m^2/s) of a valve with laps or unlike ports.
 
-    `g1` and `g2` are the flows per opening of plain edges, into chamber 1 and out of chamber 2, and
-    so are the two values returned. Pressures are in Pa, the opening is in m.
+    The two values are for the flow into chamber 1 and the flow out of chamber 2. `g1` and `g2` are
+    those of plain edges. Pressures are in Pa; the opening, null bias included, is in m.
     """
     if abs(opening) < par.valve_deadband:
         g1 = g2 = 0.0
@@ -290,7 +290,9 @@ def add_supply(opening, p1, p2, supply, par, row):
 
 @njit(cache=True, error_model="numpy")
 def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
-    """Add the flows that moved the ram and compressed the oil in one sample to `row`.
+    """Take the flows that moved the ram and compressed the oil in one sample off the missing flow.
+
+    The signatures of bulk modulus and entrained air are added to `row` as well.
 
     Args:
         position: position of the ram in the middle of the sample, m.
@@ -319,7 +321,7 @@ def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
 
 @njit(cache=True, error_model="numpy")
 def add_terms(spool, opening, position, moved, p1, p2, par, row):
-    """Add the flows of the model's added terms (`rig.plant.added_terms`) to `row`.
+    """Add the flows of the model's added terms (`rig.plant.added_terms`) to the missing flow.
 
     The command is taken to be the one that the spool has reached.
 

@@ -236,15 +236,15 @@ class AccountSums:
         return np.asarray(sums[_SIZE : _SIZE + FAULT_COUNT] / sums[_SECONDS])
 
     def seconds(self, first: int, last: int | None = None) -> float:
-        """Return the duration in s of all blocks from mark `first` to mark `last`, or to now."""
+        """Return the duration in s of the blocks between marks `first` and `last` (None: now)."""
         end = self._total if last is None else self._before[last]
         return float(end[_SECONDS] - self._before[first, _SECONDS])
 
     def supply(self, first: int, last: int | None = None) -> tuple[float, float, float]:
         """Return count, mean and standard deviation of the measured supply pressures of blocks.
 
-        The blocks are those from mark `first` to mark `last`, or to now. Pressures are in Pa; mean
-        and deviation are NaN if no block has one.
+        The blocks are those from mark `first` to mark `last` (None: to now). Pressures are in Pa.
+        The count is of blocks with a supply pressure; if it is 0, mean and deviation are NaN.
         """
         end = self._total if last is None else self._before[last]
         count, total, squares = end[_SUPPLY:] - self._before[first, _SUPPLY:]
@@ -291,7 +291,8 @@ def product_weights(left: Array, faults: Sequence[int]) -> Array:
 def square_weights(left: Array, right: Array, faults: Sequence[int]) -> Array:
     """Return weights (width,) with which the packed sums add up to left' X'X right.
 
-    X is as in `product_weights`; `left` and `right` are float64 (n + faults,).
+    The columns of X are the nuisances and the given faults; `left` and `right` are float64
+    (n + faults,).
     """
     weights = np.zeros(_WIDTH)
     weights[_FF:_FY] = (left[:_N, None] * right[:_N]).ravel()

@@ -100,7 +100,10 @@ def _element(array: Any) -> Any:
 
 
 def _opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return a value of a numba type as emitted numbers and arrays, tuples and literal integers."""
+    """Return a compiled value, of the numba type `kind`, in a form with which Python can compute.
+
+    That is an `_Emitted`, an `_EmittedArray`, a literal integer, or a tuple of these.
+    """
     if isinstance(kind, _TUPLE):
         parts = zip(kind, cgutils.unpack_tuple(builder, value), strict=True)
         return tuple(_opened(context, builder, *part) for part in parts)
@@ -112,7 +115,10 @@ def _opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 def _packed(context: Any, builder: Any, kind: Any, result: Any) -> Any:
-    """Return emitted numbers in tuples, or None, as a value of a numba type."""
+    """Return a result as a compiled value of the numba type `kind`; this undoes `_opened`.
+
+    The result is an `_Emitted`, a tuple of these, or None for a function that returns nothing.
+    """
     if isinstance(kind, _TUPLE):
         parts = zip(kind, result, strict=True)
         return context.make_tuple(builder, kind, [_packed(context, builder, *p) for p in parts])
@@ -120,7 +126,11 @@ def _packed(context: Any, builder: Any, kind: Any, result: Any) -> Any:
 
 
 def _written_out(function: Any, signature: Any) -> Any:
-    """Return what defines an intrinsic whose code is what `function` does to emitted numbers."""
+    """Return what numba's `intrinsic` asks for: the signature, and a function that emits the code.
+
+    The code consists of the instructions that `function` writes down when it is called with the
+    arguments in the form of `_opened`.
+    """
 
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         given = zip(signature.args, arguments, strict=True)
@@ -139,7 +149,10 @@ def _entry(P: Any, i: int, j: int) -> Any:
 
 
 def _upper(entries: Any, n: int) -> Any:
-    """Return the rows of an upper triangle, whose entry (i, j) may stand under (j, i)."""
+    """Return the rows of the upper triangle of a symmetric matrix (n, n), in tuples.
+
+    `entries` is a dictionary that has each entry under (i, j) or under (j, i).
+    """
     return tuple(
         tuple(entries[i, j] if (i, j) in entries else entries[j, i] for j in range(i, n))
         for i in range(n)
@@ -159,11 +172,11 @@ def _row_times(row: dict[int, Any], i: int, vector: Any, total: Any = None) -> A
 
 
 def _propagate(entries: Any, P: Any, noise: Any) -> Any:
-    """Return the upper triangle of A P A' + Q (eq. 4.17).
+    """Return the rows of the upper triangle of A P A' + Q (eq. 4.17), in tuples.
 
     Args:
-        entries: those of A at `COLUMNS`, row by row.
-        P: array (n, n).
+        entries: entries of A at `COLUMNS`, row by row.
+        P: array (n, n), of which the upper triangle is read.
         noise: diagonal of Q, n numbers.
     """
     n, left = len(noise), iter(entries)
@@ -183,14 +196,16 @@ def _propagate(entries: Any, P: Any, noise: Any) -> Any:
 
 
 def _correct(x: Any, P: Any, state: int, z: Any, variance: Any) -> Any:
-    """Return the state and P after one scalar update (eq. 4.18 with a diagonal R).
+    """Return the state and its covariance P after the update by one measurement of a state.
+
+    This is eq. 4.18 with a diagonal R. Both are in the form in which they are given.
 
     Args:
         x: state, n numbers.
-        P: its covariance, as rows of the upper triangle.
+        P: covariance of the state, as rows of the upper triangle.
         state: index of the measured state.
         z: the measured value.
-        variance: the measurement's, from the diagonal of R.
+        variance: variance of the measurement, from the diagonal of R.
     """
     n = len(x)
     others = [i for i in range(n) if i != state]
@@ -249,15 +264,20 @@ def kalman_step(
     measured: Vector,
     out: Array,
 ) -> None:
-    """Propagate and correct x (n,) and P (n, n) by one sample, both in place; n is 6 or 7.
+    """Advance the state x (n,) and its covariance P (n, n) by one sample, in place; n is 6 or 7.
+
+    P is propagated; then both are corrected by the readings, one after the other.
 
     Args:
-        linearised: x(-), n numbers, and the Jacobian's entries at `COLUMNS`, row by row.
-        x: state, overwritten.
-        P: covariance of the state, updated.
+        linearised: the predicted state x(-), n numbers, and the entries at `COLUMNS` of the
+            Jacobian of this prediction, row by row.
+        x: overwritten with the corrected state; its old content is not read.
+        P: covariance of the state before the sample, updated.
         noise: diagonal of Q, n numbers, and that of R in the order position, p1, p2.
-        measured: position in m, p1 and p2 in Pa; NaN where there is no reading.
-        out: (9,), overwritten, as in `estimator.filters.thesis`.
+        measured: position in m, p1 and p2 in Pa. A NaN is skipped; where these are lanes, a NaN in
+            one lane skips the reading in all.
+        out: (9,), overwritten: 0 to 2 the innovations, 3 to 5 the residuals after the correction,
+            6 to 8 the innovation variances, each of position, p1, p2; NaN for a skipped reading.
     """
     state, entries = linearised
     process_noise, measurement_noise = noise

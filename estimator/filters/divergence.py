@@ -7,8 +7,8 @@ while, without the filter being lost. A window therefore counts as lost only if 
 bound that innovations `TOLERATED` times as large as expected exceed once in 1e9 windows (16 years).
 No reading counts for more than `LARGEST`, as a spike is no divergence. A filter is also lost if a
 window ends with a leak far below zero, or with a spool's null that no valve has. If windows are
-lost again right after a reset, rather the model is wrong: the next reset then waits for a good
-window, or for ten seconds.
+lost again right after a reset, the model is probably wrong. The next reset therefore waits for a
+good window, or for ten seconds of lost ones.
 """
 
 from math import isfinite, sqrt
@@ -49,9 +49,9 @@ def clear_window(watch):
 
 @inlined
 def take_innovation(watch, square):
-    """Add a squared innovation, divided by its expected variance, to the window in `watch`.
+    """Add one reading's squared innovation to the sums of the window in `watch`, in place.
 
-    It counts for `LARGEST` at most.
+    `square` has been divided by its expected variance already. It counts for `LARGEST` at most.
     """
     watch[SQUARES] += min(square, LARGEST)
     watch[READINGS] += 1.0
@@ -72,7 +72,8 @@ def count_reset(watch):
 def _bound(readings):
     """Return the bound of a window's sum for a number of readings, its degrees of freedom.
 
-    It is the chi-square quantile (Wilson and Hilferty 1931) times `TOLERATED` squared.
+    It is the chi-square quantile at `QUANTILE` (Wilson and Hilferty 1931) times `TOLERATED`
+    squared.
     """
     spread = 2.0 / (9.0 * readings)
     root = 1.0 - spread + QUANTILE * sqrt(spread)

@@ -64,12 +64,14 @@ the Jacobian, the rows to orthogonalise, and the memory of the command path
 
 @njit(cache=True, error_model="numpy")
 def start_product(x, factors, command, reading, par, noise, work):
-    """Set the state (11,) and the factors (11, 11) of its covariance from a first sample, in place.
+    """Start the filter from a first sample: set state, factors and `work`, in place.
 
-    The arguments are those of `product_step`, except that the command is held from this sample on.
-    Without a spool reading, the spool starts where the command puts it; leaks and null bias start
-    from the model. If position or a pressure is missing (NaN or out of range), all states are NaN
-    and `product_step` takes the next complete sample as the first. `work` is set up in either case.
+    Position, pressures and spool start from the readings and the load from the pressures;
+    velocities start at 0, leaks and null bias from the model. Without a spool reading, the spool
+    starts where `command` (V), which is held from this sample on, puts it. If position or a
+    pressure is missing (NaN or out of range), all states are set to NaN, and `product_step`
+    starts the filter from the next complete sample. `work` is set up in either case. The other
+    arguments are as in `product_step`.
     """
     work[0, SUPPLY] = par.supply_pressure
     work[0, RESETS] = work[0, PATIENCE] = 0.0
@@ -91,9 +93,10 @@ def _between(reading, lower, upper):
 
 @inlined
 def _in_range(reading, par, ranges):
-    """Return true position, pressures 1 and 2, and spool that the readings show, SI.
+    """Return true position (m), pressures 1 and 2 (Pa), and spool (m) that a sample shows.
 
-    Gains and biases are undone (`estimator.filters.readings`). A value out of its range is NaN.
+    Gains and biases are undone (`estimator.filters.readings`). NaN stands for a pressure whose
+    reading is out of its range, and for a position or a spool that is itself out of its range.
     """
     p1 = _between(reading[1], ranges.pressure_min, ranges.pressure_max)
     p2 = _between(reading[2], ranges.pressure_min, ranges.pressure_max)
@@ -109,7 +112,7 @@ def _in_range(reading, par, ranges):
 
 @inlined
 def _lacks_motion(shown):
-    """Return whether position or a pressure is missing (NaN)."""
+    """Return whether position or a pressure is missing (NaN) in a sample from `_in_range`."""
     return np.isnan(shown[0] + shown[1] + shown[2])
 
 
@@ -176,9 +179,18 @@ def _predict_factors(factors, jacobian, noise, rows, weights):
 
 @inlined
 def predict(x, factors, command, supply, par, noise, jacobian, rows, vector):
-    """Predict state and factors one tick ahead, in place; `supply` is the supply pressure in Pa.
+    """Predict the state x (11,) and its factors (11, 11) one tick ahead, in place.
 
-    The other arguments are as in `product_step` and `_predict_factors`; `vector` is scratch (11,).
+    Args:
+        x: state, updated.
+        factors: factors of its covariance, updated.
+        command: command in V that acts on the spool during the tick.
+        supply: supply pressure, Pa.
+        par: `Parameters` that the filter assumes.
+        noise: `ProductNoise` that the filter assumes.
+        jacobian: (6, 11), overwritten with the first six rows of the Jacobian.
+        rows: scratch (6, 10).
+        vector: scratch (11,).
     """
     predict_product(x, command, supply, par, jacobian)
     _predict_factors(factors, jacobian, noise, rows, vector)
@@ -196,7 +208,7 @@ def _kept(value, bound):
 
 @inlined
 def confine(x, ranges):
-    """Limit the states, in place, to what the rig can be (`Ranges`).
+    """Limit the states x (11,), in place, to the bounds in `ranges`, some of them times 2 or 4.
 
     Pressures may be negative, as a pressure below zero stands for a cavity. The spool velocity is
     not limited.
@@ -220,7 +232,7 @@ def _is_possible(x, ranges):
 
 @inner
 def _reset(x, factors, command, shown, par, noise, work):
-    """Start the filter anew from a sample, in place, and count the reset in `work`.
+    """Start the filter anew from a sample of `_in_range`, in place; count the reset in `work`.
 
     A missing position or pressure is replaced by the old estimate; if that is not finite, by the
     middle of the range or half the supply pressure.
@@ -240,12 +252,17 @@ def _reset(x, factors, command, shown, par, noise, work):
 
 @njit(cache=True, error_model="numpy", forceinline=False)
 def product_step(x, factors, command, reading, par, noise, work, out):
-    """Advance the product filter by one sample.
+    """Advance the product filter by one sample: predict, correct by the readings, limit the states.
+
+    A state of NaN means that the filter has not started. The first sample with position and both
+    pressures then only starts it; a sample before that changes no state. If the filter is lost
+    after the correction (`estimator.filters.divergence`), it starts anew from this sample.
 
     Args:
-        x: state (11,), updated in place.
+        x: state (11,) in the order of `product_model.STATES`, updated in place.
         factors: factors of the covariance (11, 11), as in `estimator.filters.ud`, updated in place.
-        command: command in V held since the last sample; NaN leaves the spool where it is.
+        command: command in V held since the last sample. If it is NaN or infinite, the filter takes
+            the command that would keep the spool where it is estimated to be.
         reading: measured position (m), pressures of chambers 1 and 2 (Pa), spool (m) and supply
             pressure (Pa). A value that is NaN or out of range is skipped; for the supply pressure,
             the last value then still holds. A pressure below `DRY` sets its state to the reading
@@ -254,10 +271,11 @@ def product_step(x, factors, command, reading, par, noise, work, out):
         noise: `ProductNoise` that the filter assumes.
         work: float64 of `WORK_SHAPE`, updated: the memory `watch` of
             `estimator.filters.divergence`, scratch, and the memory of the command path.
-        out: float64 (10,), overwritten: innovations, a posteriori residuals and innovation
-            variances of position, pressure 1 and pressure 2 each, then the number of resets so far.
-            Those of a skipped reading are NaN (not its variance); all are NaN up to the sample that
-            starts the filter.
+        out: float64 (10,), overwritten. 0 to 2 are the innovations, 3 to 5 the residuals after the
+            correction and 6 to 8 the innovation variances, each of position, pressure 1 and
+            pressure 2; 9 is the number of resets so far. A skipped reading has a variance, but NaN
+            as innovation and residual. All ten are NaN up to the sample that starts the filter, and
+            for that sample too.
     """
     ranges = noise.ranges
     watch, vector = work[0], work[1]

@@ -68,9 +68,11 @@ def _within(reading, lower, upper):
 
 @inlined
 def _is_ordinary(x, watch, position, p1, p2, spool, ranges):
-    """Return in which lanes the sample is ordinary, so that the common step is valid.
+    """Return in which lanes a sample is ordinary, apart from the ranges of the pressure readings.
 
-    It is not at the end of a window of `estimator.filters.divergence` or before the filter started.
+    Position (m), pressures (Pa) and spool (m) are true values; `_in_transducers_range` judges the
+    readings. No sample is ordinary that ends a window of `estimator.filters.divergence`, or that
+    comes before its filter has started.
     """
     wet = max(ranges.pressure_min, DRY)
     return (
@@ -91,7 +93,12 @@ def _in_transducers_range(p1, p2, ranges):
 
 @inlined
 def _take_all(memory, position, p1, p2, spool, supply, par, noise):
-    """Advance all lanes in place by an ordinary sample: true readings in SI, and `Parameters`."""
+    """Advance the filters of all lanes by one sample, in place, as if it were ordinary in each.
+
+    The caller must put another state into the lanes in which it is not. Position (m), pressures
+    (Pa) and spool (m) are true values. The supply pressure (Pa) is as measured; where it is NaN or
+    out of range, the last one holds.
+    """
     x, factors, watch = in_lanes(memory.x), in_lanes(memory.factors), in_lanes(memory.watch)
     vector, ranges = in_lanes(memory.vector), noise.ranges
     known = _within(supply, ranges.pressure_min, ranges.pressure_max)
@@ -134,7 +141,7 @@ def product_lane_ticks(memory, readings, par, noise, states):
             the command in V that is held from this sample on.
         par: `Parameters` that all filters assume.
         noise: `ProductNoise` that all filters assume.
-        states: (ticks, 11, LANES), filled with the estimates.
+        states: (ticks, 11, LANES), filled with the estimates after each sample.
     """
     align_stack()
     out = np.empty(len(OUTPUTS))
@@ -211,12 +218,12 @@ class ProductLanes:
 
     @property
     def squares(self) -> Array:
-        """Return each lane's mean squared innovation, each over its expected variance: (LANES,).
+        """Return for each lane the mean of squared innovation over expected variance: (LANES,).
 
         The mean covers the readings of the present window so far. A window has 500 samples, half a
         second; the sample that starts the filter belongs to none, and a reset begins a new one. The
-        window's sums are cleared with its last sample, so that this is 0 right after it: read it
-        one sample before. No single reading counts for more than `LARGEST`.
+        window's sums are cleared with its last sample, so that the mean is 0 right after it: read
+        it one sample before. No single reading counts for more than `divergence.LARGEST`.
         """
         watch = self._memory.watch
         return np.asarray(watch[SQUARES] / np.maximum(watch[READINGS], 1.0))
@@ -239,12 +246,13 @@ class ProductLanes:
         """Advance all filters by some samples and return the estimates.
 
         Args:
-            readings: float64 (ticks, 6, LANES), rows as `rig.loop.lane_ticks.LANE_READINGS`; a NaN
-                is skipped. The very first sample starts the filters.
+            readings: float64 (ticks, 6, LANES), SI, rows as `rig.loop.lane_ticks.LANE_READINGS`:
+                five readings, of which a NaN is skipped, and the command in V from then on, which
+                must be finite. The very first sample starts the filters.
 
         Returns:
             float64 (ticks, 11, LANES), rows as `estimator.filters.product_model.STATES`; NaN in a
-            lane until its position and both pressures have been measured.
+            lane until its position and both pressures have been measured at once.
         """
         states = np.empty((readings.shape[0], STATE_COUNT, LANES))
         first = 0 if self._started else 1

@@ -117,8 +117,9 @@ def _real_edges(opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par):
         par: the `Parameters` that are assumed.
 
     Returns:
-        Four values for port 1, then for port 2: derivative of the flow by the opening and by the
-        pressure, both divided by the conductance; the flow (m^3/s); its derivative by the pressure.
+        Four values for the flow into chamber 1, then four for that out of chamber 2: derivative of
+        the flow by the opening and by the chamber's pressure, both divided by the conductance; the
+        flow (m^3/s); its derivative by the chamber's pressure.
     """
     conductance = valve_conductance(par)
     second = 1.0 - par.valve_flow_asymmetry

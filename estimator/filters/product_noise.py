@@ -35,9 +35,10 @@ class Ranges(NamedTuple):
     """Bounds of readings and states, SI units.
 
     The fields `position_min` to `spool` are bounds of readings: a reading on its bound (saturated)
-    or beyond is skipped. `product.confine` limits states by the fields up to `leakage`, some of
-    them times 2 or 4. A filter with a leak coefficient of -`negative_leakage` or less, or with a
-    null bias of `null_bias` or more, is lost.
+    or beyond is skipped. `product.confine` limits states by the position's bounds, `pressure_max`
+    and the fields `opening` (spool and null bias) to `leakage`, some of them times 2 or 4. A filter
+    with a leak coefficient of -`negative_leakage` or less, or with a null bias of `null_bias` or
+    more in either direction, is lost.
     """
 
     position_min: float
@@ -109,7 +110,10 @@ def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductN
 
 
 def _ranges(sensors: SensorParameters, parameters: Parameters) -> Ranges:
-    """Return the ranges; that of the position is the stroke and half the length of dead volumes."""
+    """Return the ranges of readings and states that fit a rig's sensors and parameters.
+
+    The position may exceed the stroke at each end by half the length of the dead volume there.
+    """
     highest = max(sensors.pressure_max, _HEADROOM * parameters.supply_pressure)
     span = sensors.pressure_max - sensors.pressure_min
     opening = max(2.0 * sensors.spool_range, _HEADROOM * parameters.valve_gain * _FULL_COMMAND)

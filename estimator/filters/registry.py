@@ -163,9 +163,9 @@ def compiled_filter(memory: FilterMemory, assumed: Parameters) -> CompiledFilter
 
 @inner
 def filter_start(filt, command, reading):
-    """Start the product filter with its first sample; the thesis filters ignore it.
+    """Start a filter, in place, with its first sample, which only the product filter uses.
 
-    The thesis filters start from their printed x0 (section 4.5).
+    The thesis filters ignore that sample, as they start from their printed x0 (section 4.5).
 
     Args:
         filt: `CompiledFilter`, updated.
@@ -180,10 +180,14 @@ def filter_start(filt, command, reading):
 
 @inlined
 def filter_step(filt, command, reading, out):
-    """Advance a filter (`CompiledFilter`) by one sample, in place, and fill `out` (10,).
+    """Advance a filter by one sample, in place, whichever of the three it is.
 
-    The arguments are as in `product_step`, and `out` is as `OUTPUTS`. The thesis filters use
-    neither spool nor supply pressure.
+    Args:
+        filt: `CompiledFilter`, updated.
+        command: command in V held since the last sample.
+        reading: position (m), pressures 1 and 2 (Pa), spool (m), supply pressure (Pa), as in
+            `product_step`; the thesis filters use neither spool nor supply pressure.
+        out: float64 (10,), overwritten, in the order of `OUTPUTS`.
     """
     _step_of(filt.code, filt, command, reading, out)
 
@@ -228,7 +232,8 @@ class FilterRun:
         time_s: time of each sample, float64 (n,).
         states: estimates after each sample, float64 (n, states), SI, columns as `filter.states`;
             NaN until the product filter has started.
-        outputs: float64 (n, 10), columns as `OUTPUTS`; the first row starts the filter and is NaN.
+        outputs: float64 (n, 10), columns as `OUTPUTS`; NaN in the first row, and in all rows up to
+            the one that starts the product filter.
         covariance: covariance P after the last sample, (states, states).
     """
 
@@ -270,7 +275,7 @@ def run_filter(
     name: str = DEFAULT_FILTER,
     sensors: SensorParameters = DATA_SHEET,
 ) -> FilterRun:
-    """Run a filter over a recording's samples, as the loop would have.
+    """Run a filter over a recording's samples, as the loop would have, and return its estimates.
 
     Args:
         time_s: time of each sample at 1 kHz, float64 (n,), at least one.

@@ -92,7 +92,8 @@ def thesis6_step(
         z_p1: measured pressure of chamber 1 in Pa, or NaN.
         z_p2: measured pressure of chamber 2 in Pa, or NaN.
         parameters: parameters of the rig that the filter assumes.
-        out: (9,), overwritten: innovations, residuals and innovation variances (see the module).
+        out: (9,), overwritten: 0 to 2 the innovations, 3 to 5 the residuals after the correction, 6
+            to 8 the innovation variances, each of position, p1, p2; NaN for a reading of NaN.
     """
     linearised = linearised_6(six(x), u, parameters)
     noise = THESIS6_PROCESS_NOISE, THESIS6_MEASUREMENT_NOISE

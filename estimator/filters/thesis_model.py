@@ -59,7 +59,7 @@ def valve(spool: float, p1: float, p2: float, parameters: Parameters) -> Vector:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stiffness(position: float, parameters: Parameters) -> Vector:
-    """Return beta/V1 and beta/V2 in Pa/m^3 (volumes of eq. 2.4)."""
+    """Return beta/V1 and beta/V2 in Pa/m^3 at a position in m (volumes of eq. 2.4)."""
     area, bulk_modulus = parameters.piston_area, parameters.bulk_modulus
     volume_1 = parameters.line_volume_1 + area * (position - parameters.stroke_min)
     volume_2 = parameters.line_volume_2 + area * (parameters.stroke_max - position)
@@ -70,6 +70,7 @@ def stiffness(position: float, parameters: Parameters) -> Vector:
 def friction(velocity: float, actuator_force: float, parameters: Parameters) -> Vector:
     """Return F_c in N (eqs. 2.16, 2.17, stiction acting both ways) and dF_c/dv in N s/m (eq. 4.20).
 
+    The velocity is in m/s; `actuator_force` is the force of the pressures on the piston in N.
     While the ram sticks, the derivative is zero as in the printed A, although F_c then depends on
     the pressures.
     """
@@ -97,7 +98,7 @@ def linearised(
 
     Args:
         state: the six states before the tick, SI.
-        resistance: force in N against the motion: friction, or the load state.
+        resistance: force in N against extension: friction, or the load state.
         u: command, V.
         parameters: parameters of the rig.
     """
@@ -145,7 +146,10 @@ def linearised(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def linearised_6(state: Vector, u: float, parameters: Parameters) -> tuple[Vector, Vector]:
-    """Return x(k+1) of eqs. 2.15 to 2.17 and its Jacobian's entries at `COLUMNS[6]`."""
+    """Return the six states one tick after `state`, and the Jacobian's entries at `COLUMNS[6]`.
+
+    They follow from eqs. 2.15 to 2.17, with the command `u` in V; `COLUMNS` is in `covariance`.
+    """
     force = parameters.piston_area * (state[1] - state[2])
     resistance, slope = friction(state[4], force, parameters)
     predicted, shared = linearised(state, resistance, u, parameters)
@@ -155,7 +159,10 @@ def linearised_6(state: Vector, u: float, parameters: Parameters) -> tuple[Vecto
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def linearised_7(state: Vector, u: float, parameters: Parameters) -> tuple[Vector, Vector]:
-    """Return x(k+1) of eqs. 6.13 to 6.19 and its Jacobian's entries at `COLUMNS[7]`."""
+    """Return the seven states one tick after `state`, and the Jacobian's entries at `COLUMNS[7]`.
+
+    They follow from eqs. 6.13 to 6.19, with the command `u` in V; `COLUMNS` is in `covariance`.
+    """
     predicted, shared = linearised(state[:6], state[6], u, parameters)
     a46 = -TICK / parameters.moving_mass
     return (*predicted, state[6]), (*shared[:12], a46, *shared[12:])

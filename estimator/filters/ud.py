@@ -26,7 +26,7 @@ def dense_covariance(factors: Array) -> Array:
 
 @inlined
 def variance_of(factors, index):
-    """Return the variance P[index, index] of one state."""
+    """Return the variance P[index, index] of one state from the factors of P."""
     total = factors[index, index]
     for j in range(index + 1, factors.shape[0]):
         u = factors[j, index]
@@ -38,7 +38,8 @@ def variance_of(factors, index):
 def add_rank_one(factors, size, vector, weight):
     """Add weight a a^T to the leading (size, size) part of P, in place (Agee and Turner 1972).
 
-    `vector` (size,) holds a and is overwritten; the weight must not be negative.
+    `vector` holds a in its first `size` elements and is overwritten; the weight must not be
+    negative.
     """
     for k in range(size - 1, -1, -1):
         d, a = factors[k, k], vector[k]

@@ -85,7 +85,7 @@ def break_aways(recording: Recording, spring: Spring, piston_area: float) -> tup
 
 
 def presliding_creep(parameters: Parameters, slope_V_per_s: float) -> float:  # noqa: N803
-    """Return the speed in m/s at which the slip curve equals the greatest force of a slow ramp.
+    """Return the speed in m/s at which the slip curve gives the break-away force of a slow ramp.
 
     While the command falls to null, the creeping ram slows down at a rate a. Bristles need a travel
     of about g/s_0 to follow the slip curve. The ram enters the last such travel at

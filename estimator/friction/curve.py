@@ -76,7 +76,7 @@ class FrictionEstimate:
     Attributes:
         value, standard_error: the estimate and its standard error; None if not identified.
         unit: the SI unit of both.
-        needs: what the recording would need to show the parameter; empty if it is identified.
+        needs: words on what the recording would need to show the parameter; empty if identified.
     """
 
     value: float | None
@@ -206,7 +206,10 @@ def _estimates(
 
 
 def _wanting(samples: FrictionSamples, fit: StribeckFit) -> dict[str, str]:
-    """Return for each parameter that is not identified, by name, what it would need."""
+    """Return, by its name, for each parameter that is not identified, words on what would show it.
+
+    The result is empty if all parameters are identified.
+    """
     if fit is NO_FIT:
         return dict.fromkeys(PARAMETERS, f"more steady sliding: {_GOOD_MOTION}")
     speed, level = np.abs(samples.velocity), float(np.median(np.abs(samples.force)))
@@ -261,8 +264,9 @@ class FrictionChange:
         name: name of the parameter in `fit.PARAMETERS`.
         difference: value in the last recording less that in the first, SI.
         score: difference divided by its standard error.
-        significant: whether chance would rarely make such a change; that it makes one or more of
-            all changes that are tested together has `CHANGE_PROBABILITY`.
+        significant: whether the change is too great for chance. If friction has not changed, one or
+            more of the changes that are tested together are said to be so with a probability of
+            `CHANGE_PROBABILITY`.
     """
 
     name: str

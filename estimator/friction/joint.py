@@ -45,14 +45,16 @@ class JointFit:
     """The friction law that fits all measurements.
 
     Attributes:
-        estimates: the estimate of each of `fit.PARAMETERS`, by its name.
-        covariance: covariance of the estimates in the order of `fit.PARAMETERS`, (5, 5).
-        measured_stiction, measured_error: stiction by the break-aways alone, with the deficit
-            added, and its standard error, N; NaN and infinite without break-aways (`NO_LEVEL`).
-        deficit: force by which the break-aways are below stiction, N; NaN without break-aways.
+        estimates: the estimate of each of `fit.PARAMETERS`, by its name; all are identified.
+        covariance: covariance of the estimates in the order of `fit.PARAMETERS`, (5, 5); a `misfit`
+            above 1 has been multiplied into it, and thus into the estimates' errors.
+        measured_stiction: stiction by the break-aways alone, with the deficit added, N; NaN if
+            there were too few of them for a level (`stiction.NO_LEVEL`).
+        measured_error: standard error of `measured_stiction`, N; infinite without a level.
+        deficit: force by which the break-aways are below stiction, N; NaN without a level.
         disagreement: measured stiction less the one that sliding extrapolates, divided by the
-            standard error of this difference; NaN without break-aways.
-        misfit: chi^2 over its degrees of freedom; above 1 the covariance is multiplied by it.
+            standard error of this difference; NaN without a level.
+        misfit: chi^2 of the fit over its degrees of freedom.
     """
 
     estimates: Mapping[str, FrictionEstimate]
@@ -95,7 +97,7 @@ def joint_fit(
 
     Args:
         sliding: the curve identified from fast strokes that slow down.
-        level: stiction by the break-aways; `NO_LEVEL` if there is none.
+        level: stiction by the break-aways; with `NO_LEVEL` (too few) the fit does without.
         speeds: strokes at constant speed; those that `steady_among` leaves out do not count.
         parameters: assumed parameters of the rig, of which valve, supply and bristles are used.
         slope_V_per_s: slope of the command in the break-aways' ramps, V/s.
@@ -112,7 +114,10 @@ def joint_fit(
     measured = isfinite(level.level)
 
     def deficit_of(values: Array) -> float:
-        """Return by how many N stiction is above the friction of the creeping ram."""
+        """Return by how many N stiction is above the friction of the ram as it creeps in a ramp.
+
+        `values` (5,) are the parameters in the order of `PARAMETERS`.
+        """
         found = parameters._replace(**dict(zip(PARAMETERS, values.tolist(), strict=True)))
         creep = max(level.creep, presliding_creep(found, slope_V_per_s))
         fallen = (values[1] - values[0]) * -expm1(-creep / values[2])
@@ -180,6 +185,9 @@ def _well_scaled(covariance: Array) -> Array:
 
 
 def _jacobian(residual: _Residual, values: Array, scale: Array) -> Array:
-    """Return the derivatives of the residuals by the values divided by `scale`, by differences."""
+    """Return the derivatives of the residuals by values / scale, by finite differences.
+
+    The result is float64 (residuals, values).
+    """
     moved, here = values + np.diag(1e-3 * scale), residual(values)
     return np.column_stack([residual(each) - here for each in moved]) / 1e-3

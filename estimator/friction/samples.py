@@ -197,7 +197,7 @@ class FrictionSamples:
 
     Attributes:
         velocity: m/s, positive when extending.
-        force: friction in N against extension, corrected for lags.
+        force: friction in N against extension: the load less the spring, corrected for lags.
         acceleration: m/s^2.
         lag_correction: the part of the force that corrects for lags, N.
         stroke: int64 (n,), number of the stroke; a stroke lasts from one reversal to the next.
@@ -285,7 +285,7 @@ def _bristle_lag(velocity: Array, force: Array, parameters: Parameters) -> Array
 
 
 def _in_long_runs(flags: Flags, least: int) -> Flags:
-    """Return the flags that are inside an unbroken run of at least `least`, without its ends."""
+    """Return bool (n,): true in each run of `least` or more true flags, but not at its two ends."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     kept = np.zeros_like(flags)
     for start, end in edges.reshape(-1, 2):

@@ -23,7 +23,8 @@ TREND_PROBABILITY: Final = 0.01
 class Trend(NamedTuple):
     """The slope of a force along the stroke (N/m), its standard error, and whether it is real.
 
-    It is significant if chance rarely makes such a slope (`TREND_PROBABILITY`).
+    A force that is the same everywhere seems to have a slope with a probability of
+    `TREND_PROBABILITY` only.
     """
 
     slope: float
@@ -63,8 +64,8 @@ NO_LEVEL: Final = StictionLevel(nan, inf, nan, inf, nan, _NO_TREND, _NO_TREND, 0
 def stiction_level(places: Sequence[Sequence[BreakAway]]) -> StictionLevel:
     """Return the stiction of all places where the ram took off in both directions.
 
-    Standard errors follow from the scatter between places and are widened by Student's t, so that
-    1.96 of them make a 95 % interval.
+    The standard errors of level and offset follow from the scatter between places and are widened
+    by Student's t, so that 1.96 of them make a 95 % interval; those of the trends are not widened.
 
     Args:
         places: the break-aways of each ramp (`break_away.break_aways`).
@@ -96,7 +97,10 @@ def _error_of_mean(values: Array) -> float:
 
 
 def _trend(position: Array, values: Array) -> Trend:
-    """Return the slope of a straight line through values (n,) over position, by Student's test."""
+    """Return the slope of the straight line through values (n,) over position (n,) in m.
+
+    Whether it is significant is decided by Student's test.
+    """
     centred = position - position.mean()
     spread = float(centred @ centred)
     slope = float(centred @ values) / spread

@@ -42,7 +42,7 @@ sound seal exceeds this by chance once in 30 000."""
 
 
 class BaselineError(ValueError):
-    """The error that a baseline cannot be learnt or read; `problems` lists the reasons."""
+    """Raised where a baseline cannot be learnt or read; `problems` lists the reasons as text."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("\n".join(problems))
@@ -71,8 +71,15 @@ class Baseline:
     def detector(self, filter_name: str, model: Model, false_alarms_per_day: float) -> Detector:
         """Return a new detector for the named filter that assumes this baseline.
 
+        Args:
+            filter_name: a name in `FILTERS`; the default filter gets the oil accounts' detector,
+                a thesis filter the pattern's.
+            model: the model that the filter assumes.
+            false_alarms_per_day: alarms that a healthy rig may raise in a day of running.
+
         Raises:
             KeyError: the baseline has no level of a filter of that name.
+            ValueError: the default filter's detector does not take that rate.
         """
         if filter_name == DEFAULT_FILTER:
             return OilAccountDetector(model, false_alarms_per_day, self.nuisances, self.model_error)
@@ -130,7 +137,10 @@ def _not_healthy(source: str, decision: Decision) -> str:
 
 
 def _always_leaking(mean: Array) -> Iterator[str]:
-    """Yield a message for each seal whose leakage is above `GREATEST_SEAL_LEAKAGE` tolerances."""
+    """Yield a message for each seal whose leakage is above `GREATEST_SEAL_LEAKAGE` tolerances.
+
+    `mean` (n,) has the estimates of `NUISANCES` in their order, in units of their tolerances.
+    """
     for nuisance, value in zip(NUISANCES, mean, strict=True):
         if nuisance.name.startswith("seal_leakage") and value > GREATEST_SEAL_LEAKAGE:
             yield (

@@ -17,7 +17,11 @@ _NAMES: Final = [nuisance.name for nuisance in NUISANCES]
 
 
 def content_of(baseline: Baseline) -> dict[str, Any]:
-    """Return a baseline as plain values for JSON, in SI units; `baseline_of` reverses this."""
+    """Return a baseline as plain values for JSON, from which `baseline_of` makes it again.
+
+    The nuisances are in it twice: in SI units for people who read the file, and in units of their
+    tolerances, with the whole covariance, for `baseline_of`.
+    """
     belief = baseline.nuisances
     deviations = np.sqrt(np.diag(belief.covariance))
     return {
@@ -47,7 +51,7 @@ def content_of(baseline: Baseline) -> dict[str, Any]:
 
 
 def baseline_of(content: Mapping[str, Any]) -> Baseline:
-    """Return the baseline whose plain values `content_of` made.
+    """Return the baseline whose plain values `content_of` made; this undoes `content_of`.
 
     Raises:
         ValueError, KeyError, TypeError, AttributeError, numpy.linalg.LinAlgError: the content is

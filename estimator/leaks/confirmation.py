@@ -74,7 +74,8 @@ class PresentLeaks:
             time_s: time of the newest sample, s.
             findings: what the newest search over all blocks finds, which replaces what earlier ones
                 found; faults that are no leaks do not count.
-            probabilities: as in `estimator.leaks.detection.Decision`; may be empty.
+            probabilities: of `healthy`, of each fault alone and of `multiple`, by these names, as
+                in `estimator.leaks.detection.Decision`; may be empty.
 
         Returns:
             A coefficient for each leak in the order of `LEAKS`, m^3/(s Pa^0.5); 0 for one that is
@@ -104,8 +105,9 @@ class PresentLeaks:
         return present[0], present[1], present[2]
 
     def ended(self, time_s: float) -> bool:
-        """Return whether the confirmed leaks all ended `CONFIRMED_AFTER_S` or more before `time_s`.
+        """Return whether all confirmed leaks have been gone for `CONFIRMED_AFTER_S` at `time_s`.
 
-        It is False if no confirmed leak has ended, or if one is still present.
+        The time counts from the `update` that first left none of them. It is False if no confirmed
+        leak has ended, or if one is still present.
         """
         return time_s - self._ended_s >= CONFIRMED_AFTER_S

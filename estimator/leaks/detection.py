@@ -93,7 +93,7 @@ class Decision:
 
     @property
     def names_a_fault(self) -> bool:
-        """Return whether the verdict is a fault."""
+        """Return whether the verdict is a fault: neither `healthy` nor `inconclusive`."""
         return self.verdict not in SILENT
 
     @property
@@ -136,8 +136,11 @@ class OilAccountDetector:
         model: the model that the filter assumes.
         false_alarms_per_day: alarms a healthy rig may raise in a day of running, above 0 to 10000.
         expected: what is known of this rig's nuisances, from a baseline.
-        model_error: factor on what is allowed for errors of the model (dead zones and the like);
-            0 means that the model is exact.
+        model_error: factor on what is allowed for errors of the model (dead zones and the like),
+            0 to 10; 0 means that the model is exact.
+
+    Raises:
+        ValueError: the rate or the factor is outside its range.
 
     Attributes:
         claimed: the faults that the last `decide` found, doubtful ones too; it may be empty.
@@ -168,14 +171,21 @@ class OilAccountDetector:
         self.begun = 0
 
     def _begin_anew(self) -> None:
-        """Start a new test without the blocks so far: an ended leak fits no lasting fault."""
+        """Replace the leak test by a new one, without the blocks so far, and count this in `begun`.
+
+        The test looks for faults that last, which blocks with a leak that has ended do not fit.
+        """
         self.begun += 1
         self._test = self._account.test = LeakTest(*self._setting)
         self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
         self._named = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Add one sample or more; call `decide` after each block, half a second or more."""
+        """Add the next samples, one or more, with the product filter's estimates of them.
+
+        The blocks that they finish are tested, and stand in `drawn_up`. `decide` is to be called
+        after each half second of samples, as its calls tell for how long a fault has been found.
+        """
         if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
@@ -186,15 +196,20 @@ class OilAccountDetector:
 
     @property
     def accuses(self) -> bool:
-        """Return whether a fault stands out, or a named leak is neither confirmed nor withdrawn."""
+        """Return whether a fault stands out now, or a leak awaits its confirmation.
+
+        Such a leak was named by `decide` and is neither confirmed nor withdrawn yet.
+        """
         found = bool(self._test.search()) or self._supply.search() is not None
         return found or self._named is not None
 
     def evidence(self) -> tuple[float, float]:
-        """Return the statistic of the most likely fault, and the limit it must exceed.
+        """Return the test statistic of one fault, and the limit that it must exceed.
 
-        The statistic exceeds the limit exactly if the last decision found a fault. It is 0 if no
-        fault explains anything.
+        The fault is that of `claimed` whose statistic exceeds its limit by the greatest factor; if
+        none is claimed, the one that explains the accounts best, although it may be noise. The
+        statistic exceeds the limit exactly if the last `decide` found a fault. It is 0 if no fault
+        explains anything.
         """
         likeliest = self._test.likeliest() if not self.claimed else None
         found = self.claimed if likeliest is None else [likeliest]
@@ -208,11 +223,12 @@ class OilAccountDetector:
         return self._test.nuisances().mean
 
     def decide(self) -> Decision:
-        """Return the decision of the sequential test on all complete blocks so far.
+        """Return the decision on all complete blocks so far; each call counts towards confirmation.
 
-        An alarm that has lasted for 5 s is confirmed. From then on the decision with the greatest
-        statistic is repeated, even if the fault has ended. A leak that ends before it is confirmed
-        counts as lasting while the blocks before its end still support it.
+        A fault that has been found for 5 s is confirmed. When no fault is found later, the
+        confirmed decision with the greatest statistic is repeated, even if its fault has ended. A
+        leak that ends before it is confirmed counts as found while the blocks before its end still
+        support it. Once all confirmed leaks have been gone for 5 s, the leak test starts anew.
         """
         if self._leaks.ended(self._last_s):
             self._begin_anew()
@@ -256,7 +272,11 @@ class OilAccountDetector:
         return decision
 
     def _note(self, decision: Decision) -> None:
-        """Keep a confirmed decision with the greatest statistic so far, or only its end time."""
+        """Note that `decision` names a fault now; keep it as the alarm once that is confirmed.
+
+        It replaces an earlier alarm whose statistic is not greater. Otherwise only the alarm's
+        `ended_s` becomes that of `decision`, if both are of the same fault.
+        """
         if not self._hold.found(self._last_s):
             return
         alarm = self._alarm
@@ -266,7 +286,11 @@ class OilAccountDetector:
             self._alarm = replace(alarm, ended_s=decision.ended_s)
 
     def _name(self, findings: list[Finding], decision: Decision) -> None:
-        """Keep a leak named alone, at its greatest statistic, in case it ends unconfirmed."""
+        """Remember the leak that `decision` names, in case it ends before it is confirmed.
+
+        Only a leak that is named alone is remembered, with the decision in which its statistic was
+        greatest. Once any fault is confirmed, none is. The time of the call is kept in any case.
+        """
         leak, *others = findings
         self._named_s = self._last_s
         if self._alarm is not None:
@@ -277,7 +301,11 @@ class OilAccountDetector:
             self._named = leak, decision
 
     def _passed(self) -> Decision | None:
-        """Return the decision on a leak that was named and ended unconfirmed; None without one."""
+        """Return the decision on a leak that was named and ended unconfirmed; None without one.
+
+        If there is one, `claimed` is set to it. A named leak of which no end is found is forgotten
+        once no fault has been found for more than 5 s.
+        """
         if self._named is None:
             return None
         leak, decision = self._named
@@ -312,9 +340,10 @@ class OilAccountDetector:
         )
 
     def _found(self, findings: list[Finding], threshold: float, lines: bool) -> Decision:
-        """Return the decision on findings, the first of which has the greatest gain.
+        """Return the decision on findings, at least one, the first with the greatest gain.
 
-        The verdict is `unknown_fault` if they may be a fault of the lines (`lines`).
+        If `lines` is true, the verdict is `unknown_fault` and no leak is sized, as the findings may
+        be a fault of the supply or return line. `threshold` is what the statistic had to exceed.
         """
         first, *others = findings
         details: dict[str, float] = {}
@@ -372,7 +401,10 @@ class OilAccountDetector:
         return Decision(verdict, threshold=threshold, details=details)
 
     def _later_half(self) -> tuple[float, float]:
-        """Return the part of the later half that complete blocks cover, and its travel in m."""
+        """Return what part of the later half of the time complete blocks cover, and its travel (m).
+
+        The travel is the ram's greatest less its least position in these blocks.
+        """
         sums, half_s = self._test.sums, 0.5 * (self._last_s - self._first_s)
         mark = sums.mark_at(self._first_s + half_s)
         if mark == sums.marks:
@@ -380,9 +412,10 @@ class OilAccountDetector:
         return sums.seconds(mark) / half_s, sums.travel(mark)
 
     def _travel_needed(self) -> float:
-        """Return the travel in m that sweeps the oil a chamber stores at half supply pressure.
+        """Return the travel in m that a ram must make before its rig may be called healthy.
 
-        With less motion a leak can empty its chamber and then no longer shows.
+        It sweeps as much oil as a chamber stores by compression at half the supply pressure. With
+        less motion a leak can empty its chamber and then no longer shows.
         """
         par = self._parameters
         volume = chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par)[0]
@@ -390,9 +423,10 @@ class OilAccountDetector:
         return float(stored / par.piston_area)
 
     def _mean_size(self, finding: Finding) -> float:
-        """Return the mean absolute flow in m^3/s per unit coefficient from 2 s after the onset.
+        """Return the mean absolute flow in m^3/s that a leak has per unit coefficient.
 
-        It is averaged up to the fault's end or up to now; if no block lies between, from the onset.
+        It is averaged from 2 s after the leak's onset up to its end or up to now; if no block lies
+        between, from the onset.
         """
         sums = self._test.sums
         mark, last = sums.mark_at(finding.onset_s + SETTLED_AFTER_S), sums.marks
@@ -403,10 +437,10 @@ class OilAccountDetector:
         return float(sums.mean_sizes(mark, last)[finding.fault]) * LITRE_PER_MINUTE
 
     def _called(self, finding: Finding) -> str:
-        """Return the verdict on a fault; one of the lines needs a measured supply pressure.
+        """Return the verdict on a single fault: its name, or `unknown_fault`.
 
-        A fault of the supply or return line that the measured pressure does not confirm gives
-        `unknown_fault`.
+        A leak of the actuator always keeps its name. Supply leakage needs a drop of the measured
+        supply pressure, and a return blockage a measured supply pressure that has not dropped.
         """
         name = FAULTS[finding.fault]
         if name in LEAKS or finding == self._supply.search():
@@ -436,9 +470,10 @@ def is_of(decision: Decision, earlier: Decision) -> bool:
 def _with_supply(
     probabilities: Mapping[str, float], odds: float, leaking: bool
 ) -> dict[str, float]:
-    """Return the accounts' probabilities after the odds of a drop of the supply are taken in.
+    """Return the accounts' probabilities with that of a drop of the supply pressure added.
 
-    The drop counts as `multiple` if a leak was found too, else as `supply_leakage`.
+    `odds` are those of the drop. Its probability is added to `multiple` if a leak was found too
+    (`leaking`), else to `supply_leakage`; what the accounts say shrinks to the rest.
     """
     share = odds / (1.0 + odds)
     name = "multiple" if leaking else "supply_leakage"

@@ -31,14 +31,15 @@ class Candidates:
         regression: the regression of the missing flow on the nuisances and on the known fault.
         products: sums of the faults' products since each mark.
         scores: what each candidate would explain in the regression.
-        usable: bool (marks, 5), whether the fault shows in `WITNESSES` blocks or more from the mark
-            on, has a positive coefficient and is not the known fault.
+        usable: bool (marks, 5), whether `WITNESSES` blocks or more follow the mark, the fault would
+            make a flow in them, its coefficient is positive, and it is not the known fault.
         gain: float64 (marks, 5), gain of the candidate in twice the log likelihood; 0 where it is
             not usable.
         change: float64 (marks,), gain of a change of the known fault's own size at the mark; 0 up
             to its onset and in the last blocks, and 0 everywhere without a known fault.
-        before: float64 (marks,), gain of a fault of the same kind that began at the mark, before
-            the known fault; for this, the onset of the known fault stands for the end of a leak.
+        before: float64 (marks,), gain of a fault of the known fault's kind that began at the mark,
+            `WITNESSES` blocks or more before the known fault; 0 elsewhere and without a known
+            fault. It finds a leak that has ended: a known fault is then placed at its end.
     """
 
     regression: Regression
@@ -51,7 +52,7 @@ class Candidates:
 
 
 def score_faults(sums: AccountSums, least: float, beside: Finding | None = None) -> Candidates:
-    """Score every fault as if it began at every mark.
+    """Return the scores of every fault from every mark on.
 
     Args:
         sums: sums over the blocks so far.

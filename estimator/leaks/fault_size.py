@@ -45,7 +45,7 @@ LEAST_BLOCKS: Final = 120
 
 
 def stretches(sums: AccountSums) -> NDArray[np.int64]:
-    """Return the marks that divide the blocks so far into stretches of about equal length.
+    """Return indices of the marks that divide the blocks so far into about equal stretches.
 
     Returns:
         int64, increasing, at most `STRETCHES` - 1 marks. In a run of more than half an hour the
@@ -206,7 +206,7 @@ class FaultSizes:
         )
 
     def _noise_left(self, fit: JointFit) -> float:
-        """Return `lasting_noise` of the latest blocks' residuals from a fit."""
+        """Return `lasting_noise` of what a fit leaves unexplained of the latest blocks."""
         onsets = [int(self.sums.mark_blocks[mark]) for mark in fit.marks]
         present = list(zip(fit.faults, onsets, fit.coefficients, strict=True))
         return lasting_noise(self.recent.residuals(fit.nuisances, present), self.model_error)

@@ -9,7 +9,8 @@ class Finding:
 
     Attributes:
         fault: index into `FAULTS`.
-        onset: index of the first block that has the fault throughout.
+        onset: index of the first block that has the fault throughout, among all blocks that were
+            tested (of a drop of the supply pressure: among those that have one).
         coefficient, deviation: the fault's coefficient and its standard error, in SI units; for a
             drop of the measured supply pressure, the drop in Pa.
         statistic: the flow (of a supply pressure: the drop) beyond the dead zone, divided by its

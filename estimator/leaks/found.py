@@ -58,7 +58,10 @@ def found_in(history: Sequence[tuple[float, Decision]]) -> tuple[Found, ...]:
 
 
 def _found(course: Sequence[tuple[float, Decision]], final: Decision) -> Found:
-    """Return what the decisions on one fault, with their times, say of it at the `final` one."""
+    """Return the record of one fault from the decisions that name it, with their times in s.
+
+    `final` is the last decision on the recording; a fault that it does not name has ended.
+    """
     hold = Hold()
     confirmed = [hold.found(time_s) for time_s, _ in course]
     last_s, latest = course[-1]

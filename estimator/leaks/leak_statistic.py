@@ -178,7 +178,10 @@ class LeakTest:
         return [first]
 
     def _explained(self, first: Finding, second: Finding) -> float:
-        """Return the gain in twice the log likelihood of two faults that are fitted together."""
+        """Return the gain in twice the log likelihood of two faults that are fitted together.
+
+        The likelihood of the second finding must be that beside the first one.
+        """
         alone = self.candidates().gain[self.mark(first), first.fault]
         return float(alone) + second.likelihood
 
@@ -210,8 +213,8 @@ class LeakTest:
     def likely(self) -> list[Finding]:
         """Return each fault whose gain is `RIVAL_GAIN` or more, greatest gain first.
 
-        The gain is that in twice the log likelihood. The fault may be noise, as its statistic may
-        be below the limit.
+        The gain is that in twice the log likelihood. A fault may be noise, as its statistic may be
+        below the limit. `likelihood` and `limit` of these findings are left at 0.
         """
         candidates = self.candidates()
         found = []
@@ -267,7 +270,10 @@ class LeakTest:
         return self._healthy_noise
 
     def candidates(self, beside: Finding | None = None) -> Candidates:
-        """Return the scores of every fault at every mark, alone or beside one that was found."""
+        """Return the scores of every fault from every mark on, after the last block.
+
+        Faults are scored alone, or beside a fault that was found, which is then fitted along.
+        """
         key = None if beside is None else (beside.fault, beside.onset)
         if key not in self._scored:
             self._scored[key] = score_faults(self.sums, self._least_variance, beside)

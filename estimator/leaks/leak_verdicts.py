@@ -48,9 +48,10 @@ def leaks_beside(test: LeakTest, dropped: Finding) -> list[Finding]:
 def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
     """Return whether the findings may be a fault of the supply or return line.
 
-    Such a fault changes both accounts, as an internal leak or two leaks do. Beside the first
-    leak it explains next to nothing if that leak is the cause, and as much as a second leak
-    would if the lines are. False if nothing was found or the supply pressure is measured.
+    Such a fault changes both accounts, as an internal leak or two leaks do. It is ruled out if
+    beside the first leak it explains next to nothing, or clearly less than the second leak does.
+    The result is False if nothing was found or the supply pressure is measured. Otherwise it is
+    True if a finding is itself a fault of the lines, and False for an external leak alone.
     """
     if not findings or test.sums.supply(0)[0]:
         return False
@@ -66,11 +67,11 @@ def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
 
 
 def smallest_found(test: LeakTest, part: float = 0.5) -> Array:
-    """Return the smallest coefficient of each fault that would have been found.
+    """Return the smallest coefficient with which each fault would have been found.
 
     Args:
         test: the test of the blocks.
-        part: onset of the fault, as a part of all blocks: 0 for the first, 1 for the last one.
+        part: assumed onset of the fault, as a part of all blocks: 0 for the first, 1 for the last.
 
     Returns:
         float64 (5,), SI units, in the order of `FAULTS`; inf for a fault that does not show.
@@ -92,7 +93,8 @@ def present_coefficient(test: LeakTest, finding: Finding) -> float:
 
     It differs from the finding's coefficient if the accounts show a change since the onset. The
     leak has ended if what is left is within the dead zone, within the error of the leak law
-    (`relative_dead_zone` of the coefficient), or within two standard errors.
+    (`relative_dead_zone` of the coefficient), or within two standard errors. A leak that grows has
+    its latest coefficient (`Finding.grown`), and never counts as ended.
     """
     if finding.grown is not None:
         return finding.grown

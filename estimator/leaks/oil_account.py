@@ -40,7 +40,7 @@ class OilAccount:
     Which edges of the valve are open depends on the spool's null bias. It is taken from the test,
     which fits a constant to all blocks so far and knows its uncertainty; the filter's estimate
     would start from nothing and follow leaks. The result does not depend on how samples are
-    batched.
+    batched, except that runs of equal readings are looked for in each batch alone.
 
     Args:
         parameters: the parameters of the rig that are assumed.
@@ -76,7 +76,10 @@ class OilAccount:
 
 
 def _alive(values: Array) -> NDArray[np.bool_]:
-    """Return for each value whether it is in no run of `_FROZEN_SAMPLES` equal ones: bool (n,)."""
+    """Return for each value whether the transducer seems to measure: bool (n,).
+
+    It does not in a run of `_FROZEN_SAMPLES` or more equal values.
+    """
     starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
     lengths = np.diff([*starts, values.size])
     return np.repeat(lengths < _FROZEN_SAMPLES, lengths)

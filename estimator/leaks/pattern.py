@@ -50,7 +50,7 @@ class PatternBaseline:
 
 @dataclass(frozen=True)
 class HealthyLevel:
-    """The level of healthy innovations of both pressures, from means over half a second.
+    """The level of |innovation| of both pressures on a healthy rig, from means over half a second.
 
     Attributes:
         mean: mean of the half-second means of |innovation|, float64 (2,), Pa.
@@ -90,7 +90,7 @@ def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> 
 
 
 def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
-    """Return the level of the innovations of healthy runs.
+    """Return the level of |innovation| in healthy runs: mean and scatter of half-second means.
 
     NaN samples and the incomplete half second at the end of each run are left out.
 
@@ -110,9 +110,9 @@ def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
 
 
 def _pieces(absolute: Array) -> Array:
-    """Return the mean of each half second, float64 (m, 2), NaN samples left out.
+    """Return the mean of each half second of values (n, 2), float64 (m, 2), NaN left out.
 
-    A half second without a measured sample of each chamber has no mean and is left out.
+    A half second in which a chamber has no measured sample is left out.
     """
     count = absolute.shape[0] // _PIECE
     pieces = absolute[: count * _PIECE].reshape(count, _PIECE, 2)
@@ -128,6 +128,10 @@ PATTERNS: Final = ("healthy", *LEAKS)
 
 def pattern_of(averages: Array, baseline: PatternBaseline) -> NDArray[np.intp]:
     """Return the index into `PATTERNS` of the pattern that moving averages show (section 5.3).
+
+    It is an internal leak if both averages are above their thresholds and neither has risen
+    `EXTERNAL_RATIO` times as much as the other. In all other cases with an average above its
+    threshold it is an external leak of the chamber whose average has risen more.
 
     Args:
         averages: moving averages of both chambers, float64 (..., 2, *rigs), Pa.
@@ -167,7 +171,9 @@ class PatternDetector:
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Take the next samples, one or more; their innovations are averaged (docs/model.md).
 
-        The first 2 s are left out. No onset is noted before the averages cover 4 s more.
+        The first 2 s are left out. Without a baseline, one is learnt as soon as 15 s have passed.
+        With it, the first sample with an average above its threshold is kept as the onset, but none
+        before the averages cover 4 s.
         """
         if self._start is None:
             self._start = float(samples.time_s[0])
@@ -195,8 +201,8 @@ class PatternDetector:
     def decide(self) -> Decision:
         """Return the decision by the pattern (section 5.3) that the averages show now.
 
-        It is inconclusive until there is a baseline. A fault whose averages have fallen below their
-        thresholds again is no longer named.
+        It is inconclusive until there is a baseline, and healthy until `update` has kept an onset.
+        A fault whose averages have fallen below their thresholds again is no longer named.
         """
         if self.baseline is None:
             return Decision("inconclusive")

@@ -50,7 +50,7 @@ class ReplayResult:
 
 
 def why_unfit(recording: Recording, filter_name: str = DEFAULT_FILTER) -> str:
-    """Return in words why no leak can be told from how a recording was sampled; else "".
+    """Return in words why leaks cannot be judged from a recording, by how it was sampled; else "".
 
     Readings that were interpolated have neither the noise nor the changes that the detector weighs.
     Over more than 5 ms without a reading the oil's flow is not known (`FlowAccount.add`). The
@@ -92,7 +92,10 @@ def samples_of(recording: Recording) -> Samples:
 
 
 def detector_for(name: str, model: Model, false_alarms_per_day: float) -> Detector:
-    """Return a new detector for a filter: oil accounts for the default one, else the pattern."""
+    """Return a new detector for the filter of that name, without a baseline.
+
+    It is the detector by oil accounts for the default filter, and the pattern's for any other.
+    """
     if name == DEFAULT_FILTER:
         return OilAccountDetector(model, false_alarms_per_day)
     return PatternDetector(false_alarms_per_day)
@@ -184,7 +187,9 @@ def part_of(run: FilterRun, part: slice) -> FilterRun:
 
 
 def first_held(history: list[tuple[float, Decision]]) -> float | None:
-    """Return the time in s of the first decision with the final verdict; None if that is no fault.
+    """Return the time in s of the first decision with the verdict of the last one.
+
+    The result is None if that verdict is no fault. The verdict may have changed in between.
 
     Args:
         history: pairs of time in s and decision, at least one.

@@ -123,7 +123,8 @@ class SupplyTest:
     def limit(self) -> float:
         """Return the value that the statistic exceeds on a healthy rig at the stated rate.
 
-        See `LeakTest.threshold`.
+        With a model error of 1 or more it holds as if all onsets were independent; for an exact
+        model (0) the dependence is taken into account, and values between 0 and 1 interpolate.
         """
         freedom = _NOISE_WEIGHT + self._blocks
         onsets = min(max(self._blocks, 1), ONSETS)
@@ -132,9 +133,9 @@ class SupplyTest:
         return between(exact, bound, self._model_error)
 
     def search(self) -> Finding | None:
-        """Return the drop whose statistic exceeds the limit, as a supply leakage; else None.
+        """Return the likeliest drop, as a supply leakage, if it exceeds the limit; else None.
 
-        The finding's coefficient is the drop in Pa.
+        What must exceed the limit is its statistic. The finding's coefficient is the drop in Pa.
         """
         likeliest, limit = self._best(), self.limit()
         if likeliest is None or not likeliest.statistic > limit:
@@ -200,7 +201,9 @@ class SupplyTest:
         )  # fmt: skip
 
     def _droop_change(self, since: Array, total: Array) -> float:
-        """Return the change of the mean droop at an onset, in Pa per unit of the third unknown, R.
+        """Return how much the droop raises the mean supply pressure from before to after an onset.
+
+        It is in Pa per unit of the third unknown, R, which is in units of its prior.
 
         Args:
             since: products of the rows since the onset, (4, 4).
@@ -220,7 +223,14 @@ class SupplyTest:
         return contrasts
 
     def _spread(self, rows: Array, estimate: Array, onset: int, variance: float) -> float:
-        """Return the factor by which uneven or lasting noise raises the variance of a drop."""
+        """Return the factor by which uneven or lasting noise raises the variance of a drop.
+
+        Args:
+            rows: rows of the blocks that are kept, (blocks, 4).
+            estimate: the unknowns of the fit, (5,).
+            onset: index in `rows` from which the drop is present.
+            variance: noise variance of the fit, Pa^2.
+        """
         left = rows[:, 3] - rows[:, :3] @ estimate[:3]
         left[onset:] -= rows[onset:, :2] @ (_SIGNS * estimate[3:])
         # Two unknowns are fitted to the blocks since the onset alone.
