@@ -161,7 +161,7 @@ class RegionOf:
 
 @register_jitable
 def direction(velocity: Any, rest: float) -> Any:
-    """Return the direction of motion: 1 or -1, or 0 where the velocity is less than `rest`.
+    """Return the direction of motion: 1 or -1, or 0 where the speed is less than `rest`.
 
     A `RegionOf` may call it with an array (n,), and numba with a single number.
     """

@@ -103,9 +103,9 @@ def effect_variables(effect: Effect) -> tuple[Variable, ...]:
 
 
 def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ...]:
-    """Return the variables with those of an effect added.
+    """Return the variables without those of an effect's parameters, followed by the effect's own.
 
-    A nuisance of the same parameter is left out, because the effect's variable takes its place.
+    So an effect's variable takes the place of a nuisance with the same parameter.
     """
     added = effect_variables(effect)
     taken = {variable.parameter for variable in added}
