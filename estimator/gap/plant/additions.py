@@ -56,7 +56,10 @@ _Y: Final = PARTS.index("y0")
 
 
 def slot_field(slot: int, part: str) -> str:
-    """Return the name of one number of a slot, among the plant's parameters."""
+    """Return the name of the parameter that holds one of the `PARTS` of a slot.
+
+    Slots are counted from 0 here, and from 1 in the names.
+    """
     return f"added_{slot + 1}_{part}"
 
 
@@ -243,7 +246,9 @@ class Layout:
         return ""
 
     def values(self, additions: Sequence[Addition]) -> dict[str, float]:
-        """Return the values of all slots that hold these additions, by parameter name.
+        """Return the values of all slots, by parameter name, with these additions in the first.
+
+        The other slots are empty.
 
         Raises:
             ValueError: there are more additions than slots, or `why_not` refuses one.
@@ -346,7 +351,7 @@ def _table(numbers, first, x):
 
 @inlined
 def _shape(form, x, at, by):
-    """Return the value of a form in symbols, an index into `FORMS`, at x."""
+    """Return the value at x of the form in symbols with the index `form` in `FORMS`, of size 1."""
     if form == 0:
         return 1.0
     if form == 1:

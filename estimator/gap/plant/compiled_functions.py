@@ -42,7 +42,10 @@ class Views:
 
 
 def sample_points(description: PlantDescription) -> tuple[Array, Array]:
-    """Return some states (n, states) and inputs (n, inputs) at which functions are compared."""
+    """Return states (4, states) and inputs (4, inputs) at which functions are compared.
+
+    The first state is the start, with 0 where a channel gives it; the others are near it.
+    """
     spreads = [each.spread for each in description.states]
     sizes = [each.size for each in description.inputs]
     states = np.array(description.at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)

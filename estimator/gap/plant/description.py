@@ -245,7 +245,10 @@ class PlantDescription:
 
     @property
     def may_vary(self) -> tuple[VaryingOf, ...]:
-        """Return `varying`, or if that is None the parameters with a tolerance above zero."""
+        """Return `varying`, or if that is None each parameter with a tolerance above zero.
+
+        Such a parameter varies alone, and with each of the regions.
+        """
         if self.varying is not None:
             return self.varying
         regions = tuple(region.name for region in self.regions)

@@ -384,7 +384,7 @@ def forget(before, state, memory, parameters):
 
 
 def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
-    """Return the first inputs (inputs,): the memory of a plant that remembers its inputs alone."""
+    """Return the inputs (inputs,) of the first sample, as memory that holds inputs alone."""
     return np.array(inputs[0], dtype=np.float64)
 
 

@@ -156,9 +156,10 @@ def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
 
 
 def mean_gap(gaps: Sequence[ChannelGap]) -> tuple[float, float]:
-    """Return the excess over the floor, averaged over the channels, before and after.
+    """Return two means of the channels' excess over the floor, in noise variances.
 
-    Both are in noise variances. A channel below the floor counts as 0. There must be a channel.
+    The first is that of the model as given (`before`), the second that of the model as written
+    (`after`). A channel below the floor counts as 0. There must be a channel.
     """
     before = float(np.mean([max(gap.before - gap.floor, 0.0) for gap in gaps]))
     after = float(np.mean([max(gap.after - gap.floor, 0.0) for gap in gaps]))

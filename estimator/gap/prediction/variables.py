@@ -41,7 +41,7 @@ class Variable(Knob):
         return changed
 
     def held(self, values: Values) -> "Variable":
-        """Return this variable with bounds that leave it no other value than its present one."""
+        """Return this variable with bounds that leave it no other value than that in `values`."""
         at = values[self.parameter]
         return replace(self, lower=at, upper=at)
 

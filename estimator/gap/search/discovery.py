@@ -151,9 +151,10 @@ class Discovering:
         return self.settled(found) if found.discoveries and is_new else found
 
     def settled(self, model: DiscoveredModel) -> DiscoveredModel:
-        """Return a model with all its variables fitted, and with the filter's gains for them.
+        """Return a model like the given one, with all its variables fitted anew.
 
-        The fit starts from the model's values.
+        The fit starts from the model's values. The filter's gains, the costs and the additions of
+        the result are those of the fit.
         """
         layout = self.plant.layout
         assert layout is not None

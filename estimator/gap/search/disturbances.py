@@ -85,7 +85,10 @@ class Place:
 
 
 def places_of(plant: Plant) -> list[Place]:
-    """Return all places of a plant where a disturbance may enter."""
+    """Return the equations of a plant, then its readings, as places for disturbances.
+
+    Parameters are places, too: `varying_of` has them.
+    """
     found = [
         Place(e.name, e.unit, e.shown, (e.state, *(state for state, _ in e.also)), e.of, e)
         for e in plant.equations
@@ -351,10 +354,10 @@ class Attribution:
         )  # fmt: skip
 
     def curves(self, floor: float) -> list[Curve]:
-        """Return the disturbance of each place against each of its regions, by falling gain.
+        """Return the disturbance of each equation and reading against each region, by falling gain.
 
-        Time is one of the regions; regions that do not change are left out. `floor` is the cost per
-        reading of a rig that is exactly the model.
+        Only regions are taken that the place may depend on, and time. Those that do not change are
+        left out. `floor` is the cost per reading of a rig that is exactly the model.
         """
         found = [
             self.curve(place, name, floor)

@@ -69,7 +69,7 @@ class Explanation:
 
     @property
     def where(self) -> tuple[str, str, str]:
-        """Return the names of the place, the quantity and the factor; "" for none of the latter."""
+        """Return the names of place, quantity and factor, the last two "" if there is none."""
         return self.place.name, self.shape.of, self.shape.times
 
 
@@ -198,7 +198,7 @@ class Explaining:
     def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
         """Return an explanation for each shape of a place; shapes that change nothing are left out.
 
-        The shapes are evaluated in groups, to save memory.
+        The shapes are evaluated in groups with at least `_TOGETHER` columns, but for the last one.
         """
         found: list[Explanation] = []
         group: list[Shape] = []

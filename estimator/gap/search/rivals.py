@@ -131,12 +131,14 @@ class Rivals:
         self, found: Found, lost: tuple[Fitted, Filtered], variables: tuple[Variable, ...],
         candidate: Screened,
     ) -> Fitted:  # fmt: skip
-        """Return the fit with a candidate: with its own gains, then with those of the finding.
+        """Return the fit with a candidate, with the finding's gains.
+
+        The fit starts from another one, whose gains are those of the model with the candidate.
 
         Args:
             found: the finding whose gains are used in the end.
-            lost: fit and gains of the model without the effect that the candidate replaces
-                (`lost`).
+            lost: fit and gains of the model without the effect that the candidate replaces, as
+                the method `lost` returns them.
             variables: variables of that model.
             candidate: effect to be added.
         """

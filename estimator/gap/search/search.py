@@ -156,9 +156,10 @@ class Search:
     ) -> tuple[Effect, Fitted, float] | None:
         """Return the effect to add next, its fit, and the bar that its gain passed.
 
-        The result is None if no candidate passes its bar. In `found`, `samples` is set, on which
-        the caller relies, and `filtered` may be replaced by the records with gains for the values
-        of `found.fitted`.
+        The candidates that promise most are fitted, some of them again with filter gains of their
+        own. Of those that pass their bar it is the one that costs least; the result is None if
+        there is none. In `found`, `samples` is set, on which the caller relies, and `filtered` may
+        be replaced by the records with gains for the values of `found.fitted`.
 
         Args:
             found: finding so far; changed in place.

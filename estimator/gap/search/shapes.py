@@ -60,7 +60,7 @@ class Shape:
         return several.get(self.form, 1)
 
     def columns(self, along: Mapping[str, Array]) -> Array:
-        """Return the disturbance (n, count) by each coefficient alone, if that is 1.
+        """Return for each coefficient the disturbance if it is 1 and all others are 0, (n, count).
 
         `along` has the quantities (n,) by name. For a tone, all samples must be of one recording,
         whose number is the first element of the quantity `RECORDING`.
@@ -198,7 +198,8 @@ def tables(quantities: Mapping[str, Array], of: Sequence[str], turned: bool) -> 
     Args:
         quantities: float64 (n,) by name.
         of: names of those along which tables are made.
-        turned: whether there are also tables that are multiplied by the direction of motion.
+        turned: whether there are also tables that are multiplied by the direction of motion, along
+            all quantities but the direction and the velocity.
     """
     found = []
     for name in of:

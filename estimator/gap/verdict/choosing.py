@@ -165,7 +165,7 @@ def _by_its_curve(discovering: Discovering, found: Found, alone: DiscoveredModel
 
 
 def _pinned(plant: Plant, found: Found) -> set[str]:
-    """Return the named effects whose size is at an end of what is plausible.
+    """Return the names of the named effects whose size is at an end of what is plausible.
 
     A fit would move such a size (`PINNED`) beyond the end, so that the effect stands in for
     something else. The size is the effect's first knob; an end at which it was in the model as

@@ -328,8 +328,9 @@ _ACROSS: Final = "leak across the piston"
 def is_leak(addition: Addition, low: float, high: float) -> bool:
     """Return whether an addition takes oil out of a chamber and grows with a pressure.
 
-    An opening across the piston does so wherever it is: what passes it grows with the difference of
-    the pressures. A flow does so if less comes in, or more goes out, at higher pressures.
+    An opening across the piston always counts: what passes it grows with the difference of the
+    pressures. A flow into a chamber counts if it depends on that chamber's pressure, goes out at
+    some pressure, and on the whole falls as the pressure rises. Nothing else counts.
 
     Args:
         addition: the disturbance.

@@ -71,9 +71,9 @@ class Unsettled:
 
     @property
     def counts(self) -> bool:
-        """Return whether so much depends on the motion that the named effects are not the cause.
+        """Return whether so much depends on the motion that something is left unexplained.
 
-        It is more than `STIRRED`, and more than the part `LEFT` of `before`.
+        That is so if `stirred` is more than `STIRRED`, and more than the part `LEFT` of `before`.
         """
         return self.stirred > max(STIRRED, LEFT * self.before)
 

@@ -215,7 +215,12 @@ def _judgement(
 def _set_answer(
     result: GapResult, search: Search, found: Found, choice: Choice, judged: Fitter, wanted: Wanted
 ) -> None:
-    """Set effects, disturbances, the model written and its held-out gap in the result."""
+    """Set in the result all that is told if the verdict is not inconclusive.
+
+    That is the effects, disturbances, refitted nuisances, the model written with its held-out gap,
+    detection limits, experiments and further reasons. If the fitted model predicts worse than the
+    model as given, the latter is written, and the verdict may change (`take_back`).
+    """
     fitter, plant = search.fitter, search.plant
     described = {
         id(each): described_as(each, plant)
