@@ -78,8 +78,8 @@ class Record:
             reading is missing or saturated.
         first: number of the recording's samples that come before this record.
         number: number of the recording among those that are looked at together, from 0.
-        unread: bool (n, outputs), whether the recording has no reading, as between the rows of a
-            slower one; None if it has all of them.
+        unread: bool (n, outputs), whether a reading is missing: the recording has none, as between
+            the rows of a slower one, or `record_of` left it out; None if none is missing.
     """
 
     source: str
