@@ -56,7 +56,10 @@ _Y: Final = PARTS.index("y0")
 
 
 def slot_field(slot: int, part: str) -> str:
-    """Return the name of one number of a slot, among the plant's parameters."""
+    """Return the name of the parameter that holds one of the `PARTS` of a slot.
+
+    Slots are counted from 0 here, and from 1 in the names.
+    """
     return f"added_{slot + 1}_{part}"
 
 
@@ -144,7 +147,10 @@ def as_addition(term: AddedTerm) -> Addition:
 
 
 def wave(place: str, of: str, pitch: float, sine: float, cosine: float) -> Addition:
-    """Return the addition sine sin(2 pi x / pitch) + cosine cos(2 pi x / pitch)."""
+    """Return a wave along `of` as an addition, made of the sizes of its sine and its cosine.
+
+    It is `sine` * sin(2 pi x / `pitch`) + `cosine` * cos(2 pi x / `pitch`); all are in SI units.
+    """
     return Addition(
         place, of, "", "wave", (pitch, atan2(cosine, sine)), (hypot(sine, cosine),)
     )  # fmt: skip
@@ -206,7 +212,8 @@ class Layout:
         own: names of the plant's own parameters.
 
     Attributes:
-        changed: int64 (varying, 2), indices of the parameters that each changes; -1 for none.
+        changed: int64 (varying, 2), indices of the parameters that each of `varying` changes; -1
+            for none.
         own: number of the plant's own parameters; those of the slots follow them.
     """
 
@@ -239,7 +246,9 @@ class Layout:
         return ""
 
     def values(self, additions: Sequence[Addition]) -> dict[str, float]:
-        """Return the values of all slots that hold these additions, by parameter name.
+        """Return the values of all slots, by parameter name, with these additions in the first.
+
+        The other slots are empty.
 
         Raises:
             ValueError: there are more additions than slots, or `why_not` refuses one.
@@ -286,9 +295,10 @@ class Layout:
         return found
 
     def names(self, additions: Sequence[Addition], index: int) -> tuple[list[str], list[str]]:
-        """Return the names of the parameters that hold the values, and the places, of an addition.
+        """Return the names of the parameters that hold an addition: its `values`, and its `at`.
 
-        The additions are those given to `values`; `index` is that of one of them.
+        These are two lists. `additions` are those given to the method `values`; `index` is that of
+        one of them.
         """
         each = additions[index]
         return (
@@ -311,7 +321,10 @@ _ADD: Final = void(EXTENSION, float64[::1], float64[::1], int64, float64[::1])
 
 @inlined
 def _quantity(number, measured, time_s):
-    """Return the quantity with an index of a slot: 1 for none, or the time, or of `measured`."""
+    """Return the quantity that a slot refers to by a number.
+
+    It is 1 for `CONSTANT_OF`, the time for `TIME_OF`, else that element of `measured`.
+    """
     if number == CONSTANT_OF:
         return 1.0
     if number == TIME_OF:
@@ -321,7 +334,10 @@ def _quantity(number, measured, time_s):
 
 @inlined
 def _table(numbers, first, x):
-    """Return the value at x of the table whose knots begin at `first`."""
+    """Return the value at x of the table whose knots begin at index `first`.
+
+    Between knots it is interpolated, and beyond the outermost ones it is constant.
+    """
     if not x > numbers[first]:
         return numbers[first + KNOTS]
     for k in range(1, KNOTS):
@@ -335,7 +351,7 @@ def _table(numbers, first, x):
 
 @inlined
 def _shape(form, x, at, by):
-    """Return the value of a form in symbols, an index into `FORMS`, at x."""
+    """Return the value at x of the form in symbols with the index `form` in `FORMS`, of size 1."""
     if form == 0:
         return 1.0
     if form == 1:
@@ -383,9 +399,10 @@ def added_value(parameters, first, measured, time_s, recording):
 
 @njit(_ADD, cache=True, error_model="numpy")
 def add_to_parameters(extension, parameters, measured, t, present):
-    """Write to `present` those parameters of a sample to which slots add something.
+    """Write to `present` those parameters of sample `t` to which slots add something.
 
-    All others must be there already, as in `parameters`.
+    What is written is the value in `parameters` and what the slots add. All other parameters must
+    be in `present` already.
     """
     time_s = extension.time_s + t * extension.period
     for slot in range(SLOTS):
@@ -407,7 +424,10 @@ def add_to_parameters(extension, parameters, measured, t, present):
 
 @njit(_ADD, cache=True, error_model="numpy")
 def add_to_readings(extension, parameters, measured, t, readings):
-    """Add what slots add to the readings (outputs,) of a sample, in place."""
+    """Add the disturbances of slots that enter readings to the readings (outputs,) of sample `t`.
+
+    The readings are changed in place.
+    """
     time_s = extension.time_s + t * extension.period
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
@@ -418,9 +438,10 @@ def add_to_readings(extension, parameters, measured, t, readings):
 
 @njit(_ADD, cache=True, error_model="numpy")
 def add_to_state(extension, parameters, measured, t, state):
-    """Kick the state (states,) after a step by what the equations have beside, in place.
+    """Add what slots that enter equations change in one sample to the state (states,) after a step.
 
-    `measured` belongs to the state before the step.
+    The state is changed in place. `measured` has the quantities and rates of the state before the
+    step of sample `t`.
     """
     time_s = extension.time_s + t * extension.period
     for slot in range(SLOTS):

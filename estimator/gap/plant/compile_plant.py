@@ -1,4 +1,4 @@
-"""This module makes a `Plant` of a description: it checks it and compiles its functions.
+"""This module makes a `Plant` of a description, which it checks and whose functions it compiles.
 
 The compiled step integrates the rates of the description.
 """
@@ -52,10 +52,10 @@ def build(
 ) -> Plant:
     """Return the plant of a description, with given values of all its parameters (by name, SI).
 
-    It is compiled for samples of one period (s). Predictions are judged over 20 ms, or over 20
-    samples or rows if these last longer: `row_s` is the period of the recordings' rows (s), if only
-    some samples have one. This takes two to three seconds, most of them for
-    compiling.
+    The plant is compiled for samples of one period (s). Predictions are judged over 20 ms, or over
+    20 samples or rows if these last longer. `row_s` is the period of the recordings' rows (s) if
+    these are rarer than samples, else it may be 0. A call takes two to three seconds, most of them
+    for compiling.
 
     Raises:
         PlantError: the tables of the description do not fit together, its functions fail, or numba
@@ -298,8 +298,9 @@ def _steered(plant: Plant, description: PlantDescription) -> Plant:
     """Return the plant, with its first input steered by the first output that follows that input.
 
     The gain is the input, per unit of the output, that moves the output by that unit within half a
-    second, or within 20 samples if these last longer. If no output follows the input, the plant is
-    returned as it is.
+    second, or within 20 samples if these last longer. An output follows if an input of its usual
+    `size` moves it by more than ten times its noise in that time. If none does, or if a reading is
+    not finite, the plant is returned as it is.
     """
     par = plant.vector(plant.nominal)
     ends = []

@@ -42,7 +42,10 @@ class Views:
 
 
 def sample_points(description: PlantDescription) -> tuple[Array, Array]:
-    """Return some states (n, states) and inputs (n, inputs) at which functions are compared."""
+    """Return states (4, states) and inputs (4, inputs) at which functions are compared.
+
+    The first state is the start, with 0 where a channel gives it; the others are near it.
+    """
     spreads = [each.spread for each in description.states]
     sizes = [each.size for each in description.inputs]
     states = np.array(description.at_rest) + np.outer([0.0, 1.0, -0.7, 0.3], spreads)
@@ -92,6 +95,9 @@ def compiled(description: PlantDescription, views: Views, period: float) -> tupl
     Their sources are generated: they unpack arrays into the named tuples of the views. Each substep
     of step is one of Runge and Kutta (4th order), with the inputs held. The substeps of a sample
     are no longer than those that the description states for 1 ms.
+
+    Raises:
+        PlantError: numba cannot compile a function of the description.
     """
     states, outputs = range(len(description.states)), range(len(description.outputs))
     substeps = max(ceil(description.substeps * (period / PERIOD) - 1e-9), 1)
@@ -123,12 +129,16 @@ def compiled(description: PlantDescription, views: Views, period: float) -> tupl
 
 
 def _names(views: Views) -> dict[str, Any]:
-    """Return the classes of the views by the names that sources call them by."""
+    """Return the classes of the views by the names that they have in generated sources."""
     return {"State": views.state, "Inputs": views.inputs, "Parameters": views.parameters}
 
 
 def _unpacked(description: PlantDescription, inputs: str) -> dict[str, str]:
-    """Return, as sources, the elements of all views; `inputs` is the array that has the inputs."""
+    """Return source text that lists the elements of arrays, to make the named tuples of the views.
+
+    The keys are "par", "inputs" and "loaded", the last one for the state. `inputs` is the name of
+    the array in the source that has the inputs.
+    """
     return {
         "par": _listed("parameters[{}]", range(len(description.parameters))),
         "inputs": _listed(inputs + "[{}]", range(len(description.inputs))),
@@ -189,7 +199,10 @@ def _made(name: str, source: str, signature: Any, names: dict[str, Any], of: str
 
 
 def _number(value: Any) -> Any:
-    """Return a number, or the only one in an array, as a float; for compiled functions alone."""
+    """Return a number, or the only one in an array, as a float.
+
+    Only compiled functions may call it: numba takes `_number_of` in its place.
+    """
 
 
 @overload(_number)
@@ -243,13 +256,16 @@ def measures_of(plant: Plant, description: PlantDescription, views: Views) -> An
 def _check_alike(
     plant: Plant, description: PlantDescription, measures: Any, rows: list[tuple[str, int]]
 ) -> None:
-    """Raise PlantError if compiled functions differ from those that take arrays.
+    """Raise PlantError if a quantity or rate has another value compiled than computed with arrays.
+
+    They are compared at `sample_points`.
 
     Args:
-        plant: plant with the latter.
-        description: its description.
-        measures: the compiled functions.
-        rows: what each is and its index in what `measures` writes.
+        plant: plant whose regions and equations compute with arrays.
+        description: description of the plant.
+        measures: compiled function that writes all quantities and rates of one sample.
+        rows: for each region and then each equation, its name in the error's words, and the index
+            of its value in what `measures` writes.
     """
     states, inputs = sample_points(description)
     found = np.empty((len(states), len(plant.regions) + 2 * len(plant.equations)))

@@ -161,7 +161,7 @@ class RegionOf:
 
 @register_jitable
 def direction(velocity: Any, rest: float) -> Any:
-    """Return the direction of motion: 1 or -1, or 0 where the velocity is less than `rest`.
+    """Return the direction of motion: 1 or -1, or 0 where the speed is less than `rest`.
 
     A `RegionOf` may call it with an array (n,), and numba with a single number.
     """
@@ -245,7 +245,10 @@ class PlantDescription:
 
     @property
     def may_vary(self) -> tuple[VaryingOf, ...]:
-        """Return `varying`, or if that is None the parameters with a tolerance above zero."""
+        """Return `varying`, or if that is None each parameter with a tolerance above zero.
+
+        Such a parameter varies alone, and with each of the regions.
+        """
         if self.varying is not None:
             return self.varying
         regions = tuple(region.name for region in self.regions)

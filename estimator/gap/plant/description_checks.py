@@ -43,8 +43,9 @@ def check_functions(description: PlantDescription, views: Any, par: Any) -> None
         par: named tuple of its parameters.
 
     Raises:
-        PlantError: a function raises, returns no numbers or a wrong number of them, or one but a
-            region's returns a value that is not finite; the error lists all problems.
+        PlantError: a function raises, returns no numbers or a wrong number of them, or returns a
+            value that is not finite, which only `value` of a region may do; the error lists all
+            problems.
     """
     inputs = views.inputs(*(0.5 * each.size for each in description.inputs))
     at_rest = description.at_rest
@@ -107,7 +108,11 @@ def _reason(error: Exception, arguments: tuple[Any, ...]) -> str:
 
 
 def _array(where: str, function: Any, arguments: tuple[Any, ...], finite: bool) -> Iterator[str]:
-    """Yield what is wrong with a function of arrays (2,) of the states."""
+    """Yield in words what is wrong with a function that takes arrays (2,) of the states.
+
+    Nothing is yielded if it returns numbers, one or two. If `finite`, they must be finite. `where`
+    names the function in the words.
+    """
     plain = getattr(function, "py_func", function)
     try:
         found = np.asarray(plain(*arguments), dtype=np.float64)

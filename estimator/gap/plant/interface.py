@@ -194,10 +194,11 @@ class Effect:
         propose: (recordings as predicted, values of all parameters by name) -> further starts, for
             an effect whose starts depend on the recorded motion. It returns an empty tuple if the
             recordings show nothing of the effect.
-        own: pairs of a place that a disturbance may enter and a quantity that it may depend on, in
-            which the effect's formula is a curve. A disturbance found there, beside the effect,
-            corrects its formula.
-        like: what curves are this effect even where its formula explains little of them.
+        own: pairs of a place that a disturbance may enter and a quantity that it may depend on: the
+            effect's formula acts there as a curve of that quantity. So a disturbance found there,
+            beside the effect, counts as a correction of the formula.
+        like: tests by which a discovered curve is recognised as this effect, even if the effect's
+            formula explains little of it.
     """
 
     name: str
@@ -213,12 +214,13 @@ class Effect:
 
 @dataclass(frozen=True)
 class Likeness:
-    """What curve of a disturbance is an effect, by its place, its quantity and its course.
+    """A test of whether a discovered curve is an effect, by its place, its quantity and its form.
 
     Attributes:
-        place: name of a place that a disturbance may enter.
-        of: quantity that it depends on.
-        read: (quantity (k,), ascending, disturbance (k,), SI) -> the effect's first knob, or None.
+        place: name of the place that the disturbance must enter.
+        of: name of the quantity that it must depend on.
+        read: (quantity (k,), ascending, disturbance (k,), both SI) -> value of the effect's first
+            knob that the curve shows, SI; None if the curve is not this effect.
     """
 
     place: str
@@ -377,12 +379,12 @@ def hold(inputs, memory, parameters):
 def forget(before, state, memory, parameters):
     """Do nothing, as `remember` of a plant whose readings follow from its state alone.
 
-    It is also `measures` of a plant without quantities that an addition could depend on.
+    This function is also `measures` of a plant without quantities that an addition could depend on.
     """
 
 
 def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
-    """Return the first inputs (inputs,): the memory of a plant that remembers its inputs alone."""
+    """Return the inputs (inputs,) of the first sample, as memory that holds inputs alone."""
     return np.array(inputs[0], dtype=np.float64)
 
 

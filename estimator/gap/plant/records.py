@@ -78,8 +78,8 @@ class Record:
             reading is missing or saturated.
         first: number of the recording's samples that come before this record.
         number: number of the recording among those that are looked at together, from 0.
-        unread: bool (n, outputs), whether the recording has no reading, as between the rows of a
-            slower one; None if it has all of them.
+        unread: bool (n, outputs), whether a reading is missing: the recording has none, as between
+            the rows of a slower one, or `record_of` left it out; None if none is missing.
     """
 
     source: str
@@ -163,10 +163,12 @@ def seen_parts(record: Record, period: float) -> list[Record]:
 def lateness(recording: Recording) -> Array:
     """Return how much later than usual each sample was taken, s (n,); NaN where that is unknown.
 
-    A loop on hardware writes and reads in one exchange per tick. The usual time is the median of
-    all exchanges. It is no delay, because a row's command acts from the row's own sample on. A
-    later exchange samples a later moment, and no effect of the rig must be made to explain the
-    difference. Recordings without the times of exchanges, or with none that is finite, give zeros.
+    A loop on hardware writes and reads in one exchange per tick. A sample's time within its tick is
+    the end of the exchange (the sum of `TIMES_OF_EXCHANGE`), and usual is the recording's median.
+    Samples at the usual time count as not late, because a row's command acts from the row's own
+    sample on. A later exchange samples a later moment, and no effect of the rig must be made to
+    explain the difference. Recordings without the times of exchanges, or with none that is finite,
+    give zeros.
     """
     if not all(name in recording for name in TIMES_OF_EXCHANGE):
         return np.zeros(len(recording))
@@ -177,7 +179,7 @@ def lateness(recording: Recording) -> Array:
 
 
 def untimely(recording: Recording) -> BoolArray:
-    """Return for each sample, bool (n,), whether it was taken off its time or at an unknown one.
+    """Return for each sample, bool (n,), whether it was taken off its time or at an unknown time.
 
     A sample is off its time if its `lateness` is more than `UNTIMELY_S`, early or late.
     """
@@ -187,7 +189,7 @@ def untimely(recording: Recording) -> BoolArray:
 def _rates(readings: Array, period: float) -> Array:
     """Return the rates of change of readings, per s (n, outputs), each over `_SMOOTHED` samples.
 
-    The rates of the first and last samples are 0.
+    The rates of the first five and the last five samples are 0.
     """
     rates = np.zeros_like(readings)
     half = _SMOOTHED // 2
@@ -244,7 +246,10 @@ def _held(readings: Array, missing: BoolArray) -> Array:
 
 
 def smoothed(values: Array) -> Array:
-    """Return the moving mean (n,) over 11 samples around each; end values (n,) are repeated."""
+    """Return the moving mean (n,) of values (n,), over the 11 samples around each.
+
+    Beyond the ends, the first and the last value are repeated.
+    """
     half = _SMOOTHED // 2
     padded = np.pad(values, half, mode="edge")
     sums = np.cumsum(np.concatenate([[0.0], padded]))
@@ -252,11 +257,12 @@ def smoothed(values: Array) -> Array:
 
 
 def roughness(record: Record, plant: Plant, values: Mapping[str, float]) -> Array:
-    """Return the variances (n, outputs) to add to readings near violent samples; 0 elsewhere.
+    """Return what to add to the variances of readings near violent samples, (n, outputs).
 
     When exactly within a sample a ram meets its stop is unknown. So a reading near such a blow may
-    be wrong by as much as readings change there from sample to sample. Near means from 3 samples
-    before to 30 samples after a sample that `Plant.violent` marks at these parameter `values`.
+    be wrong by as much as readings change there from sample to sample: the square of the greatest
+    change within two samples is added. Near means from 3 samples before to 30 samples after a
+    sample that `Plant.violent` marks at these parameter `values`. The result is 0 elsewhere.
     """
     added = np.zeros_like(record.readings)
     if plant.violent is None:
@@ -304,13 +310,13 @@ class Stuck:
 def stuck_stretches(recording: Recording, plant: Plant) -> tuple[Stuck, ...]:
     """Return all stretches in which a channel of a recording is stuck, channel by channel.
 
-    A reading that has noise seldom repeats: two rows that follow each other are equal in a part p
-    of a channel's other rows, so that noise repeats a reading n times somewhere in N rows with a
-    chance of at most N p^n. A channel is stuck where that chance is below `CHANCE`, for `STUCK_S`
-    or longer, while another channel moves. A channel is not judged if it is coarser than its noise,
-    as an encoder at rest repeats its count, if p is above `OFTEN`, or if it has too few other rows
-    to tell p from, as a dead sensor has. A reading at an end of its range is saturated and not
-    stuck.
+    A channel is stuck where it repeats one reading for `STUCK_S` or longer, while another channel
+    moves, and where noise would hardly do that. Let p be the part of a channel's rows that repeat
+    the row before, apart from repetitions that last `STUCK_S` or longer. Then noise repeats a
+    reading n times somewhere in N rows with a chance of at most N p^n, which must be below
+    `CHANCE`. A channel is not judged if its noise is no more than its resolution, as an encoder at
+    rest repeats its count, if p is above `OFTEN`, or if there are too few rows to tell p from, as
+    of a dead sensor. A reading at an end of its range is saturated and not stuck.
 
     Raises:
         KeyError: a channel that the plant needs is missing.
@@ -330,9 +336,11 @@ def stuck_stretches(recording: Recording, plant: Plant) -> tuple[Stuck, ...]:
 
 
 def _repeated(values: Array, least: int) -> list[tuple[int, int]]:
-    """Return first index and end of each stretch of `least` repetitions that noise does not make.
+    """Return the stretches of at least `least` repetitions that noise would hardly make.
 
-    Missing readings repeat nothing.
+    Each has the index of its first repeated reading and the index after its last. Missing readings
+    (NaN) repeat nothing. There are no stretches if the channel cannot be judged: if fewer than
+    `least` of the other rows are left, or if more than the part `OFTEN` of them repeats.
     """
     same = values[1:] == values[:-1]
     edges = np.flatnonzero(np.diff(np.r_[False, same, False])).reshape(-1, 2)
@@ -351,7 +359,10 @@ def _repeated(values: Array, least: int) -> list[tuple[int, int]]:
 def _moves(
     readings: Sequence[Array], outputs: Sequence[Output], index: int, first: int, end: int
 ) -> bool:
-    """Return whether a channel other than that of `index` moves within some samples."""
+    """Return whether a channel other than that of `index` moves from `first` on and before `end`.
+
+    It moves if its readings there span more than `_MOVES` times their noise and rounding.
+    """
     for other, (output, values) in enumerate(zip(outputs, readings, strict=True)):
         part = values[first:end]
         known = part[np.isfinite(part)]

@@ -70,7 +70,8 @@ def unheard(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> fl
 
     A sensor less noisy than stated, or whose readings were filtered, leaves innovations that are
     smaller than a twin's at high frequencies. What the model lacks, at low ones, is then hidden in
-    the sum of all. A channel counts if its highest band is short of noise, with all bands that are.
+    the sum of all. Only channels whose highest band is short of noise (`OVERSTATED`) count, and of
+    these all bands that are short of it.
 
     Args:
         filtered: the records, with gains for `values`.
@@ -90,8 +91,9 @@ def unheard(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> fl
 def _powers(filtered: Filtered, values: Values) -> Array:
     """Return the sum of squares of each channel's innovations by band, (bands, outputs).
 
-    It is that of all blocks if each had the power of their median. Where a ram breaks away, or
-    comes on a stop, a twin may err more than the record; such blocks are few.
+    It is the sum over all blocks if each block had the median power of all. The median is used
+    because a twin may err more than the record in a few blocks, where a ram breaks away or comes on
+    a stop.
     """
     period = filtered.predictor.plant.period
     powers, samples = [], 0

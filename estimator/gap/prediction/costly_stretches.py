@@ -38,7 +38,8 @@ class Excerpt:
 def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Excerpt]:
     """Return the costliest stretches of all records, as one excerpt for each record.
 
-    A stretch has 8 blocks, or what is left at a record's end; at most 48 blocks are taken together.
+    A stretch has 8 blocks, or what is left at a record's end, and is as costly as its mean block.
+    At most 48 blocks are taken together; a stretch that would exceed that is left out.
     The two costliest of each record come first: what depends on a quantity that hardly changes
     within a record, such as the pressure on a seal, shows in several records only. The excerpt of a
     record of which no stretch is taken is empty.

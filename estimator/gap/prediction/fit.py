@@ -155,7 +155,8 @@ class Filtered:
     def changed_costs(self, values: Values, changes: Changes) -> Array:
         """Return the costs (blocks,) of the innovations at `values` with `changes` added.
 
-        `changes` has an array (n, outputs) for each record.
+        `changes` has an array (n, outputs) for each record. A block whose innovations are not
+        finite costs 1e300.
         """
         bases = self.innovations(values)
         return self.costs_of(
@@ -178,7 +179,8 @@ class Filtered:
     def columns(self, values: Values, variables: Sequence[Variable]) -> list[Column]:
         """Return for each variable the direction in which it is probed, with bounds of its steps.
 
-        The directions begin at the given values; `changes` gives their effect on the innovations.
+        The directions begin at the given values. Nothing is run here: the method `changes` computes
+        what they change in the innovations.
         """
         return [variable.column(values) for variable in variables]
 

@@ -31,11 +31,11 @@ CHANNELS: Final = 3
 
 
 def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array, Array]:
-    """Return squared errors over the horizon, whiteness and band powers of predictions.
+    """Return mean squared errors over the horizon, whiteness and band powers of predictions.
 
-    The mean squares (outputs,) are in squared SI units. The whiteness (outputs,) is the correlation
-    of innovations one sample apart. The power of the innovations in frequency bands is (bands,
-    outputs).
+    The filter's settling is left out of all three. The mean squares (outputs,) are in squared SI
+    units. The whiteness (outputs,) is the correlation of innovations one sample apart. The power of
+    the innovations in frequency bands is (bands, outputs).
     """
     settled = slice(settling(predictor.plant.period), None)
     errors, e = (each[settled] for each in filtered_errors(predictor, record, values))
@@ -136,9 +136,10 @@ def _average(parts: Sequence[Array], lengths: NDArray[np.int64]) -> Array:
 
 
 def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
-    """Return by how much a mean square less the floor scatters by chance, (outputs,).
+    """Return by how much a mean square less the floor scatters by chance, SI squared (outputs,).
 
-    It is one standard deviation for a single run, from the scatter of the twins.
+    It is the standard deviation of the mean square of one run of all records, less that of its
+    twins, as the twins of each record scatter.
 
     Args:
         squares: mean squares (outputs,) of each twin: all twins of the first record, then those of
@@ -155,9 +156,10 @@ def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
 
 
 def mean_gap(gaps: Sequence[ChannelGap]) -> tuple[float, float]:
-    """Return the excess over the floor, averaged over the channels, before and after.
+    """Return two means of the channels' excess over the floor, in noise variances.
 
-    Both are in noise variances. A channel below the floor counts as 0. There must be a channel.
+    The first is that of the model as given (`before`), the second that of the model as written
+    (`after`). A channel below the floor counts as 0. There must be a channel.
     """
     before = float(np.mean([max(gap.before - gap.floor, 0.0) for gap in gaps]))
     after = float(np.mean([max(gap.after - gap.floor, 0.0) for gap in gaps]))

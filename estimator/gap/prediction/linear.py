@@ -32,6 +32,8 @@ breaks away is nowhere near linear."""
 class Column:
     """One direction in which parameters may change.
 
+    The change of the innovations by a unit step along it is a column of the linear fit.
+
     Attributes:
         name: name of the direction.
         values: values of all parameters after the change.

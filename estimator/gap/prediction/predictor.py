@@ -61,7 +61,10 @@ class Predictor:
         )  # fmt: skip
 
     def extension(self, record: Record, values: Values) -> Extension:
-        """Return what compiled functions must know of the additions that the values hold."""
+        """Return what compiled functions must know of the additions that the values hold.
+
+        The record gives the time of its first sample and the number of its recording.
+        """
         plant, quantities = self.plant, len(self.plant.regions)
         return Extension(
             self._kicked, self._changed, len(plant.own_parameters),
@@ -70,9 +73,10 @@ class Predictor:
         )  # fmt: skip
 
     def _kind(self, values: Values) -> tuple[float, ...] | None:
-        """Return what runs in the same lanes must have in common (`InLanes.kind`); None if alone.
+        """Return what runs in the same lanes must have in common; None if the run must be alone.
 
-        Additions are applied to runs alone.
+        A plant without lanes runs alone, and so do values that hold additions. All else is said by
+        `InLanes.kind`.
         """
         in_lanes = self.plant.in_lanes
         return None if in_lanes is None or activity(values) else in_lanes.kind(values)
@@ -182,8 +186,9 @@ class Predictor:
         """Return readings less predictions (n, outputs), SI, over the plant's horizon.
 
         `states` are the filtered states (n, states) that `innovations` gives. From these the
-        predictions start anew at each end of the horizon, and in between they get the inputs alone.
-        The result is NaN at the samples of the starts, and where a reading is missing or saturated.
+        predictions start anew each time a horizon is over, and in between they get the inputs
+        alone. The result is NaN at the samples of the starts, and where a reading is missing or
+        saturated.
         """
         predicted = np.empty_like(record.readings)
         predict_ahead(

@@ -157,13 +157,13 @@ class Discovered:
 
     @property
     def where(self) -> str:
-        """Return what it enters and depends on, such as "force balance of position"."""
+        """Return what the disturbance enters and depends on, as "force balance of position"."""
         of = f"{self.of or 'nothing'}{f' x {self.times}' if self.times else ''}"
         return f"{self.place} of {of}"
 
     @property
     def text(self) -> str:
-        """Return what it does and what may make it, in one plain sentence with units."""
+        """Return what the disturbance does and what may make it, in one sentence with units."""
         return f"{self.what}; {self.parts} would do this."
 
 

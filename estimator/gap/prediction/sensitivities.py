@@ -76,8 +76,8 @@ def linearise_course(
         read: function of the plant, compiled with READ.
         measures: function of the plant, compiled with MEASURE.
         along: the course.
-        parameters: float64 (1 + probes, count), the present values, then a row for each probe with
-            one value changed.
+        parameters: float64 (1 + probes, count), the present values of all parameters, then a row
+            for each probe, with its changes.
         memory: float64 (1, length), at the first sample; changed.
         changes: float64 (k,), changes of the states by which derivatives are taken.
         written: the linearisation, which is written: derivatives by the states, and what each probe
@@ -238,7 +238,7 @@ def pull_back(transitions, slopes, gains, variances, starts, weights, pulls):
 
 @dataclass(frozen=True)
 class Course:
-    """Stretches of a record with their linearisation.
+    """Stretches of a record, with the model linearised along the filtered course in them.
 
     Attributes:
         samples: int64 (m,), indices of the samples in the record.
@@ -251,8 +251,8 @@ class Course:
         gains: float64 (m, outputs, k), of the filter.
         variances: float64 (m, outputs), of the innovations.
         starts: int64 (m,), 1 where a stretch begins, else 0.
-        shifts: float64 (m, k + outputs, probes), what each probed parameter adds to the state after
-            the step, and to the readings.
+        shifts: float64 (m, k + outputs, probes), what each probe adds to the state after the step,
+            and to the readings; it is not divided by the size of the probe's change.
     """
 
     samples: NDArray[np.int64]
@@ -314,7 +314,7 @@ def course_of(
         record: record that the stretches belong to.
         gains: gains of a filter of the record.
         values: values of all parameters.
-        probes: sets of values of all parameters, each with one value changed.
+        probes: sets of values of all parameters, each with a small change of one or a few.
         samples: int64 (m,), indices in the record, ascending, at least one; a gap between them
             begins a new stretch.
     """

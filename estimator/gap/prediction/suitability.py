@@ -162,7 +162,11 @@ def _readings(records: Sequence[Record], index: int, output: Output, period: flo
 
 
 def _travel(readings: Array, good: BoolArray, count: int) -> float:
-    """Return how far averages of `count` good readings (n,) each lie apart; 0 without any."""
+    """Return how far apart the least and the greatest average of `count` good readings are.
+
+    `good` bool (n,) says which of the readings (n,) are good. Each is in one average at most. The
+    result is 0 if there are fewer than `count`.
+    """
     kept = readings[good]
     whole = len(kept) // count * count
     return float(np.ptp(kept[:whole].reshape(-1, count).mean(1))) if whole else 0.0
@@ -171,9 +175,10 @@ def _travel(readings: Array, good: BoolArray, count: int) -> float:
 def _noise(record: Record, index: int, period: float) -> float:
     """Return the standard deviation of an output's white noise, from second differences.
 
-    Samples without a reading are left out. Where readings are more than 1 ms apart, a motion may
-    bend as much. It bends less than it moves from reading to reading, and white noise more; the
-    result is 0 if the readings do the former.
+    Samples without a reading are left out. Where readings are more than 1 ms apart, the bends of a
+    motion may look like noise. But a motion bends less than it moves from reading to reading, and
+    white noise bends more. So if there the readings' median bend is less than their median step,
+    the result is 0. It is also 0 for fewer than three readings.
     """
     readings = record.readings[:, index]
     if record.unread is not None:
@@ -191,7 +196,8 @@ def _mixed_up(fitter: Fitter) -> list[str]:
     """Return in words which channels of the same unit were mixed up; empty if none were.
 
     The model as given predicts the records once as they are and once with two channels exchanged,
-    each time with gains of its own.
+    each time with gains of its own. Two are mixed up if that makes the cost fall to a part of
+    1 / `MIXED_UP` or less.
     """
     plant = fitter.predictor.plant
     whole = range(len(plant.outputs))
@@ -226,7 +232,7 @@ def _cost(fitter: Fitter) -> float:
 
 
 def _exchanged(record: Record, order: Sequence[int]) -> Record:
-    """Return a record with its channels in another order."""
+    """Return a record with its channels in another order: `order` has their present indices."""
 
     def moved(columns: Array) -> Array:
         return np.ascontiguousarray(columns[:, order])

@@ -41,7 +41,7 @@ class Variable(Knob):
         return changed
 
     def held(self, values: Values) -> "Variable":
-        """Return this variable with bounds that leave it no other value than its present one."""
+        """Return this variable with bounds that leave it no other value than that in `values`."""
         at = values[self.parameter]
         return replace(self, lower=at, upper=at)
 
@@ -103,9 +103,9 @@ def effect_variables(effect: Effect) -> tuple[Variable, ...]:
 
 
 def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ...]:
-    """Return the variables with those of an effect added.
+    """Return the variables without those of an effect's parameters, followed by the effect's own.
 
-    A nuisance of the same parameter is left out, because the effect's variable takes its place.
+    So an effect's variable takes the place of a nuisance with the same parameter.
     """
     added = effect_variables(effect)
     taken = {variable.parameter for variable in added}

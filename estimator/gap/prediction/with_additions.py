@@ -42,7 +42,7 @@ class Scratch(NamedTuple):
 
 @inlined
 def scratch_of(parameters, extension):
-    """Return arrays for the additions of a run with these parameters."""
+    """Return arrays for the additions of a run; `present` begins as a copy of the parameters."""
     scratch = Scratch(np.empty(max(extension.measured, 1)), np.empty(parameters.size))
     put(scratch.present, parameters)
     return scratch
@@ -50,7 +50,10 @@ def scratch_of(parameters, extension):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_with(read, measures, extension, scratch, t, x, inputs, memory, parameters, readings):
-    """Write the readings (outputs,) of a sample, with the model's additions."""
+    """Write to `readings` (outputs,) what the state `x` of sample `t` gives, without noise.
+
+    The model's additions are included. The memory is not changed.
+    """
     if extension.active & (SHOWS + VARIES) == 0:
         read(x, memory, parameters, readings)
     else:
@@ -63,7 +66,10 @@ def read_with(read, measures, extension, scratch, t, x, inputs, memory, paramete
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def drive_with(drive, measures, extension, scratch, t, x, inputs, memory, parameters):
-    """Drive the plant with the inputs (inputs,) of a sample, with the model's additions."""
+    """Write to the memory what acts on the plant in sample `t`, with the model's additions.
+
+    It follows from the inputs (inputs,), and the additions from the state `x`.
+    """
     if extension.active & VARIES == 0:
         drive(inputs, memory, parameters)
     else:
@@ -75,7 +81,10 @@ def drive_with(drive, measures, extension, scratch, t, x, inputs, memory, parame
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def step_with(step, measures, extension, scratch, t, before, x, inputs, memory, parameters):
-    """Write to `x` the state one sample after `before`, with the model's additions."""
+    """Write to `x` the state one sample after `before`, with the model's additions.
+
+    `t` is the index of the sample of `before`. The plant's step may change the memory.
+    """
     put(x, before)
     if extension.active & (KICKS + VARIES) == 0:
         step(x, memory, parameters)

@@ -60,9 +60,9 @@ def addition_variables(
 
 
 def refitted(layout: Layout, values: Values, additions: Sequence[Addition]) -> list[Addition]:
-    """Return a model's additions as a fit with these values of all parameters has them.
+    """Return a model's additions with the sizes and places that values of all parameters give them.
 
-    They keep their order, which that of `Layout.additions` need not be.
+    The result has the order of `additions`; `Layout.additions` may return another one.
     """
     found = []
     for index, each in enumerate(additions):

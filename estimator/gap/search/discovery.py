@@ -116,13 +116,16 @@ class Discovering:
         only: Wheres | None = None,
         begun: DiscoveredModel | None = None,
     ) -> DiscoveredModel:
-        """Return the model with all disturbances that earn their place.
+        """Return the model with all disturbances that earn their place, fitted together.
+
+        There are no more of them than the model has free slots, and none if the plant's models hold
+        no additions. If none is new, the model is returned as it was.
 
         Args:
             fitted: fit of the model that they are added to.
             variables: variables of that fit.
             floor: cost per reading of a rig that is exactly the model.
-            most: greatest number of disturbances.
+            most: greatest number of disturbances, with those of `begun`.
             only: places and quantities that are looked at; None for all.
             begun: model with what was discovered already, with which the search goes on; None for
                 none.
@@ -148,9 +151,10 @@ class Discovering:
         return self.settled(found) if found.discoveries and is_new else found
 
     def settled(self, model: DiscoveredModel) -> DiscoveredModel:
-        """Return a model with all its variables fitted, and with the filter's gains for them.
+        """Return a model like the given one, with all its variables fitted anew.
 
-        The fit starts from the model's values.
+        The fit starts from the model's values. The filter's gains, the costs and the additions of
+        the result are those of the fit.
         """
         layout = self.plant.layout
         assert layout is not None
@@ -171,9 +175,10 @@ class Discovering:
     def with_effect(
         self, values: Values, effect: Effect
     ) -> tuple[Fitted | None, tuple[Variable, ...]]:
-        """Return the best fit with an effect of the catalogue and its variables, from its starts.
+        """Return the best fit of the nuisances and one effect of the catalogue, and its variables.
 
-        The fit is None if the model breaks down. The filter's gains are those of the fit itself.
+        The fit is None if the model breaks down from each start. Its costs are those with the
+        filter's gains for its own values. The variables are those of the nuisances and the effect.
 
         Args:
             values: values of all parameters without the effect.
@@ -201,12 +206,14 @@ class Discovering:
     ) -> bool:
         """Add the best explanation that earns its place; return whether there is one.
 
-        Explanations that promise nearly as much as the best compete in the plant itself, where
-        they are more than linear.
+        The explanations that promise most are tried in turn, one for each place and quantity, at
+        most `_TRIED`. Each must gain `OVER_TWIN` times as much as its shape does on a twin. It is
+        fitted in the plant itself, where it may be replaced by a better one (`_settled`). The first
+        that then takes away `PART` of the excess is added.
 
         Args:
             found: what was discovered so far; changed in place.
-            explaining: explains what that leaves.
+            explaining: explains what the model with these discoveries leaves.
             ranked: explanations, by falling gain.
             first: excess in cost before anything was discovered.
             only: places and quantities that are looked at; None for all.
@@ -258,11 +265,21 @@ class Discovering:
         ranked: Sequence[Explanation],
         only: Wheres | None,
     ) -> tuple["_InPlant", tuple[Explanation, ...]]:
-        """Return the best explanation in the place of one that was added, and its rivals.
+        """Return the model with the explanation that holds its own against others, and its rivals.
 
-        The model was far off before anything was added, so that the linearisation about it tells
-        roughly what is missing. About the model with an explanation it tells better whether another
-        one explains as much.
+        The linearisation about the model without `added` told only roughly what is missing. So the
+        likely explanations are fitted anew, linearised about the model with `added`, from which its
+        disturbance is taken out. The simplest of the best is then fitted in the plant and replaces
+        `added`, unless it costs more. That is repeated, at most `_TURNS` times. The rivals are at
+        most two explanations elsewhere that gain as much, to within chance.
+
+        Args:
+            found: what was discovered before.
+            explaining: explains what the model with these discoveries leaves.
+            added: that model with one explanation more, fitted in the plant.
+            ranked: explanations that compete, by falling gain.
+            only: places and quantities that are looked at if the model was far off (`_FAR`) and all
+                explanations compete; None for all.
         """
         rivals: tuple[Explanation, ...] = ()
         likely = _distinct(ranked)[:_LIKELY]
@@ -301,12 +318,13 @@ class Discovering:
         start: Values | None = None,
         rounds: int = 3,
     ) -> "_InPlant | None":
-        """Return the model with an explanation in the plant; None if that does not lower the cost.
+        """Return the model with an explanation more, fitted in the plant.
 
+        The result is None if that does not lower the cost, or is not possible (`_is_possible`).
         In each of some rounds the filter's gains are computed and all variables fitted with them.
-        The fit starts from the values `start`, or else from those without the explanation. What
-        the disturbance may stand in for (`stood_in_for`) keeps its value without it: the
-        disturbance is what that leaves.
+        The fit starts from the values `start`, or else from those without the explanation. The
+        variables that the disturbance may stand in for (`stood_in_for`) are held at the values that
+        they have without it, so that it explains only what these leave.
         """
         layout = self.plant.layout
         assert layout is not None
@@ -379,7 +397,17 @@ class Discovering:
 
 @dataclass(frozen=True)
 class _InPlant:
-    """A model with one explanation more, fitted in the plant."""
+    """A model with one explanation more, fitted in the plant.
+
+    Attributes:
+        explanation: the explanation.
+        fitted: fit with it.
+        filtered: the records, with gains for the fit.
+        variables: variables of the fit.
+        addition: the disturbance of the explanation, as fitted.
+        errors: standard errors of its values, in their order.
+        additions: this and all disturbances discovered before, as fitted; this one is the last.
+    """
 
     explanation: Explanation
     fitted: Fitted
@@ -407,10 +435,10 @@ def _matters(lost: Array, whole: float) -> bool:
 
 
 def _simplest(ranked: Sequence[Explanation]) -> Explanation:
-    """Return the simplest explanation at the first one's place that predicts as well as that.
+    """Return the simplest explanation that predicts as well as the first one, at the same place.
 
-    It depends on the same quantity or on none, and is as good to within chance. The simplest has
-    the fewest coefficients.
+    It depends on the same quantity as the first one or on none, and does not gain less beyond
+    chance. The simplest has the fewest coefficients. `ranked` is sorted by falling gain.
     """
     best = ranked[0]
     same = [
@@ -422,7 +450,7 @@ def _simplest(ranked: Sequence[Explanation]) -> Explanation:
 
 
 def _is_possible(plant: Plant, values: Values, place: Place, addition: Addition) -> bool:
-    """Return whether a table leaves the parameter that it changes above its least value.
+    """Return whether a table leaves the parameters that it changes at or above their least values.
 
     A friction level below zero would be a force that drives the ram. Other places have no least
     value, and forms in symbols are not looked at.
@@ -435,7 +463,7 @@ def _is_possible(plant: Plant, values: Values, place: Place, addition: Addition)
 
 
 def _distinct(ranked: Sequence[Explanation]) -> list[Explanation]:
-    """Return the first explanation of each place and quantity."""
+    """Return the first explanation of each place, quantity and factor, in the order given."""
     seen: dict[tuple[str, str, str], Explanation] = {}
     for each in ranked:
         seen.setdefault(each.where, each)

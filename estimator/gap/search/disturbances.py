@@ -72,6 +72,8 @@ class Place:
     def rates(self, states: Array, values: Values) -> Array:
         """Return the kicks (n, rows) by one unit of disturbance, SI; 1 for a reading.
 
+        The place must not be a parameter.
+
         Args:
             states: float64 (n, states), at which the kicks are taken.
             values: values of all parameters.
@@ -83,7 +85,10 @@ class Place:
 
 
 def places_of(plant: Plant) -> list[Place]:
-    """Return all places of a plant where a disturbance may enter."""
+    """Return the equations of a plant, then its readings, as places for disturbances.
+
+    Parameters are places, too: `varying_of` has them.
+    """
     found = [
         Place(e.name, e.unit, e.shown, (e.state, *(state for state, _ in e.also)), e.of, e)
         for e in plant.equations
@@ -109,6 +114,8 @@ def varying_of(plant: Plant) -> list[Place]:
 class Attribution:
     """Finds the disturbances of a plant's equations and readings that explain what a fit leaves.
 
+    It works on courses (`Course`), which are linearised parts of records.
+
     Args:
         filtered: the records, with gains for `values`.
         values: values of all parameters.
@@ -120,7 +127,7 @@ class Attribution:
     Attributes:
         plant: plant that the records belong to.
         values: values of all parameters, as given.
-        courses: linearised course of each record that is not left out.
+        courses: course of each record that is not left out.
         numbers: number of the recording that each of these courses belongs to.
     """
 
@@ -259,7 +266,10 @@ class Attribution:
         ]
 
     def _pulled(self) -> list[Array]:
-        """Return the slopes of half the cost by each kick at each sample, `Course.pulls`."""
+        """Return the slopes of half the cost by each kick at each sample, (m, rows) per course.
+
+        The columns are those of `Course.pulls`. The fit's variables take their best values first.
+        """
         counted = []
         for course, blocks in zip(self.courses, self._blocks, strict=True):
             weights = np.zeros_like(course.innovations)
@@ -273,9 +283,10 @@ class Attribution:
         return [c.pulls(w * (c.innovations + known @ steps)) for c, known, w in parts]
 
     def take_out(self, place: Place, shapes: Sequence[Array]) -> None:
-        """Take a disturbance out of the innovations that are to be explained, to first order.
+        """Change the innovations to those of the model without a disturbance, to first order.
 
-        `shapes` has an array (m, 1) for each course: the disturbance that the values hold, SI.
+        The innovations of `courses` are replaced, so that they hold again what the disturbance
+        explains. `shapes` has an array (m, 1) for each course: the disturbance, SI.
         """
         self._pulls = None
         for index, course in enumerate(self.courses):
@@ -314,9 +325,11 @@ class Attribution:
         return steps[len(base) :], errors[len(base) :], gain - without, cost
 
     def curve(self, place: Place, name: str, floor: float, count: int = HATS) -> Curve | None:
-        """Return a place's disturbance as a curve against a region; None if that does not change.
+        """Return a place's disturbance as a curve against a region's quantity.
 
-        Where the motion never came, the curve's errors are infinite.
+        The result is None if that quantity hardly changes (`middles`).
+
+        Where the motion never came, the curve's values are 0 and its errors infinite.
 
         Args:
             place: place where the disturbance enters.
@@ -341,10 +354,10 @@ class Attribution:
         )  # fmt: skip
 
     def curves(self, floor: float) -> list[Curve]:
-        """Return the disturbance of each place against each of its regions, by falling gain.
+        """Return the disturbance of each equation and reading against each region, by falling gain.
 
-        Time is one of the regions; regions that do not change are left out. `floor` is the cost per
-        reading of a rig that is exactly the model.
+        Only regions are taken that the place may depend on, and time. Those that do not change are
+        left out. `floor` is the cost per reading of a rig that is exactly the model.
         """
         found = [
             self.curve(place, name, floor)

@@ -1,9 +1,10 @@
 """This module finds parameters that drift within a recording, for example while the oil warms.
 
 A disturbance of an equation against time (`disturbances`) cannot show a drift, because what a
-softer oil adds to a flow depends on the rates of the pressures. A trend of the parameter can: it is
-the parameter's own column multiplied by the time since the recording began. It follows from the
-block sums of the fit without another run (a test of parameter constancy, after Nyblom 1989).
+softer oil adds to a flow depends on the rates of the pressures. A trend of the parameter can show
+it. What a trend changes in the innovations is what the parameter itself changes, multiplied by the
+time since the recording began. So a trend is fitted from the block sums of the linearisation,
+without another run of the plant (a test of parameter constancy, after Nyblom 1989).
 """
 
 from collections.abc import Sequence
@@ -30,19 +31,24 @@ CERTAIN: Final = 4.0
 def drifts(
     filtered: Filtered, values: Values, variables: Sequence[Variable], floor: float
 ) -> list[Curve]:
-    """Return the trends of fitted parameters that would explain the cost above a floor.
+    """Return those fitted parameters that drift within a recording, with their trends as curves.
+
+    A trend is a constant rate of change of one parameter, per s. The rate is the same in all
+    recordings, and the time counts from the beginning of each of them. Each trend is fitted alone,
+    together with all variables.
 
     Args:
         filtered: the records, with gains for `values`.
         values: values of all parameters, fitted.
         variables: variables that were fitted.
-        floor: cost per reading of a rig that is exactly the model.
+        floor: cost per reading of a rig that is exactly the model. It is used only for the share
+            of each curve: its gain as a part of the cost above the floor that the variables leave.
 
     Returns:
-        A curve for each parameter whose trend gains `CHANCE` and is `CERTAIN` standard errors
-        large, that with most gain first. It is the parameter's course in two points: when a
-        recording begins, and at the last block. The curve's `equation` is the parameter's name, its
-        `region` the time.
+        A curve for each parameter whose trend gains at least `CHANCE` and is at least `CERTAIN`
+        standard errors large, that with most gain first. The curve has two points: the parameter's
+        value when a recording begins, and at the latest block of any recording. Its `equation` is
+        the parameter's name, and its `region` is "time".
     """
     columns = filtered.columns(values, variables)
     linear = filtered.linearise(values, columns)
@@ -86,7 +92,10 @@ def _times(filtered: Filtered) -> Array:
 
 
 def _change(products: Array, slopes: Array, steps: Array) -> Array:
-    """Return by how much steps change each block's sum of squares, (blocks,)."""
+    """Return by how much steps (k,) change each block's sum of squares, (blocks,).
+
+    `products` (blocks, k, k) and `slopes` (blocks, k) are as in `Linear`.
+    """
     return np.asarray(2.0 * slopes @ steps + (products @ steps) @ steps)
 
 

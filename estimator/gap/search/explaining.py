@@ -1,7 +1,8 @@
-"""This module explains what a model leaves in some records by disturbances, cross-validated.
+"""This module looks for disturbances that explain what a model leaves of some records' errors.
 
-The blocks of the recordings are divided into folds; the coefficients of a disturbance are fitted to
-all folds but one, together with the variables of the fit, and judged on that one (Stone 1974).
+Each is cross-validated: the blocks of the recordings are divided into folds, and the coefficients
+of a disturbance are fitted to all folds but one, together with the variables of the fit, and judged
+on that one (Stone 1974).
 """
 
 from collections.abc import Collection, Sequence
@@ -39,8 +40,9 @@ class Explanation:
         shape: how it depends on its quantity.
         coefficients: float64 (count,), SI.
         errors: float64 (count,), their standard errors.
-        gains: float64 (blocks,), by how much it lowers the cost of blocks it was not fitted to.
-        share: part of the excess that the gains are.
+        gains: float64 (blocks,), by how much it lowers the cost of each block, if it is fitted to
+            the blocks of other folds alone.
+        share: sum of the gains, as a part of the cost above the floor; 0 if there is none above it.
     """
 
     place: Place
@@ -67,12 +69,14 @@ class Explanation:
 
     @property
     def where(self) -> tuple[str, str, str]:
-        """Return the names of the place, the quantity and the factor."""
+        """Return the names of place, quantity and factor, the last two "" if there is none."""
         return self.place.name, self.shape.of, self.shape.times
 
 
 class Explaining:
-    """Explains what a model leaves in some records by disturbances, cross-validated.
+    """Looks for disturbances that explain what a model leaves of some records, cross-validated.
+
+    Only excerpts of the records are looked at.
 
     Args:
         filtered: the records, with gains for `values`.
@@ -80,8 +84,8 @@ class Explaining:
         variables: variables of the fit, which are refitted together with each disturbance.
         floor: cost per reading of a rig that is exactly the model.
         like: another object whose excerpts are used; None to choose the costliest.
-        without: an addition that the values hold, which is taken out, so that all others compete
-            with it; None if nothing is.
+        without: an addition that the values hold. What it explains is put back into what is to be
+            explained, so that other disturbances compete with it. None if there is no such one.
     """
 
     def __init__(
@@ -120,7 +124,9 @@ class Explaining:
         )
 
     def explanations(self, only: Wheres | None = None) -> list[Explanation]:
-        """Return all that would explain what is left, by falling gain.
+        """Return an explanation for each shape of each place that is tried, by falling gain.
+
+        A gain may be below 0. Shapes that change nothing are left out.
 
         Args:
             only: places and quantities that are looked at; None for all.
@@ -134,7 +140,7 @@ class Explaining:
         return sorted(found, key=lambda each: -each.gain)
 
     def _values(self, addition: Addition) -> list[Array]:
-        """Return an addition at each sample of each course, a list of (m,)."""
+        """Return the disturbance of an addition at each sample, SI: for each course one (m,)."""
         found = []
         for k, course in enumerate(self.attribution.courses):
             ones = np.ones(len(course.samples))
@@ -144,14 +150,17 @@ class Explaining:
         return found
 
     def reach(self, of: str) -> tuple[float, float]:
-        """Return the 1 % and the 99 % quantile of a quantity in the courses, SI; zeros for none."""
+        """Return the 1 % and 99 % quantile, SI, of the quantity `of` in the courses; 0s for ""."""
         if not of:
             return 0.0, 0.0
         low, high = np.quantile(self._together[of], (0.01, 0.99))
         return float(low), float(high)
 
     def again(self, explanations: Sequence[Explanation]) -> list[Explanation]:
-        """Return explanations of the same shapes, fitted to what is to be explained here."""
+        """Return explanations of the same places and shapes, fitted anew, by falling gain.
+
+        They are fitted to what this object has to explain, whatever the given ones were fitted to.
+        """
         by_place: dict[str, list[Explanation]] = {}
         for each in explanations:
             by_place.setdefault(each.place.name, []).append(each)
@@ -161,7 +170,11 @@ class Explaining:
         return sorted(found, key=lambda each: -each.gain)
 
     def _of_place(self, place: Place) -> list[Explanation]:
-        """Return all explanations of a place: tables first, then waves, bumps and tones."""
+        """Return explanations of a place, unsorted, for all kinds of shapes that are tried there.
+
+        There are tables for each quantity. Waves and bumps are tried where a disturbance may repeat
+        along a quantity, and not in a parameter. Tones are tried if the recordings are few.
+        """
         turned = place.turned and DIRECTION in self._along
         shapes = tables(self._together, [*place.of, TIME_NAME], turned)
         found = self.of(place, shapes)
@@ -183,7 +196,10 @@ class Explaining:
         return found
 
     def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
-        """Return an explanation for each shape of a place; shapes that do nothing are left out."""
+        """Return an explanation for each shape of a place; shapes that change nothing are left out.
+
+        The shapes are evaluated in groups with at least `_TOGETHER` columns, but for the last one.
+        """
         found: list[Explanation] = []
         group: list[Shape] = []
         for shape in [*shapes, None]:
@@ -195,7 +211,11 @@ class Explaining:
         return found
 
     def _evaluated(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
-        """Return an explanation for each shape of a place, all followed through the courses."""
+        """Return an explanation for each shape of a place; shapes that change nothing are left out.
+
+        What all shapes change is computed at once. The first call also sets `_without`: by how much
+        the variables alone change the cost of each block that they are not fitted to.
+        """
         changes, residual, samples = self.attribution.stacked(place, self._columns(shapes))
         base = self._base
         with_base = np.matmul(changes.transpose(0, 2, 1), changes[:, :, :base])
@@ -222,7 +242,11 @@ class Explaining:
         return found
 
     def _columns(self, shapes: Sequence[Shape]) -> list[Array]:
-        """Return the columns of all shapes along each course, a list of (m, columns)."""
+        """Return the columns of all shapes at the samples of each course, (m, columns) for each.
+
+        A column is the disturbance with one coefficient of a shape at 1 and all others at 0. The
+        columns of the first shape come first. A course (`Course`) is a linearised part of a record.
+        """
         along = [
             {name: parts[k] for name, parts in self._along.items()}
             | {RECORDING: np.array([number])}
@@ -233,14 +257,16 @@ class Explaining:
     def _smoothed(
         self, place: Place, shape: Shape, products: Array, slopes: Array, excess: float
     ) -> Explanation | None:
-        """Return the explanation with the penalty on roughness that predicts best; None if none.
+        """Return the explanation by a shape with that penalty on roughness which predicts best.
+
+        The result is None if the shape changes nothing. `_without` must have been set.
 
         Args:
             place: place where the disturbance enters.
             shape: its shape.
             products: float64 (blocks, k, k), as for `_crossed`.
             slopes: float64 (blocks, k), as for `_crossed`.
-            excess: cost above the floor.
+            excess: cost of the excerpts above the floor.
         """
         assert self._without is not None
         best: Explanation | None = None
@@ -256,7 +282,7 @@ class Explaining:
 
     @property
     def samples(self) -> int:
-        """Return the number of readings in the excerpts' blocks."""
+        """Return the number of readings used in the excerpts' blocks."""
         none = [np.zeros((len(course.samples), 1)) for course in self.attribution.courses]
         return self.attribution.stacked(self.places[0], none)[2]
 
@@ -264,7 +290,7 @@ class Explaining:
 def _crossed(
     products: Array, slopes: Array, bounds: tuple[Array, Array], rough: Array, without: Array
 ) -> tuple[Array, Array, Array] | None:
-    """Return the gains of blocks not fitted to, and the coefficients fitted to all of them.
+    """Return what a shape gains in blocks it is not fitted to, and its fit to all blocks.
 
     Args:
         products: float64 (blocks, k, k), products of the columns, the variables first.
@@ -276,8 +302,9 @@ def _crossed(
             alone.
 
     Returns:
-        The gains (blocks,), coefficients (count,) and standard errors; None if the columns do
-        nothing.
+        The gains (blocks,) beyond those of the variables alone, and the coefficients (count,) of
+        the other columns with their standard errors (count,). None if these columns change nothing,
+        or if a sum is not finite.
     """
     base = len(bounds[0])
     blocks, count = slopes.shape
@@ -310,7 +337,10 @@ def _crossed(
 def _changes_out_of_fold(
     products: Array, slopes: Array, bounds: tuple[Array, Array], penalty: Array
 ) -> Array:
-    """Return by how much a fit to all other folds changes the cost of each block, (blocks,)."""
+    """Return by how much a fit to all other folds changes the cost of each block, (blocks,).
+
+    The arguments are as in `_crossed`, with `penalty` (k, k) for all columns.
+    """
     blocks = len(slopes)
     total, slope = products.sum(0), slopes.sum(0)
     total = total + penalty + 1e-9 * np.diag(np.maximum(np.diag(total), 1e-300))
@@ -327,7 +357,8 @@ def _changes_out_of_fold(
 def _bounded(matrix: Array, right: Array, lower: Array, upper: Array) -> Array:
     """Return x (k,) with matrix x = right, its first elements held within bounds.
 
-    Elements beyond a bound are put there one after the other, and the others solved for again.
+    `lower` and `upper` have one bound for each of these first elements. Elements beyond a bound are
+    put there, and the others are solved for again.
     """
     x = np.zeros(len(right))
     free = np.ones(len(right), dtype=bool)
@@ -344,6 +375,10 @@ def _bounded(matrix: Array, right: Array, lower: Array, upper: Array) -> Array:
 
 
 def _folds(blocks: int) -> Array:
-    """Return the fold of each block (blocks,), from 0: neighbours are in the same fold."""
+    """Return the number of the fold of each block, from 0, (blocks,).
+
+    A fold consists of `_FOLD` consecutive blocks, or of fewer if there would not be `_FOLDS` folds.
+    Blocks that are left over belong to the last fold.
+    """
     size = max(1, min(_FOLD, blocks // _FOLDS))
     return np.asarray(np.minimum(np.arange(blocks) // size, max(blocks // size - 1, 0)))

@@ -107,7 +107,8 @@ class Found:
         given: values and costs of the model as given.
         refitted: fit of the nuisances alone.
         fitted: fit with all effects that were found.
-        filtered: the records, with the gains that the costs of `fitted` belong to.
+        filtered: the records, with those filter gains with which the costs of `fitted` were
+            computed.
         variables: variables of that fit.
         named: effects, in the order in which they were found.
         floor: cost per reading of a twin of the final model; 0 until it is set after the search.
@@ -137,7 +138,12 @@ class Found:
 def left_alone(excess: float, samples: int) -> float:
     """Return how much of an excess in cost may be left without a look at what else may be missing.
 
-    It is what does not matter (`MATERIAL`), or the smaller one of `SETTLED` and the part `FORM`.
+    It is the greater of what does not matter (`MATERIAL` for each reading) and the smaller one of
+    `SETTLED` for each reading and the part `FORM` of the excess.
+
+    Args:
+        excess: cost above the floor, before anything was found.
+        samples: number of readings used.
     """
     return max(MATERIAL * samples, min(FORM * excess, SETTLED * samples))
 

@@ -45,8 +45,8 @@ class Refits:
         """Return a fit whose gains nearly belong to its own values, and the records with its gains.
 
         Starting from `values`, gains are computed and variables fitted in turn, at most `rounds`
-        times, until the cost falls by less than 0.1 %. The gains are those of the last
-        round's start.
+        times, until the cost falls by less than 0.1 %. The gains belong to the values from which
+        the last round started.
         """
         for _ in range(rounds):
             filtered = self.fitter.filtered(values)

@@ -34,9 +34,9 @@ class Rivals:
     def exchange(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
         """Try other effects in the place of each named one, and note them as its alternatives.
 
-        At most seven effects that are not named are tried for each: those that promise most, and
-        more than 0.4 times the gain of the named effect. The first whose fit costs less by more
-        than `CHANCE` takes its place.
+        At most seven effects that are not named are tried for each: those that promise most, more
+        than 0.4 times the gain of the named effect, and that came near it (`_NEAR`) at some stage.
+        The first whose fit costs less than the finding by more than `CHANCE` takes its place.
 
         Args:
             found: the finding; changed in place.
@@ -109,7 +109,8 @@ class Rivals:
         Near break-away, a ram may stick in a model with the effect and slip in one without it. Then
         the gains of the filter that sticks correct the model without the effect in the wrong way,
         and no linearisation about its course shows anything. This is so if with gains of its own
-        that model keeps at most the part `_ASTRAY` of its extra cost over the finding.
+        the model without the effect keeps at most the part `_ASTRAY` of what it costs more than the
+        finding.
 
         Args:
             found: the finding, with the effect.
@@ -130,12 +131,14 @@ class Rivals:
         self, found: Found, lost: tuple[Fitted, Filtered], variables: tuple[Variable, ...],
         candidate: Screened,
     ) -> Fitted:  # fmt: skip
-        """Return the fit with a candidate: with its own gains, then with those of the finding.
+        """Return the fit with a candidate, with the finding's gains.
+
+        The fit starts from another one, whose gains are those of the model with the candidate.
 
         Args:
             found: the finding whose gains are used in the end.
-            lost: fit and gains of the model without the effect that the candidate replaces
-                (`lost`).
+            lost: fit and gains of the model without the effect that the candidate replaces, as
+                the method `lost` returns them.
             variables: variables of that model.
             candidate: effect to be added.
         """

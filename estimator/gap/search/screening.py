@@ -80,9 +80,10 @@ class Screening:
     def _reached(
         self, filtered: Filtered, values: Values, columns: Sequence[Column]
     ) -> dict[str, float]:
-        """Return by how much the cost falls at the starts themselves, by column name.
+        """Return by how much the cost falls at starts themselves, by the names of their columns.
 
-        The linearisation cannot show this, because large effects are far from linear.
+        Each column is the change to one start; nothing is fitted. The linearisation cannot show
+        this, because large effects are far from linear.
         """
         before = filtered.costs(values).sum()
         changes = filtered.changes(values, columns)

@@ -154,7 +154,17 @@ class Search:
     def _next(
         self, found: Found, screened: Sequence[Screened]
     ) -> tuple[Effect, Fitted, float] | None:
-        """Return the effect to add next, its fit, and the bar that it passed; None without one."""
+        """Return the effect to add next, its fit, and the bar that its gain passed.
+
+        The candidates that promise most are fitted, some of them again with filter gains of their
+        own. Of those that pass their bar it is the one that costs least; the result is None if
+        there is none. In `found`, `samples` is set, on which the caller relies, and `filtered` may
+        be replaced by the records with gains for the values of `found.fitted`.
+
+        Args:
+            found: finding so far; changed in place.
+            screened: candidates, that with most gain first.
+        """
         before = found.fitted
         taken = {named.effect for named in found.named}
         found.samples = found.filtered.samples
@@ -198,11 +208,11 @@ class Search:
     def held_out_excess(self, judged: Fitter, values: Values) -> float:
         """Return by how much held-out recordings are predicted worse than a twin of them would be.
 
-        Both are predicted with `values` of all parameters. The result is a cost per reading.
+        The result is a difference of costs per reading, and below 0 if they are predicted better.
 
         Args:
             judged: fitter of the held-out recordings.
-            values: values of all parameters.
+            values: values of all parameters, with which both are predicted and the twin is made.
         """
         predictor = judged.predictor
         twins = [
@@ -224,9 +234,10 @@ class Search:
         return float(max(CHANCE, material * candidate.acting, over_twin))
 
     def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
-        """Return the greatest gain of each effect on twins of the present model.
+        """Return the greatest gain of each of some effects on twins of the finding's present model.
 
-        An effect that gains nothing on any twin is left out.
+        The gains are those that the screening promises, by the names of the effects. An effect that
+        gains nothing on any twin is left out.
         """
         most: dict[str, float] = {}
         for twin in self.twins.of(found.fitted.values):
@@ -238,7 +249,12 @@ class Search:
     # After the search
 
     def _eliminate(self, found: Found) -> None:
-        """Remove effects that no longer earn their place from the finding; keep a single one."""
+        """Remove from a finding, in place, the effects that no longer earn their place.
+
+        Such an effect gains less than its bar or than the part `_REST` of what all effects explain
+        together, or its interval holds the value of the model as given (`_holds_neutral`). The last
+        effect is never removed. The model is fitted anew after each removal.
+        """
         for named in list(found.named):
             if len(found.named) < 2:
                 return
@@ -251,9 +267,9 @@ class Search:
                 found.fitted, found.filtered = self.refits.settled(without.values, variables)
 
     def _holds_neutral(self, found: Found, name: str) -> bool:
-        """Return whether the 95 % interval of an effect's only knob holds its value in the model.
+        """Return whether the 95 % interval of an effect's knob holds its value in the model given.
 
-        An effect with several knobs has no one size to be asked for.
+        The result is False for an effect with several knobs, which has no one size.
         """
         variables = effect_variables(self.plant.effects[name])
         if len(variables) != 1:

@@ -60,9 +60,10 @@ class Shape:
         return several.get(self.form, 1)
 
     def columns(self, along: Mapping[str, Array]) -> Array:
-        """Return the columns (n, count), given quantities (n,) by name.
+        """Return for each coefficient the disturbance if it is 1 and all others are 0, (n, count).
 
-        All samples must be of one recording if the shape is a tone.
+        `along` has the quantities (n,) by name. For a tone, all samples must be of one recording,
+        whose number is the first element of the quantity `RECORDING`.
         """
         x = along[self.of] if self.of else np.ones(len(next(iter(along.values()))))
         if self.form == "table":
@@ -80,7 +81,10 @@ class Shape:
         return np.asarray(found * along[self.times][:, None] if self.times else found)
 
     def roughness(self) -> tuple[Array, ...]:
-        """Return the penalties (count, count) to be tried, for columns whose mean square is one."""
+        """Return matrices (count, count) to be tried as penalties on bends of a table.
+
+        They hold for columns whose mean square is one. Other forms have a single one, which is 0.
+        """
         if self.form != "table" or len(self.at) < 3:
             return (np.zeros((self.count, self.count)),)
         at = np.array(self.at)
@@ -93,7 +97,11 @@ class Shape:
         return tuple(weight * bend.T @ bend for weight in _ROUGH)
 
     def addition(self, place: str, coefficients: Array) -> Addition:
-        """Return the disturbance of a place with these coefficients (count,), SI."""
+        """Return the disturbance of a place with these coefficients (count,), SI.
+
+        A tone gets one size, the root mean square of its sizes in the recordings, and its own phase
+        in each.
+        """
         own = tuple(float(c) for c in coefficients)
         if self.form == "wave":
             return wave(place, self.of, self.at[0], *own)
@@ -169,7 +177,10 @@ def clusters(values: Array) -> list[Array]:
 
 
 def _shared(parts: Sequence[Array]) -> list[int]:
-    """Return how many of the knots of a table each cluster gets: one if it is narrow, else more."""
+    """Return how many knots of a table each cluster gets: one if it is narrow, else two or more.
+
+    They are `KNOTS` together, or fewer if all clusters are narrow.
+    """
     if len(parts) == 1:
         return [KNOTS]
     widths = [float(np.ptp(np.quantile(part, (0.05, 0.95)))) for part in parts]
@@ -187,7 +198,8 @@ def tables(quantities: Mapping[str, Array], of: Sequence[str], turned: bool) -> 
     Args:
         quantities: float64 (n,) by name.
         of: names of those along which tables are made.
-        turned: whether there are also tables that are multiplied by the direction of motion.
+        turned: whether there are also tables that are multiplied by the direction of motion, along
+            all quantities but the direction and the velocity.
     """
     found = []
     for name in of:
@@ -235,7 +247,11 @@ def _shortest(values: Array) -> float:
 
 
 def finer(shape: Shape, span: float) -> list[Shape]:
-    """Return a wave or a bump with some other periods, middles and widths about its own."""
+    """Return variants of a wave or bump, itself among them, with periods or places near its own.
+
+    A bump varies in its middle and width. A shape of another form is returned alone. `span` is the
+    range of the quantity, SI, which sets how far the periods of waves lie apart.
+    """
     if shape.form == "wave":
         inverses = 1.0 / shape.at[0] + np.linspace(-1.0, 1.0, _FINER) / span
         return [
@@ -268,5 +284,5 @@ def symbols(table: Shape, values: Array) -> list[Shape]:
 
 
 def periodic(regions: Mapping[str, Region], names: Sequence[str]) -> list[str]:
-    """Return those of the names whose regions a disturbance may repeat along."""
+    """Return those of some names of regions along whose quantity a disturbance may repeat."""
     return [name for name in names if name in regions and regions[name].periodic]

@@ -135,9 +135,9 @@ def limits(
     """Return the smallest size of each effect that these motions would show.
 
     A size is the distance of the effect's parameter from its value in `values`. It shows if its
-    gain reaches the bar (`search`) in more than two blocks; the gain is what it adds to the cost
-    after the nuisances have been refitted. The size is infinite if no size within the bounds would
-    show.
+    gain reaches both `CHANCE` and what matters where the effect acts (`MATERIAL`), in more than two
+    blocks. The gain is what it adds to the cost after `variables` have been refitted. The size is
+    infinite if no size within the bounds would show.
 
     If the effect is a nuisance within a tolerance, only what lies beyond the tolerance shows. For a
     limit that no motion reaches at its neutral value, the size is the largest value that shows; 0
@@ -212,7 +212,11 @@ def _unit(plant: Plant, knob: Knob) -> str:
 def _largest_shown(
     filtered: Filtered, values: Values, variable: Variable, nuisances: Sequence[Column]
 ) -> float:
-    """Return the largest value of a limit that would show, within a tenth; 0 if none does."""
+    """Return the largest value of a limit that would show, of those tried; 0 if none does.
+
+    Values between the bounds of `variable` are tried, then some between the largest that shows and
+    the next.
+    """
 
     def largest(tried: Array) -> float:
         columns = [Column("change", variable.put(values, float(value)), 1.0) for value in tried]
@@ -234,9 +238,10 @@ def _largest_shown(
 def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> DetectionLimit:
     """Return a detection limit that allows for the tolerance, if its effect is also a nuisance.
 
-    A refit moves a nuisance anywhere within its tolerance, which lies about the nominal value and
-    not about the value written. So only what lies beyond the farther end of the tolerance can show.
-    A size beyond the plausible range becomes infinite.
+    The limit of any other effect is returned as it is. A refit moves a nuisance anywhere within its
+    tolerance, which lies about the nominal value and not about the value written. So only what lies
+    beyond the farther end of the tolerance can show. A size beyond the plausible range becomes
+    infinite.
     """
     knob = plant.effects[limit.effect].knobs[0]
     refitted = [n for n in plant.nuisances if n.effect == limit.effect]
@@ -253,7 +258,10 @@ def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> De
 def _direction(
     values: Values, effect: Effect, tried: Sequence[tuple[str, Mapping[str, float]]]
 ) -> float:
-    """Return the sign of the change to an effect's first start or, without one, of its probe."""
+    """Return the sign, 1 or -1, of the change to an effect's first start or, if none, of its probe.
+
+    It is 0 if the start is the present value.
+    """
     knob, (_, start) = effect.knobs[0], tried[0]
     if knob.key in start:
         return float(np.sign(start[knob.key] - values[knob.parameter]))

@@ -26,9 +26,10 @@ def stood_in_for(
 ) -> set[Variable]:
     """Return the variables that an explanation fitted with them may stand in for.
 
-    With it their standard errors are `STANDS_IN` times as large. They are those of earlier
-    disturbances; knobs of effects whose own curve the explanation is; and nuisances if it is a
-    table, which takes any course, or if they are not known any more (`VAGUE`).
+    Such a variable has a standard error more than `STANDS_IN` times as large with the explanation
+    as without it. It also belongs to an earlier disturbance, or it is a knob of an effect whose own
+    curve the explanation is, or a nuisance. A nuisance counts only if the explanation is a table,
+    which can take any form, or if the nuisance is not known any more (`VAGUE`).
 
     Args:
         each: the explanation.

@@ -38,6 +38,9 @@ _SEED: Final = 1
 def tones(attribution: Attribution, place: Place, times: Sequence[Array]) -> list[Shape]:
     """Return the tones at a place that promise the most, at most one in each of three bands.
 
+    A tone must promise to lower the cost by `CHANCE`. It has a phase in each recording that the
+    courses belong to, which is fitted later.
+
     Args:
         attribution: linearised courses, with what is to be explained.
         place: place where the tone enters.

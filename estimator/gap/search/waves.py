@@ -31,7 +31,7 @@ range apart in 1 / period, has 64 of them in a period."""
 def promising(
     attribution: Attribution, place: Place, waves: Sequence[Shape], along: Sequence[Array]
 ) -> list[Shape]:
-    """Return the waves that promise the most, at most six; all of them if they are few.
+    """Return the `_LOOKED_AT` waves that promise the most, by falling period; all if they are few.
 
     Args:
         attribution: linearised courses, with what is to be explained.

@@ -103,7 +103,9 @@ def _step(state, memory, parameters):
 
 @njit(REMEMBER, cache=True, error_model="numpy")
 def _remember(before, state, memory, parameters):
-    """Keep in the memory how far the encoder's reading is behind the ram, in m.
+    """Write to the memory how far the encoder's reading is behind the ram, in m.
+
+    The command's path after the step also becomes the path before the next one.
 
     A late reading shows where the ram was. The filter's correction must therefore move the
     remembered positions as much as the present one. If it did not, the filter would correct the
@@ -190,7 +192,10 @@ _EMPTY: Final = 1.5e5
 
 
 def _violent(readings: Array, values: Mapping[str, float]) -> NDArray[np.bool_]:
-    """Return for each sample, bool (n,), whether the ram is on a stop or a chamber may be empty."""
+    """Return for each sample, bool (n,), whether the ram is at a stop or a chamber may be empty.
+
+    The ram is at a stop if it is nearer than `_ON_STOP`; `readings` (n, 4) are in SI units.
+    """
     position = readings[:, 0] / values["position_gain"]
     low = max(values["stroke_min"], values["stop_low"])
     high = min(values["stroke_max"], values["stop_high"])

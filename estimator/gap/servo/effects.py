@@ -36,7 +36,12 @@ _NEAR: Final = 1.0 / 3.0
 
 
 def _underlap(at: Array, values: Array) -> float | None:
-    """Return the underlap, m, of a curve of openings (k,) that peaks at the null of the spool."""
+    """Return the underlap, m, that a curve of the valve's edges shows; None if it shows none.
+
+    `at` (k,) is the opening of the spool and `values` (k,) the gap at the edges, both in m. The
+    underlap is the greatest value. The greatest magnitude must be a positive value near null, and
+    more than twice the value at either end.
+    """
     top = int(np.argmax(np.abs(values)))
     near = abs(at[top]) < _NEAR * np.max(np.abs(at))
     fades = max(values[0], values[-1]) < _MOST * values[top]
@@ -44,9 +49,12 @@ def _underlap(at: Array, values: Array) -> float | None:
 
 
 def _uneven_friction(at: Array, values: Array) -> float | None:
-    """Return the asymmetry of friction, N, of a force (k,) that is the same in both directions.
+    """Return the asymmetry of friction, N, that a force shows; None if it shows none.
 
-    A force against extension that is the same in both directions adds to the friction of extension.
+    `at` (k,) is the velocity, m/s, and `values` (k,) the force against extension, N. A force that
+    is the same in both directions adds to the friction of extension and takes from that of
+    retraction. So the asymmetry is the mean of what is the same at equal speeds of both directions,
+    which must have more than half of the squares.
     """
     reach = min(-at[0], at[-1])
     speeds = np.linspace(0.0, reach, len(at))[1:] if reach > 0.0 else np.empty(0)
@@ -58,7 +66,12 @@ def _uneven_friction(at: Array, values: Array) -> float | None:
 
 
 def _scale(at: Array, values: Array) -> float | None:
-    """Return the scale of a transducer whose error (k,) grows in proportion to its reading."""
+    """Return the gain of a transducer whose error is in proportion to what it measures, else None.
+
+    `at` (k,) is the quantity and `values` (k,) the error of its reading, both in the same SI unit.
+    The gain is 1 plus the median ratio of error to quantity. The squares of what this proportion
+    leaves must sum to less than half of the errors' squares.
+    """
     used = at != 0.0
     slope = float(np.median(values[used] / at[used]))
     lacks = values - slope * at
@@ -75,11 +88,11 @@ def _effect(
     Args:
         name: name of the effect in the catalogue.
         where: equation or channel that it enters.
-        probes: probe of each knob, SI, or that of the only knob "value".
-        starts: starts of the knob "value"; it needs some if the cost has no slope at its neutral
-            value.
+        probes: probe of each knob, SI, by the knob's key, or that of the only knob "value".
+        starts: values of the knob "value", SI, from which fits start; it needs some if the cost has
+            no slope at its neutral value.
         logarithmic: whether fits step in the logarithm of the first knob.
-        upper: upper bound of the knobs, in place of the catalogue's.
+        upper: upper bound of the knobs, SI, in place of the catalogue's; None for the catalogue's.
         propose: as in `Effect`.
         own: as in `Effect`.
         like: the curve that is this effect; None if none is known.
@@ -164,7 +177,10 @@ _SEEN_AT: Final = tuple(
 
 
 def _seen(chamber: int, *of: str) -> Places:
-    """Return the reading of a chamber's pressure, 1 or 2, against each of some quantities."""
+    """Return the place of a chamber's pressure reading, paired with each of some quantities.
+
+    The chamber is 1 or 2.
+    """
     return tuple((f"reading of pressure_{chamber}_Pa", each) for each in of)
 
 

@@ -21,7 +21,11 @@ class ServoLayout(Layout):
     """Translates additions to the rig's terms and to slots, and back."""
 
     def _placed(self, additions: Sequence[Addition]) -> tuple[list[int], list[int]]:
-        """Return the indices of the additions that are terms, in their order, and of the others."""
+        """Return the indices of the additions that are terms, tables first, and of all others.
+
+        An addition is a term if the rig's equations can hold it and have room left. The others are
+        held in slots.
+        """
         tables: list[int] = []
         symbols: list[int] = []
         others: list[int] = []
@@ -52,9 +56,10 @@ class ServoLayout(Layout):
         return [*terms, *super().additions(values)]
 
     def names(self, additions: Sequence[Addition], index: int) -> tuple[list[str], list[str]]:
-        """Return the names of the parameters that hold the values, and the places, of an addition.
+        """Return the names of the parameters that hold an addition: its `values`, and its `at`.
 
-        The additions are those given to `values`; `index` is that of one of them.
+        These are two lists. `additions` are those given to the method `values`; `index` is that of
+        one of them.
         """
         terms, others = self._placed(additions)
         each = additions[index]
@@ -74,7 +79,9 @@ class ServoLayout(Layout):
 def term_of(addition: Addition) -> AddedTerm:
     """Return an addition as a term of a model file.
 
-    Friction is a force that opposes the motion, which the rig adds to the level of its bristles.
+    One to the friction level becomes a force that is multiplied by the direction of motion, which
+    the rig adds to the level of its bristles. It stays as it is if it is multiplied by the
+    direction already, or depends on the time.
     """
     if addition.place == FRICTION and addition.times != DIRECTION and addition.of != TIME_NAME:
         addition = replace(addition, place=_FORCE, times=DIRECTION)
@@ -82,7 +89,10 @@ def term_of(addition: Addition) -> AddedTerm:
 
 
 def addition_of(term: AddedTerm) -> Addition:
-    """Return a term of a model file as an addition; the inverse of `term_of`."""
+    """Return a term of a model file as an addition; the inverse of `term_of`.
+
+    A force that turns with the direction of motion becomes an addition to the friction level.
+    """
     addition = as_addition(term)
     if addition.place == _FORCE and term.turned:
         return replace(addition, place=FRICTION, times="")

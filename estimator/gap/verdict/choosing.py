@@ -53,13 +53,15 @@ as being at that end. This bound was chosen: it is far less than the errors of f
 
 @dataclass(frozen=True)
 class OwnForm:
-    """An effect of the catalogue with the model in which it has a formula or a form of its own.
+    """One effect of the catalogue as the only one that is named, and the model with it.
 
     Attributes:
         named: the effect, with what it gains.
-        fitted: fit with the effect.
+        fitted: fit with the effect's formula; if `named.read` is set, with a discovered curve in
+            the place of the formula.
         variables: variables of that fit.
-        corrected: model with the effect and its correction; None if it is to be looked for.
+        corrected: model with the disturbance that corrects or replaces the formula; None if that
+            has not been looked for.
     """
 
     named: Named
@@ -91,11 +93,15 @@ def choose(
     material: float,
     begun: DiscoveredModel | None = None,
 ) -> Choice:
-    """Return the answer to what a search found, with what is discovered beside or in its place.
+    """Return which answer is chosen: the named effects, discovered disturbances, or both together.
+
+    The disturbances are discovered here, as far as they are needed. Where one effect takes the
+    place of those that the search named, it becomes the only one in `found`, with its fit.
 
     Args:
         discovering: discovers disturbances in the records of the search.
-        found: finding of the search, with its floor.
+        found: finding of the search, with its floor; its `named`, `fitted` and `variables` may be
+            changed in place.
         material: least excess, in variances per reading, that is looked into.
         begun: model with the first disturbance that is discovered without effects of the
             catalogue; None if it is not known yet.
@@ -140,12 +146,16 @@ def choose(
 
 
 def _take(found: Found, one: OwnForm) -> None:
-    """Set one effect as all that is named, and its fit, in the finding."""
+    """Make one effect the only one that is named in a finding, with its fit and variables."""
     found.named, found.fitted, found.variables = [one.named], one.fitted, one.variables
 
 
 def _by_its_curve(discovering: Discovering, found: Found, alone: DiscoveredModel) -> Choice | None:
-    """Return the choice of an effect whose curve was discovered; None if there is none."""
+    """Return the choice of an effect that was recognised by a discovered curve; None without one.
+
+    The curve is the first disturbance of `alone`, and stands in the place of the effect's formula
+    (`_by_likeness`). The effect becomes the only one that is named in `found`.
+    """
     own = _by_likeness(discovering, found, alone)
     if own is None or own.corrected is None:
         return None
@@ -155,7 +165,7 @@ def _by_its_curve(discovering: Discovering, found: Found, alone: DiscoveredModel
 
 
 def _pinned(plant: Plant, found: Found) -> set[str]:
-    """Return the named effects whose size is at an end of what is plausible.
+    """Return the names of the named effects whose size is at an end of what is plausible.
 
     A fit would move such a size (`PINNED`) beyond the end, so that the effect stands in for
     something else. The size is the effect's first knob; an end at which it was in the model as
@@ -173,7 +183,7 @@ def _pinned(plant: Plant, found: Found) -> set[str]:
 
 
 def _is_own(plant: Plant, found: Found, alone: DiscoveredModel) -> bool:
-    """Return whether what was discovered alone begins with a named effect's own curve."""
+    """Return whether the first disturbance of `alone` is a named effect's own curve (`own`)."""
     if not alone.discoveries:
         return False
     first = alone.discoveries[0]
@@ -197,7 +207,11 @@ def _is_formula_of(plant: Plant, found: Found, alone: DiscoveredModel, excess: f
 def _divided(
     plant: Plant, found: Found, model: DiscoveredModel
 ) -> tuple[dict[str, Discovery], tuple[Discovery, ...]]:
-    """Return which disturbances correct a named effect, by its name, and the others."""
+    """Return the disturbances that correct named effects, by the effects' names, and the others.
+
+    A disturbance corrects an effect if it, or a rival of it, is in one of the places, and against
+    one of the quantities, of `Effect.own`. Each effect is corrected by one disturbance at most.
+    """
     corrections: dict[str, Discovery] = {}
     others: list[Discovery] = []
     for each in model.discoveries:
@@ -244,11 +258,11 @@ def _in_place_of_several(
 
 
 def _by_formula(discovering: Discovering, found: Found, alone: DiscoveredModel) -> OwnForm | None:
-    """Return the effect to which the first disturbance belongs; None if there is none.
+    """Return the effect to which the first disturbance of `alone` belongs; None without one.
 
-    Of the effects whose own curve was discovered, it is the one that explains most, and it explains
-    `EXPLAINED` of the excess by itself. There is none either where a single effect of these was
-    named before.
+    Of the effects whose own curve that disturbance is, it is the one whose formula explains most,
+    and it must explain `EXPLAINED` of the excess by itself. The result is also None if exactly one
+    effect is named, and is one of these.
     """
     excess = found.refitted.cost - found.floor * found.samples
     if not alone.discoveries or excess <= 0.0:
@@ -268,9 +282,10 @@ def owners(plant: Plant, place: str, of: str) -> list[Effect]:
 
 
 def _by_likeness(discovering: Discovering, found: Found, alone: DiscoveredModel) -> OwnForm | None:
-    """Return the effect that the first disturbance is by its course (`Likeness`); None if none is.
+    """Return the effect as which the first disturbance of `alone` is recognised; None without one.
 
-    The model has the disturbance in the place of the effect's formula.
+    `Effect.like` recognises it by the course of its curve. The model of the result is `alone`: it
+    has the disturbance in the place of the effect's formula.
     """
     if not alone.discoveries:
         return None
@@ -300,7 +315,7 @@ def _by_likeness(discovering: Discovering, found: Found, alone: DiscoveredModel)
 
 
 def _beats(one: Array, other: Array, least: float) -> bool:
-    """Return whether block costs `one` are less than `other`, by `least` and beyond chance."""
+    """Return whether block costs `one` sum to less than `other`, by `least` and beyond chance."""
     gains = other - one
     error = float(np.sqrt(len(gains)) * np.std(gains, ddof=1))
     return float(gains.sum()) > max(least, SURE * error)
@@ -309,7 +324,10 @@ def _beats(one: Array, other: Array, least: float) -> bool:
 def _explaining_most(
     discovering: Discovering, found: Found, effects: Sequence[Effect]
 ) -> OwnForm | None:
-    """Return the effect whose formula explains most by itself; None if no model is sound."""
+    """Return the one of some effects whose formula explains most by itself.
+
+    None is returned without effects, or if the model breaks down with each of them.
+    """
     best: OwnForm | None = None
     for effect in effects:
         fitted, variables = discovering.with_effect(found.refitted.values, effect)

@@ -56,12 +56,18 @@ class Wanted:
     leaks: bool = False
 
     def allows(self, each: Discovered) -> bool:
-        """Return whether the model may hold a disturbance while its gap is computed."""
+        """Return whether the model may hold a disturbance, by what is wanted.
+
+        Tones are not looked at here: the model written has none, whatever this returns.
+        """
         return self.discovered and (self.leaks or not each.suspected_leak)
 
 
 def described_as(each: Discovery, plant: Plant) -> Discovered:
-    """Return a disturbance with its shape's name, its units, and what it could be, in words."""
+    """Return a disturbance as it is reported: with a name, units, a sentence and likely parts.
+
+    Its held-out gap is not set, and it is said to be in the model written.
+    """
     addition = each.addition
     low, high = each.reach
     name = shape_of(addition, low, high, plant)
@@ -104,7 +110,11 @@ def _estimates(each: Discovery, unit: str, of_unit: str) -> tuple[Estimate, ...]
 
 
 def _drawn(each: Discovery, plant: Plant, unit: str, of_unit: str) -> Curve:
-    """Return a disturbance as a curve against its quantity: at a table's knots, else in between."""
+    """Return a disturbance as a curve against its quantity, to be drawn.
+
+    A table is given at its knots, a form in symbols at `_DRAWN` places that are evenly spread over
+    the quantity's range; of a tone only the first periods are given. `unit` and `of_unit` are SI.
+    """
     addition = each.addition
     if addition.form == "table":
         at, values = np.array(addition.at), np.array(addition.values)
@@ -125,7 +135,10 @@ def _drawn(each: Discovery, plant: Plant, unit: str, of_unit: str) -> Curve:
 
 
 def _rival(addition: Addition, reach: tuple[float, float] | None, plant: Plant) -> str:
-    """Return another explanation in words: the name of its shape, its place and its quantity."""
+    """Return another explanation in words: the name of its shape, its place and its quantity.
+
+    `reach` is the range of its quantity, SI, if known; None for that of its knots.
+    """
     ends = reach or ((addition.at[0], addition.at[-1]) if len(addition.at) > 2 else (0.0, 1.0))
     name = shape_of(addition, *ends, plant)
     times = f" x {addition.times}" if addition.times else ""
@@ -139,13 +152,15 @@ def without_unwanted(
     described: Mapping[int, Discovered],
     wanted: Wanted,
 ) -> Values:
-    """Return all values of the model without the disturbances that are not wanted, refitted.
+    """Return values of all parameters, refitted without the disturbances that are not wanted.
+
+    If all are wanted, these are the values of the finding.
 
     Args:
         search: the search whose records are refitted.
         found: finding with everything that was chosen.
         choice: what was chosen.
-        described: descriptions of the disturbances, by `id`.
+        described: descriptions of the disturbances, by the `id` of each `Discovery`.
         wanted: what the model may hold.
     """
     layout = search.plant.layout
@@ -162,7 +177,10 @@ def without_unwanted(
 
 
 def measured(discovered: Discovered, each: Discovery, judged: Fitter) -> Discovered:
-    """Return a disturbance with the held-out gap before it was added and with it."""
+    """Return a disturbance with `gap` set: the held-out gap before it was added and with it.
+
+    Both models have the phases of tones in the held-out recordings (`known_phases`).
+    """
     before, after = (known_phases(values, judged) for values in (each.before, each.after))
     gaps = channel_gaps(judged.predictor, judged.records, before, after, judged.pool)
     return replace(discovered, gap=mean_gap(gaps))

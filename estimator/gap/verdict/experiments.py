@@ -60,7 +60,10 @@ class Trial:
 
     @property
     def merit(self) -> tuple[bool, float]:
-        """Return what the better of two trials has more of."""
+        """Return the key by which trials are compared; the greater one is better.
+
+        A trial that settles is better than any that does not, then the one with the greater `z`.
+        """
         return self.settles, self.z
 
 

@@ -6,9 +6,9 @@ held-out gap at all. Named effects have evidence of their own, and a held-out mo
 shows them may raise the gap by a trifle. Named effects are given up if the errors grow by more than
 chance.
 
-It is also told how surely each named effect lowers the error there, and how much of what is left
-other values of the nuisances would take. Friction is not the same from run to run: a model that is
-fitted to some recordings cannot predict that of others, whatever it holds.
+The module also tells how surely each named effect lowers the error there, and how much of what is
+left would go with other values of the nuisances. Friction is not the same from run to run: a model
+that is fitted to some recordings cannot predict the friction of others, whatever it holds.
 """
 
 from collections.abc import Sequence
@@ -175,8 +175,8 @@ def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> Non
 def at_an_end(variable: Variable, values: Values) -> bool:
     """Return whether a refitted parameter is at an end of its tolerance or beyond it.
 
-    At an end means within the part `PINNED` of the distance between both ends. One that is held is
-    at none.
+    At an end means within the part `PINNED` of the distance between both ends. A variable that is
+    held counts as being at none.
     """
     if variable.is_held:
         return False

@@ -30,13 +30,13 @@ class Word:
         experiment: what to run to confirm it.
         parts: parts of a rig that make such a shape, likeliest first; those of a place of another
             kind than the attributes below, or of a kind whose attribute is empty.
-        force: the same of a place of this kind (`kind_of`), and so on.
-        flow: as `force`.
-        valve: as `force`.
-        edges: as `force`.
-        reading: as `force`.
-        oil: as `force`.
-        supply: as `force`.
+        force: parts that make it in a place of the kind "force" (`kind_of`).
+        flow: parts for the kind "flow".
+        valve: parts for the kind "valve".
+        edges: parts for the kind "edges".
+        reading: parts for the kind "reading".
+        oil: parts for the kind "oil".
+        supply: parts for the kind "supply".
     """
 
     experiment: str
@@ -280,7 +280,10 @@ def _left(y: Array, *shapes: Array) -> Array:
 
 
 def _is_late(place: str, plant: Plant, x: Array, y: Array) -> bool:
-    """Return whether an error of a position's reading is proportional to the velocity."""
+    """Return whether an error of a position's reading falls in proportion to the velocity.
+
+    A late reading errs so. `x` (n,) is the velocity, `y` (n,) the disturbance of the place.
+    """
     outputs = {f"reading of {each.channel}": each.unit for each in plant.outputs}
     if outputs.get(place) not in ("m", "rad"):
         return False
@@ -289,7 +292,10 @@ def _is_late(place: str, plant: Plant, x: Array, y: Array) -> bool:
 
 
 def _is_hinge(x: Array, y: Array) -> bool:
-    """Return whether a curve is flat at first and then rises, much better than a straight line."""
+    """Return whether a curve is flat at first and then rises or falls along a straight line.
+
+    That must fit it much better than one straight line. `x` (n,) must be ascending.
+    """
     straight = float(np.sum(_left(y, x) ** 2))
     bends = x[int(0.2 * len(x)) : -int(0.1 * len(x)) : 5]
     best = min(float(np.sum(_left(y, np.maximum(x - at, 0.0)) ** 2)) for at in bends)
@@ -297,7 +303,7 @@ def _is_hinge(x: Array, y: Array) -> bool:
 
 
 def _is_step(x: Array, y: Array) -> bool:
-    """Return whether a course in time is one step, much better than a straight line."""
+    """Return whether one step fits a course in time much better than a straight line."""
     straight = float(np.sum(_left(y, x) ** 2))
     steps = (
         float(np.sum((y[:k] - y[:k].mean()) ** 2) + np.sum((y[k:] - y[k:].mean()) ** 2))
@@ -307,7 +313,7 @@ def _is_step(x: Array, y: Array) -> bool:
 
 
 def _is_flat_outside(x: Array, y: Array) -> bool:
-    """Return whether a curve rises in the middle and is flat at both ends."""
+    """Return whether a curve changes in its middle half and hardly in its outer quarters."""
     quarter = len(x) // 4
     middle = abs(float(y[3 * quarter] - y[quarter]))
     ends = abs(float(y[quarter] - y[0])) + abs(float(y[-1] - y[3 * quarter]))
@@ -322,8 +328,9 @@ _ACROSS: Final = "leak across the piston"
 def is_leak(addition: Addition, low: float, high: float) -> bool:
     """Return whether an addition takes oil out of a chamber and grows with a pressure.
 
-    An opening across the piston does so wherever it is: what passes it grows with the difference of
-    the pressures. A flow does so if less comes in, or more goes out, at higher pressures.
+    An opening across the piston always counts: what passes it grows with the difference of the
+    pressures. A flow into a chamber counts if it depends on that chamber's pressure, goes out at
+    some pressure, and on the whole falls as the pressure rises. Nothing else counts.
 
     Args:
         addition: the disturbance.

@@ -30,11 +30,13 @@ class OneCurve:
         self.is_enough = False
 
     def narrowed(self, found: Found, floor: float) -> set[str] | None:
-        """Return the effects that are worth looking at, as a curve explains nearly all.
+        """Return the names of the effects worth looking at, if one curve explains nearly all.
 
-        They are those whose own curve it is, or a rival of it that the recordings do not tell from
-        it. The curve must explain `WHOLE` of the excess, and the finding's effects must leave
-        `BEYOND` more than that does; else None is returned, for all effects.
+        They are those whose own curve it is, or a rival that the recordings do not tell from it.
+        The curve is looked for if the finding's effects leave `BEYOND` of the excess more than a
+        curve may leave that explains `WHOLE` of it. None is returned, for all effects, if it is not
+        looked for or does not explain that much. If a curve earns its place, `first` and
+        `is_enough` are set.
 
         Args:
             found: finding of the search so far.

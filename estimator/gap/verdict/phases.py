@@ -35,6 +35,9 @@ def without_tones(layout: Layout | None, values: Values) -> dict[str, float]:
 def known_phases(values: Values, judged: Fitter) -> Values:
     """Return the values of all parameters with the phases of tones in recordings held out.
 
+    Each phase is fitted alone to the beginning of its recording. Values without tones are returned
+    as they are.
+
     Args:
         values: values of all parameters.
         judged: fitter of the recordings held out. Of each, the first 2 s are looked at.
@@ -70,7 +73,10 @@ def _cut(record: Record, count: int) -> Record:
 
 
 def _phase(beginning: Fitter, values: Values, name: str) -> float:
-    """Return the phase, rad, with which the beginning of a recording costs least."""
+    """Return the phase, rad, with which the beginning of a recording costs least.
+
+    `name` is the parameter that holds the phase; all other `values` stay.
+    """
     phases = 2.0 * np.pi * np.arange(1, _STARTS + 1) / _STARTS
     filtered = beginning.filtered({**values, name: 0.0})
     costs = [float(filtered.costs({**values, name: float(phase)}).sum()) for phase in phases]

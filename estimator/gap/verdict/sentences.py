@@ -90,7 +90,7 @@ class _Predicate:
         self._of = _QUANTITIES.get(addition.of, f"the {addition.of}")
 
     def words(self) -> str:
-        """Return the words."""
+        """Return the predicate, such as "that is always there: 5 N", without a full stop."""
         form = self._addition.form
         if form == "table":
             return self._table()
@@ -159,14 +159,15 @@ class _Predicate:
         return "grows" if self._sign * self._addition.values[0] > 0.0 else "falls"
 
     def _slope(self) -> str:
-        """Return the size per unit of the quantity, without its sign."""
+        """Return the size per shown unit of the quantity as text, without its sign."""
         size = self._size(1.0 / self._of_factor).removeprefix("-")
         return f"{size} per {self._of_unit or 'unit'}"
 
     def _size(self, shape: float = 1.0, knot: int = 0) -> str:
-        """Return the value at a table's knot, or of a form in symbols, with its interval.
+        """Return a value of the disturbance with its interval and unit, as text.
 
-        It is the value where the form is `shape`, of a table that of the knot itself.
+        Of a table it is the value at the knot with index `knot`. Of a form in symbols it is the
+        size times `shape`, which is the value of the form at the place in question.
         """
         error = self._errors[knot] if knot < len(self._errors) else float("nan")
         scale = self._factor * shape
@@ -220,19 +221,25 @@ def shown(value: float, error: float, unit: str) -> str:
 
 
 def unit_of(place: str, plant: Plant) -> tuple[str, float]:
-    """Return the unit in which a disturbance of a place is shown, and its number in one SI unit."""
+    """Return the unit in which a disturbance of a place is shown, and how many are one SI unit.
+
+    For an unknown place they are "" and 1.
+    """
     places = (*places_of(plant), *varying_of(plant))
     return next((each.shown for each in places if each.name == place), ("", 1.0))
 
 
 def si_unit_of(place: str, plant: Plant) -> str:
-    """Return the SI unit of a disturbance of a place."""
+    """Return the SI unit of a disturbance of a place; "" for an unknown place."""
     places = (*places_of(plant), *varying_of(plant))
     return next((each.unit for each in places if each.name == place), "")
 
 
 def quantity_unit(of: str, plant: Plant) -> tuple[str, float]:
-    """Return the unit in which a quantity is shown, and its number in one SI unit."""
+    """Return the unit in which a quantity is shown, and how many are one SI unit.
+
+    For an unknown quantity they are "" and 1.
+    """
     if of in plant.regions:
         return plant.regions[of].shown
     return ("s", 1.0) if of == TIME_NAME else ("", 1.0)

@@ -71,9 +71,9 @@ class Unsettled:
 
     @property
     def counts(self) -> bool:
-        """Return whether so much depends on the motion that the named effects are not the cause.
+        """Return whether so much depends on the motion that something is left unexplained.
 
-        It is more than `STIRRED`, and more than the part `LEFT` of `before`.
+        That is so if `stirred` is more than `STIRRED`, and more than the part `LEFT` of `before`.
         """
         return self.stirred > max(STIRRED, LEFT * self.before)
 
@@ -108,7 +108,10 @@ def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> 
 
 
 def _inside(filtered: Filtered, parts: Sequence[Any]) -> Any:
-    """Return an array (n, ...) of each record, from the first block to the last, all in one."""
+    """Return the arrays (n, ...) of all records joined, each from its first block to its last.
+
+    `parts` has one array for each record.
+    """
     return np.concatenate(
         [
             part[blocks[0].start : blocks[-1].stop]
@@ -118,9 +121,9 @@ def _inside(filtered: Filtered, parts: Sequence[Any]) -> Any:
 
 
 def compared(left: Sequence[Unsettled], filtered: Filtered, values: Values) -> list[Unsettled]:
-    """Return the same results with `before` set: the mean at other values, less `floor`.
+    """Return the results `left` with `before` set: the mean square at other values, less `floor`.
 
-    `values` are these other values of all parameters; `filtered` are the records with gains for
+    `values` are these other values of all parameters, and `filtered` has the records with gains for
     them.
     """
     costs = mean_costs(filtered, values)
@@ -164,7 +167,10 @@ def _quantities(filtered: Filtered, values: Values) -> dict[str, list[Array]]:
 
 
 def _stirring(record: Record, index: int, plant: Plant) -> Array:
-    """Return how much an input changed over the last horizon, per s (n,)."""
+    """Return the mean rate of an input (n,), per s: its changes over the last horizon, up or down.
+
+    Changes up and down add up and do not cancel out.
+    """
     changes = np.abs(np.diff(record.inputs[:, index], prepend=record.inputs[0, index]))
     total = np.concatenate([[0.0], np.cumsum(changes)])
     length = round(plant.horizon / plant.period)

@@ -147,7 +147,10 @@ def _search(
     wanted: Wanted,
     said: Callable[[str], None],
 ) -> None:
-    """Run the search, and set its findings and the verdict in the result."""
+    """Search the records, and set what is found, the verdict and its reasons in the result.
+
+    If the verdict is inconclusive, the model as given stays the one that is written.
+    """
     said("trying the effects of the catalogue")
     discovering = Discovering(search.refits, search.twins)
     curve = OneCurve(discovering)
@@ -173,8 +176,9 @@ def _judgement(
 ) -> Judgement:
     """Return the judgement on what was chosen.
 
-    The model that was chosen becomes that of the finding. Where the model was wrong and what is
-    left are set in the result.
+    The finding is changed in place: it gets the model that was chosen, with the phases of tones in
+    the held-out recordings, and names no effects if none were chosen. In the result, `where` and
+    `rest` are set: where the model was wrong, and what is left.
     """
     refitted, values = found.filtered.at(found.refitted.values), found.refitted.values
     result.where = result.rest = _curves(refitted, values, search.refits.nuisances, found.floor)
@@ -211,7 +215,12 @@ def _judgement(
 def _set_answer(
     result: GapResult, search: Search, found: Found, choice: Choice, judged: Fitter, wanted: Wanted
 ) -> None:
-    """Set effects, disturbances, the model written and its held-out gap in the result."""
+    """Set in the result all that is told if the verdict is not inconclusive.
+
+    That is the effects, disturbances, refitted nuisances, the model written with its held-out gap,
+    detection limits, experiments and further reasons. If the fitted model predicts worse than the
+    model as given, the latter is written, and the verdict may change (`take_back`).
+    """
     fitter, plant = search.fitter, search.plant
     described = {
         id(each): described_as(each, plant)
@@ -263,10 +272,10 @@ def _set_answer(
 
 
 def _resting(filtered: Filtered, judged: Fitter) -> list[str]:
-    """Return the channels that "nothing changes" predicts better than the model, in any record.
+    """Return the names of the channels that the model predicts badly in any record.
 
-    The predictions are made with the values of `filtered`, for its records and for the held-out
-    ones.
+    Badly means worse than the assumption that nothing changes (`worse_than_resting`). The
+    predictions are made with the values of `filtered`, for its records and for the held-out ones.
     """
     values = filtered.values
     found = filtered.pool.map(
@@ -290,10 +299,10 @@ def _curves(
 
 
 def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
-    """Return the cosines of an effect's signature with its own and with those of its alternatives.
+    """Return the cosine of a named effect's signature with itself and that of each alternative.
 
-    They are given by the name of the effect. Nuisances and all else that was found are projected
-    out.
+    The keys are the names of the effects, that of the named one first. Nuisances and all else that
+    was found are projected out. All are NaN if the model breaks down without both.
     """
     plant, effect = search.plant, search.plant.effects[named.effect]
     values = with_effect_of(found.fitted.values, effect, plant.nominal)
@@ -308,7 +317,10 @@ def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
 
 
 def _show(result: GapResult, judged: Fitter) -> None:
-    """Set the held-out gap and the free simulations in the result."""
+    """Set the held-out gap, unless it is known already, and the free simulations in the result.
+
+    Nothing is set without held-out records; there are no simulations if a gap is not finite.
+    """
     if not judged.records:
         return
     # The gap of the fitted model is known already, from when it was judged.
@@ -398,7 +410,7 @@ def _fitted(plant: Plant, found: Found, variable: Variable, errors: dict[str, fl
 def _estimate(
     plant: Plant, key: str, parameter: str, value: float, error: float, *, at_an_end: bool = False
 ) -> Estimate:
-    """Return a parameter's value with the interval that follows from its standard error."""
+    """Return a parameter's value with its 95 % interval from its standard error, SI."""
     reach = NORMAL_95 * error
     unit = next(p.unit for p in plant.parameters if p.name == parameter)
     before = plant.nominal[parameter]
