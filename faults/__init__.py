@@ -1,6 +1,7 @@
-"""Injected faults: bypass valves, fault schedules, campaigns of tests and their verdicts.
+"""Faults that are injected, and campaigns, tests and verdicts as data.
 
-Coefficients are in SI units. Every injected leak is recorded as ground truth.
+Leakage laws, bypass valves, needle valves with their calibration, and fault schedules belong to it.
+The coefficient of a fault, which is its size, is in SI units.
 """
 
 from lazy_loader import attach_stub

@@ -131,7 +131,9 @@ def line_from(connection: socket.socket, longest: int = LONGEST_LINE) -> bytes:
     try:
         while b"\n" not in piece:
             # The time limit is for the whole line, so that single bytes do not prolong it.
-            connection.settimeout(max(until - time.monotonic(), 1e-3))
+            if (left := until - time.monotonic()) <= 0.0:
+                raise TimeoutError
+            connection.settimeout(left)
             piece = connection.recv(LONGEST_LINE)
             received += piece
             if not piece or len(received) > longest:

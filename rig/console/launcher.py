@@ -223,7 +223,8 @@ class Launcher:
     def _rig_of_run(self, folder: Path) -> str:
         """Return the id of a run's rig by the first line of its journal; "" if it is not known."""
         begun, _ = _first_and_last(folder / JOURNAL)
-        given = begun.get("given") or {}
+        given = begun.get("given")
+        given = given if isinstance(given, dict) else {}
         offer = self.offers.get(str(begun.get("campaign")))
         return Path(str(given.get("rig") or (offer.rig if offer else ""))).stem
 

@@ -105,7 +105,10 @@ def _added(name: str, equation: str, source: str, span: _Span | None = None) -> 
 def _shift(
     name: str, equation: str, source: str, field: str, span: _Span, followed_by: str | None = None
 ) -> PlantEffect:
-    """Return an effect with one knob, "value", that shifts a parameter which every rig has."""
+    """Return an effect whose one knob, "value", is the new value of a parameter every rig has.
+
+    `field` names the parameter, and `followed_by` one that is scaled by the same factor.
+    """
     knob = _knob("value", field, span, shift=True, followed_by=followed_by)
     return _effect(name, equation, source, knob)
 

@@ -102,7 +102,9 @@ def run_pool(
                 # It is not known which of the running chunks killed the process.
                 again.extendleft(sorted(running.values(), key=lambda cases: -cases.chunk))
                 deaths.update(cases.chunk for cases in running.values())
-        worst, count = deaths.most_common(1)[0] if deaths else (0, _MOST_DEATHS + 1)
+        if not deaths:
+            raise SweepError("the processes died before they ran a case; is there memory enough?")
+        worst, count = deaths.most_common(1)[0]
         if count > _MOST_DEATHS:
             numbers = next(cases.numbers for cases in again if cases.chunk == worst)
             raise SweepError(

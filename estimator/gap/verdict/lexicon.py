@@ -328,20 +328,21 @@ _ACROSS: Final = "leak across the piston"
 def is_leak(addition: Addition, low: float, high: float) -> bool:
     """Return whether an addition takes oil out of a chamber and grows with a pressure.
 
-    An opening across the piston always counts: what passes it grows with the difference of the
-    pressures. A flow into a chamber counts if it depends on that chamber's pressure, goes out at
-    some pressure, and on the whole falls as the pressure rises. Nothing else counts.
+    An opening across the piston counts wherever it adds to the model's: what passes it grows with
+    the difference of the pressures. A flow into a chamber counts if it depends on that chamber's
+    pressure, goes out at some pressure, and on the whole falls as the pressure rises. Nothing else
+    counts.
 
     Args:
         addition: the disturbance.
         low: least value of its quantity in the recordings, SI.
         high: greatest value.
     """
+    x = np.linspace(low, high, 101)
     if addition.place == _ACROSS:
-        return True
+        return bool(addition.times) or bool(addition.shape(x).max() > 0.0)
     if addition.of != _LEAKING.get(addition.place):
         return False
-    x = np.linspace(low, high, 101)
     out = -addition.shape(x)
     slope = float(np.polyfit(x, out, 1)[0])
     return slope > 0.0 and bool(out.max() > 0.0)

@@ -197,9 +197,11 @@ def resolved(drawn: Drawn, limits: Physical, base: float = 0.0) -> Distribution:
     low, high, unit = limits.lower, limits.upper, limits.unit
     for value in values[:1] if is_normal else values:
         if not low <= value <= high:
+            remedy = f"give {low:.6g} to {high:.6g} {unit}"
+            if low <= base <= high:
+                remedy = f"deviate less from {base:.6g} {unit}"
             raise QuantityError(
-                f"gives {value:.6g} {unit}, outside {low:.6g} to {high:.6g} {unit}",
-                f"deviate less from {base:.6g} {unit}",
+                f"gives {value:.6g} {unit}, outside {low:.6g} to {high:.6g} {unit}", remedy
             )
     if drawn.kind in ("uniform", "log_uniform"):
         _check_order(drawn.kind, *values)

@@ -169,10 +169,11 @@ class _Reader:
         given = getattr(file, key)
         if given is None:
             return None
-        if isinstance(given, Drawn):
-            return (self._one(key, given, readers[0]),)
-        reader, most = _LISTS[key]
         entry = self._item.find(key)
+        if isinstance(given, Drawn):
+            one = quantity_in(entry, lambda: self._one(key, given, readers[0]))
+            return None if one is None else (one,)
+        reader, most = _LISTS[key]
         elements = entry.elements() or [entry] * (getattr(file, "count", None) or 1)
         if not 1 <= len(elements) <= most:
             entry.refuse(f"has {len(elements)} elements", f"give 1 to {most}", "")

@@ -90,16 +90,16 @@ def _rerun(outcome: CampaignOutcome) -> str:
 
 @dataclass(frozen=True)
 class Row:
-    """One row of the table of verdicts, as texts to print.
+    """One row of the table of verdicts: a test's section, texts to print, and a small chart.
 
     A text is empty where there is nothing to show.
 
     Attributes:
-        section: the test's section.
+        section: the section of the page about the test, which has the test's outcome.
         found: the verdict in words, `no verdict` if there is none; empty if the test was not run.
         chance: the verdict's probability.
-        flow: leak flow found, with its interval.
-        onset: estimated onset.
+        flow: leak flow found, with its interval, L/min.
+        onset: estimated onset, s.
         chart: the flows on the small chart, each as a position in percent of the chart's width;
             one beyond the end of the chart is shown at its end, and one that is not there is None.
             `injected` is the recorded mean flow of the injected leaks that the verdict names, or of

@@ -119,7 +119,10 @@ class StreamedRun(Observer, Onlooker):
         self.stream.event("rig", "told", text)
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
-        """Send the message that a test begins, the `number`-th to run, from 1."""
+        """Send the progress of a test that begins, and the tests' list, in which it is running.
+
+        `number` is the test's place in the order of running, from 1.
+        """
         self._inner.test_begins(number, test)
         self._number, self._test, self._decision = number, test, None
         with self._lock:
@@ -157,7 +160,7 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=False)
 
     def test_skipped(self, outcome: TestOutcome) -> None:
-        """Send the message that a test is left out."""
+        """Send the list of tests, in which this one is left out."""
         self._inner.test_skipped(outcome)
         self._note(outcome)
         self._list_tests(last=False)

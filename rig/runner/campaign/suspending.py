@@ -84,11 +84,12 @@ class Suspender:
 
 
 class Suspenders:
-    """All conditions of a campaign, followed together.
+    """All conditions of a campaign, followed together: whether they hold it, why, and for too long.
 
     Args:
         conditions: the campaign's conditions.
-        reading: returns the newest value of a channel, as `Bench.reading` does.
+        reading: returns the newest value of a channel: NaN if it has none, and None if there is no
+            rig to read, as `Bench.reading` does.
     """
 
     def __init__(self, conditions: Iterable[Condition], reading: Reading) -> None:

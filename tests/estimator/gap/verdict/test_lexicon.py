@@ -162,6 +162,7 @@ def test_a_value_is_shown_within_its_interval(value: float, part: float) -> None
         (Addition(FLOW, "pressure 1", "", "hinge", (5e6,), (1e-12,)), False),
         (Addition(FLOW, "spool opening", "", "x", (), (-1e-3,)), False),
         (Addition(ACROSS, "position", "", "bump", (0.3, 0.02), (1e-8,)), True),
+        (Addition(ACROSS, "position", "", "bump", (0.3, 0.02), (-1e-8,)), False),
         (Addition(FORCE, "pressure 1", "", "x", (), (1e-5,)), False),
         (Addition("flow, chamber 2", "pressure 2", "", "x", (), (-1e-12,)), True),
     ],
@@ -169,4 +170,5 @@ def test_a_value_is_shown_within_its_interval(value: float, part: float) -> None
 def test_what_takes_oil_out_of_a_chamber_as_a_pressure_grows_is_suspected_to_be_a_leak(
     addition: Addition, leak: bool
 ) -> None:
-    assert is_leak(addition, *PRESSURES) is leak
+    reach = (0.1, 0.5) if addition.of == "position" else PRESSURES
+    assert is_leak(addition, *reach) is leak

@@ -104,6 +104,7 @@ motions:
         ("effects:", "  stiction: 1 kN\neffects:", "lets stiction come to 1 kN, below a coulomb"),
         ("effects:", "effects:\n  viscous_friction: 300 N s/m", "is given as a parameter too"),
         ("{normal: [0 m, 2 um]}", "{normal: [0 m, 2 %]}", "spool_null_bias"),
+        ("mean: 0.3 m", "mean: -1 m", "sweep.yaml:14:18 mean: -1 m gives -1 m, outside"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
