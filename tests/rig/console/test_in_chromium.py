@@ -55,7 +55,7 @@ def test_a_campaign_that_runs_is_shown_live(page: Page, pytestconfig: pytest.Con
     expect(page.locator("#verdict")).to_have_text("Internal leakage")
     expect(page.locator("#verdict-more")).to_contain_text("L/min")
     expect(page.locator("[data-chart=leak] output")).to_have_text(re.compile(r"0\.\d+"))
-    until(lambda: page.evaluate("rigConsole.points.time_s.length") > 500, "five seconds of curves")
+    until(lambda: page.evaluate("rigConsole.points.time_s.length") > 200, "two seconds of curves")
     seen = page.evaluate("rigConsoleFrames()")
     until(lambda: page.evaluate("rigConsoleFrames()") > seen + 20, "the curves to go on")
     picture = pytestconfig.getoption("--console-picture")
@@ -70,7 +70,7 @@ def test_a_reload_loses_nothing(page: Page) -> None:
     expect(page.locator("#verdict")).to_have_text("Internal leakage")
     expect(page.locator("#verdicts")).to_contain_text("Internal leak")
     expect(page.locator("#events")).to_contain_text("Anna takes control")
-    until(lambda: page.evaluate("rigConsole.points.time_s.length") > 500, "five seconds of curves")
+    until(lambda: page.evaluate("rigConsole.points.time_s.length") > 200, "two seconds of curves")
 
 
 def test_a_second_operator_is_refused_until_it_takes_over(

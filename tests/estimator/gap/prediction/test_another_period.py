@@ -44,11 +44,15 @@ def uneven(generator: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np
 @pytest.mark.parametrize(
     ("rows", "period", "horizon"),
     [
-        (np.arange(0, N, 4), 4e-3, 0.08),
-        (np.r_[0, uneven(np.random.default_rng(1))[1:]], 1e-3, 0.22),
+        pytest.param(
+            np.arange(0, N, 4), 4e-3, 0.08, id="a row every 4 ms", marks=pytest.mark.long
+        ),
+        pytest.param(
+            np.r_[0, uneven(np.random.default_rng(1))[1:]], 1e-3, 0.22,
+            id="a row every 10 to 12 ms",
+        ),
     ],
-    ids=["a row every 4 ms", "a row every 10 to 12 ms"],
-)
+)  # fmt: skip
 def test_an_offset_is_named_at_the_period_of_the_recordings(
     tmp_path: Path, rows: np.ndarray[tuple[int], np.dtype[np.int64]], period: float, horizon: float
 ) -> None:

@@ -45,7 +45,6 @@ def test_the_model_written_does_not_have_it_as_the_next_recording_begins_at_anot
 
 
 def test_no_tone_is_claimed_where_there_is_none() -> None:
-    recordings = [ran(seed, 12.0, squared=0.5) for seed in (4, 5)]
-    found = find_gap(recordings, [ran(6, 12.0, squared=0.5)], wheel())
+    found = find_gap([ran(4, 8.0, squared=0.5)], [ran(6, 6.0, squared=0.5)], wheel())
     assert "tone" not in [each.name for each in found.discovered]
     assert np.isfinite(found.gap_after)
