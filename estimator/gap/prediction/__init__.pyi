@@ -15,6 +15,7 @@ from .linear import (
     bounded_least_squares as bounded_least_squares,
     cost_of as cost_of,
     mean_squares as mean_squares,
+    settling as settling,
     slices_of as slices_of,
     standard_errors as standard_errors,
 )

@@ -4,19 +4,27 @@ A tone begins each recording at another moment of its turn. What it does to a re
 be predicted only once its phase is known there, so that this alone is taken from the beginning.
 """
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Layout, Record
-from estimator.gap.prediction import Fitter, Values, Variable
+from estimator.gap.plant import Layout
+from estimator.gap.prediction import Fitter, Values, Variable, settling
 from estimator.gap.search import ADDED
 
-BEGINNING_S: Final = 2.0
-"""s. The phase is taken from so much of a recording: the filter settles for a quarter of it."""
+_BEGINNING: Final = 4
+"""The phase is taken from so many times as long as the filter takes to settle. Three blocks remain
+after that, whose costs are compared."""
 _STARTS: Final = 12
 """Number of phases from the best of which the fit starts: a twelfth of a turn leads to the best."""
+
+
+def beginning(period: float) -> int:
+    """Return the number of samples, of this period (s), from which a phase is taken.
+
+    They last 2 s, and longer if samples are more than 25 ms apart.
+    """
+    return _BEGINNING * settling(period)
 
 
 def has_tones(layout: Layout | None, values: Values) -> bool:
@@ -40,45 +48,32 @@ def known_phases(values: Values, judged: Fitter) -> Values:
 
     Args:
         values: values of all parameters.
-        judged: fitter of the recordings held out. Of each, the first 2 s are looked at.
+        judged: fitter of the recordings held out. Of each, the `beginning` is looked at.
     """
     layout = judged.predictor.plant.layout
     if layout is None or not has_tones(layout, values):
         return values
     found = dict(values)
     additions = layout.additions(values)
-    period = judged.predictor.plant.period
+    end = beginning(judged.predictor.plant.period)
     for index, addition in enumerate(additions):
         if addition.form != "tone":
             continue
         names = layout.names(additions, index)[1][1:]
         for number in sorted({record.number for record in judged.records}):
             first = next(record for record in judged.records if record.number == number)
-            beginning = Fitter(
-                judged.predictor, [_cut(first, round(BEGINNING_S / period))], judged.pool
-            )
-            found[names[number]] = _phase(beginning, found, names[number])
+            begins = Fitter(judged.predictor, [first.part(0, end)], judged.pool)
+            found[names[number]] = _phase(begins, found, names[number])
     return found
 
 
-def _cut(record: Record, count: int) -> Record:
-    """Return the first samples of a record, `count` of them."""
-    return replace(
-        record,
-        inputs=record.inputs[:count],
-        readings=record.readings[:count],
-        variances=record.variances[:count],
-        unread=None if record.unread is None else record.unread[:count],
-    )
-
-
-def _phase(beginning: Fitter, values: Values, name: str) -> float:
+def _phase(begins: Fitter, values: Values, name: str) -> float:
     """Return the phase, rad, with which the beginning of a recording costs least.
 
     `name` is the parameter that holds the phase; all other `values` stay.
     """
     phases = 2.0 * np.pi * np.arange(1, _STARTS + 1) / _STARTS
-    filtered = beginning.filtered({**values, name: 0.0})
+    filtered = begins.filtered({**values, name: 0.0})
     costs = [float(filtered.costs({**values, name: float(phase)}).sum()) for phase in phases]
     start = float(phases[int(np.argmin(costs))])
     variable = Variable(name, name, 0.03, start - 10.0, start + 10.0, name=ADDED)

@@ -65,7 +65,7 @@ from .keeping import (
     why_worse,
 )
 from .one_curve import OneCurve
-from .phases import BEGINNING_S, has_tones, known_phases, without_tones
+from .phases import beginning, has_tones, known_phases, without_tones
 from .unsettled import compared, unsettled
 
 _FORM: Final = 5e-3
@@ -227,7 +227,8 @@ def _set_answer(
         for each in (*choice.discovered, *choice.corrections.values())
     }
     # All is told of the whole model, and then what is not wanted is left out of that written.
-    result.values = dict(without_unwanted(search, found, choice, described, wanted))
+    kept = without_unwanted(search, found, choice, described, wanted)
+    result.values = dict(known_phases(kept, judged))
     result.names, result.as_given = tuple(named.effect for named in found.named), False
     result.discovered = []
     for each in choice.discovered:
@@ -261,9 +262,11 @@ def _set_answer(
         take_back(result, plant, names or "the refit", worse)
     if has_tones(plant.layout, result.values):
         result.values = without_tones(plant.layout, result.values)
+        begins_s = beginning(plant.period) * plant.period
         result.reasons.append(
-            "the model written has no tone, as it begins each recording at another phase; the gap "
-            f"after has it, with the phase of the first {BEGINNING_S:g} s of what was held out"
+            "the model written does not have the tone, because it begins each recording at another "
+            "phase; the gap after is computed with the tone, whose phase is taken from the first "
+            f"{begins_s:g} s of each recording held out"
         )
     if result.verdict != "unknown_effect":
         result.reasons += absorbed(search, found)

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from estimator.gap.plant.records import Record
+from estimator.gap.prediction.linear import slices_of
 from estimator.gap.prediction.results import GapResult
-from estimator.gap.verdict.phases import has_tones
+from estimator.gap.verdict.phases import beginning, has_tones
 from estimator.gap.verdict.workflow import find_gap
 from tests.estimator.gap.wheel import ran, wheel
 
@@ -42,6 +44,16 @@ def test_the_model_written_does_not_have_it_as_the_next_recording_begins_at_anot
     assert layout is not None
     assert not found.discovered[0].in_model
     assert not has_tones(layout, found.values)
+
+
+@pytest.mark.parametrize(("period", "lasts_s"), [(1e-3, 2.0), (0.02, 2.0), (0.1, 8.0), (1.0, 80.0)])
+def test_a_phase_is_taken_from_three_blocks_whatever_the_period(
+    period: float, lasts_s: float
+) -> None:
+    count = beginning(period)
+    assert count * period == pytest.approx(lasts_s)
+    empty = np.zeros((count, 1))
+    assert len(slices_of(Record("", empty, empty, empty), period)) == 3
 
 
 def test_no_tone_is_claimed_where_there_is_none() -> None:
