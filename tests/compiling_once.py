@@ -26,7 +26,7 @@ _ORDERS: Final = (
         "estimator.gap.verdict.workflow",
     ),
 )
-"""Modules that compile when imported: the list for worker 0, then that for worker 1."""
+"""Modules that compile when imported: first the list for worker 0, then that for the others."""
 
 
 def compile_once(folder: Path) -> None:
@@ -114,17 +114,12 @@ def without_looking_for_garbage() -> Iterator[None]:
 
 
 def compile_apart(worker: int) -> None:
-    """Import the modules that compile for long, of which workers 0 and 1 begin with different ones.
-
-    Further workers would only wait for these two. They begin to collect instead, so that the bytecode
-    of products and tests is already there when the others collect.
+    """Import the modules that compile for long; worker 0 begins with others than the rest.
 
     Args:
         worker: number of this worker, from 0.
     """
-    if worker >= len(_ORDERS):
-        return
     # A failing import is not reported here, because the tests that need the module report it.
     with suppress(Exception):
-        for module in _ORDERS[worker]:
+        for module in _ORDERS[min(worker, len(_ORDERS) - 1)]:
             importlib.import_module(module)

@@ -178,13 +178,8 @@ def test_a_carried_transducer_is_recorded_and_its_limits_warn_and_then_trip(
 
 
 @pytest.mark.parametrize("way", ["SIGTERM", "supervisor gone"])
-def test_however_the_loop_process_ends_the_device_is_left_at_null(
-    request: pytest.FixtureRequest, way: str
-) -> None:
-    # This is the last test of the file, and ends the process that the others shared.
-    rig = request.getfixturevalue("rig" if way == "SIGTERM" else "opened")
-    if way == "SIGTERM":
-        rig.open()
+def test_however_the_loop_process_ends_the_device_is_left_at_null(rig: Rig, way: str) -> None:
+    rig.open()
     rig.arm()
     assert not rig.is_null
     if way == "SIGTERM":
