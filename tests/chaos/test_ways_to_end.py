@@ -1,6 +1,6 @@
 """Every way in which a run on the emulated rig can end has the exit code that is promised.
 
-In the default suite, `tests/rig/runner/campaign/test_ways_to_end.py` claims so of the simulated rig.
+In the default suite, `tests/rig/runner/campaign/test_ways_to_end.py` has ways of a simulated rig.
 """
 
 import json

@@ -99,7 +99,7 @@ def true_flow(recording: Recording, leak: str) -> float:
 
 
 OTHER_CHAMBER = {"sine", "multisine"}
-"""Motions whose external leak at chamber 2 is in the long suite; of the others, that at chamber 1."""
+"""Motions whose leak at chamber 2 is in the long suite; that of the others at chamber 1 is."""
 
 
 @pytest.mark.parametrize(
