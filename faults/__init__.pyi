@@ -24,5 +24,5 @@ from .needle_calibration import (
     measured_coefficient as measured_coefficient,
     meter_zero as meter_zero,
 )
-from .schedule import Fault as Fault, FaultSchedule as FaultSchedule
+from .schedule import Fault as Fault, FaultSchedule as FaultSchedule, linked as linked
 from .verdict import FAULT_KINDS as FAULT_KINDS, LEAK_KINDS as LEAK_KINDS, Verdict as Verdict

@@ -96,6 +96,8 @@ class CampaignTest:
     repeat: int
     seed: int
     on_fault: OnFault = OnFault.IGNORE
+    gain_V_per_m: float | None = None  # noqa: N815
+    """Gain of the position loop in this test, V/m; None for the rig's own."""
 
 
 @dataclass(frozen=True)

@@ -103,6 +103,7 @@ class Session:
             assumed: the model that the filter assumes.
         """
         ticks = round(test.duration_s / TICK)
+        own = {} if test.gain_V_per_m is None else {"gain": test.gain_V_per_m}
         wire = self.rig.tracking(
             test.start_position_m,
             test.settle_s,
@@ -111,6 +112,7 @@ class Session:
             setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
+            **own,
         )
         self._test = HardwareTest(self.rig, wire, test)
         return self._test

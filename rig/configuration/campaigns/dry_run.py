@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from control import Sequence, Setpoint, period_of
 from estimator.filters import DEFAULT_FILTER
 from faults import (
     Campaign,
@@ -23,6 +25,8 @@ from rig.configuration.rigs import Rig
 from rig.plant import TICK, Parameters, quantities
 
 from .faults import TYPICAL_PRESSURE
+
+_SEGMENTS_SHOWN: Final = 12
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ class PlannedFault:
         """Return the fault as one line of text."""
         fault = self.fault
         end = "" if fault.until_s == inf else f" until {fault.until_s:g} s"
-        ramp = f", growing over {fault.ramp_s:g} s" if fault.ramp_s else ""
+        verb = "changing" if fault.follows else "growing"
+        ramp = f", {verb} over {fault.ramp_s:g} s" if fault.ramp_s else ""
         text = f"{fault.kind} at {fault.at_s:g} s{end}{ramp}: {fault.coefficient:.4g} {self.unit}"
         if self.needle_opening is not None:
             text += f", needle at {self.needle_opening:.1%}"
@@ -92,11 +97,29 @@ class PlannedTest:
             least, most = self.command_range_V
             motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
         head = f"{test.name}: {test.duration_s:g} s after {test.settle_s:g} s of settling"
-        lines = [head, f"  motion {motion}", f"  expect {test.expect}"]
+        lines = [head, f"  motion {motion}", *_segment_lines(test.setpoint)]
+        lines.append(f"  expect {test.expect}")
         lines += [f"  fault {fault}" for fault in self.faults]
         if test.on_fault != OnFault.IGNORE:
             lines.append(f"  on a confirmed fault: {test.on_fault}")
         return lines + [f"  warning: {warning}" for warning in self.warnings]
+
+
+def _segment_lines(setpoint: Setpoint) -> list[str]:
+    """Return a line for each segment of a setpoint, up to a few; none if it has no segments."""
+    if not isinstance(setpoint, Sequence):
+        return []
+    lines = []
+    for start, each in zip(setpoint.starts_s, setpoint.stretches, strict=True):
+        kind, period_s = type(each.setpoint).__name__.lower(), period_of(each.setpoint)
+        cycles = f", {each.duration_s / period_s:g} cycles" if period_s else ""
+        blend = f", after {each.blend_s:g} s to get there" if each.blend_s else ""
+        named = f" {each.name}" if each.name else ""
+        lines.append(
+            f"  segment{named} at {start:g} s: {kind}, {each.duration_s:g} s{cycles}{blend}"
+        )
+    left = len(lines) - _SEGMENTS_SHOWN
+    return lines if left <= 0 else [*lines[:_SEGMENTS_SHOWN], f"  and {left} more segments"]
 
 
 def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:

@@ -21,6 +21,8 @@ from control import (
     SetpointFileError,
     Sine,
     Steps,
+    Trapezoid,
+    Triangle,
 )
 from rig.configuration.reading import (
     Field,
@@ -130,6 +132,39 @@ class SineFile(SetpointFile):
         return Sine(mean, amplitude, self.frequency, self.phase, context.quantity)
 
 
+class TriangleFile(SetpointFile):
+    """Keys of a triangle wave, whose mean is zero unless it is given."""
+
+    amplitude: AnyLevel
+    frequency: Frequency
+    mean: AnyLevel = _ZERO
+    phase: Phase = 0.0
+
+    def build(self, context: SetpointContext) -> Setpoint:
+        """Return a `Triangle` of the context's quantity."""
+        mean, amplitude = self.mean.value, self.amplitude.value
+        return Triangle(mean, amplitude, self.frequency, self.phase, context.quantity)
+
+
+class TrapezoidFile(SetpointFile):
+    """Keys of a trapezoid wave, which rests for `hold` at each end."""
+
+    amplitude: AnyLevel
+    frequency: Frequency
+    hold: Annotated[float, _HOLD]
+    mean: AnyLevel = _ZERO
+    phase: Phase = 0.0
+
+    def build(self, context: SetpointContext) -> Setpoint:
+        """Return a `Trapezoid` of the context's quantity.
+
+        Raises:
+            SetpointError: the rests leave no time to move.
+        """
+        mean, amplitude = self.mean.value, self.amplitude.value
+        return Trapezoid(mean, amplitude, self.frequency, self.hold, self.phase, context.quantity)
+
+
 class ChirpFile(SetpointFile):
     """Keys of a chirp, which reaches `end_frequency` after `sweep_time`.
 
@@ -212,6 +247,8 @@ class FromFileFile(SetpointFile):
 SCHEMAS: Final[dict[str, type[SetpointFile]]] = {
     "constant": ConstantFile,
     "sine": SineFile,
+    "triangle": TriangleFile,
+    "trapezoid": TrapezoidFile,
     "chirp": ChirpFile,
     "steps": StepsFile,
     "pseudorandom": PseudorandomFile,

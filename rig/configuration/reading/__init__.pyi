@@ -19,7 +19,7 @@ from .lookup import (
     resolve as resolve,
     shipped_config_dir as shipped_config_dir,
 )
-from .matrix import expand as expand
+from .matrix import MAX_TESTS as MAX_TESTS, expand as expand
 from .options import options_of as options_of, read_options as read_options
 from .problems import (
     ConfigError as ConfigError,
@@ -41,4 +41,5 @@ from .validation import (
     elements_of as elements_of,
     quantity_in as quantity_in,
     read_mapping as read_mapping,
+    refuse_missing as refuse_missing,
 )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from control import POSITION_GAIN
 from faults import BypassValve
@@ -27,6 +27,9 @@ from .drivers import read_drivers
 from .hardware import check_hardware, check_rates, check_rungs, moved_faults
 from .limits import Limits, read_ladder, read_limits, usual_ladder
 from .valves import ReturnValve, read_bypass_valves, read_return_valve
+
+GAIN: Final = Physical("V/m", 0.1, 1e4, POSITION_GAIN)
+"""Unit and limits of the gain of a position loop."""
 
 Backend = Literal["simulated", "hardware"]
 Pace = Literal["real", "fast"]
@@ -101,7 +104,7 @@ class RigFile(Schema):
     bypass_valves: Any = None
     return_valve: Any = None
     limits: Any
-    position_gain: Annotated[float, Physical("V/m", 0.1, 1e4, POSITION_GAIN)] = POSITION_GAIN
+    position_gain: Annotated[float, GAIN] = POSITION_GAIN
     pace: Pace = "fast"
     drivers: Any = None
     loop: Any = None

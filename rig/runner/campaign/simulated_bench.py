@@ -275,7 +275,7 @@ def loop_of(
         motion,
         memory,
         assumed.parameters,
-        gain=rig.gain_V_per_m,
+        gain=rig.gain_V_per_m if test.gain_V_per_m is None else test.gain_V_per_m,
         limit=rig.limits.command_V,
         on_fault=Reaction[test.on_fault.name],
         interlock=interlock_of(rig, assumed) if judged else None,

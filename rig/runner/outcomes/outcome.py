@@ -1,7 +1,7 @@
 """Defines the outcome of a test and of a campaign, as they are written to `results.json`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Final
 
@@ -154,10 +154,33 @@ class TestOutcome:
 
     @property
     def truth(self) -> InjectedFault | None:
-        """The first injected leak of the expected kind; None if there is none, or none expected."""
+        """The first injected leak of the expected kind; None if there is none, or none expected.
+
+        If it went on with other sizes, it is all of them together: from the first begin to the last
+        end, with the mean flow over all that time and the coefficient of the last.
+        """
         if self.expect not in LEAKS:
             return None
-        return next((fault for fault in self.injected if fault.kind == self.expect), None)
+        found: InjectedFault | None = None
+        for fault in self.injected:
+            if fault.kind != self.expect:
+                continue
+            if found is None:
+                found = fault
+            elif found.until_s == fault.at_s:
+                found = self._together(found, fault)
+            else:
+                break
+        return found
+
+    def _together(self, first: InjectedFault, second: InjectedFault) -> InjectedFault:
+        flows = first.mean_flow_m3_per_s, second.mean_flow_m3_per_s
+        end_s = self.recorded_s if second.until_s is None else min(second.until_s, self.recorded_s)
+        lasted = second.at_s - first.at_s, max(end_s - second.at_s, 0.0)
+        known = [(f, t) for f, t in zip(flows, lasted, strict=True) if f is not None and t > 0.0]
+        total = sum(t for _, t in known)
+        mean = sum(f * t for f, t in known) / total if total else first.mean_flow_m3_per_s
+        return replace(second, at_s=first.at_s, mean_flow_m3_per_s=mean)
 
     @property
     def onset_error_s(self) -> float | None:
