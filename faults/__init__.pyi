@@ -7,6 +7,15 @@ from .campaign import (
     SpringLoad as SpringLoad,
     WhenUnmet as WhenUnmet,
 )
+from .criteria import (
+    FOLLOWING_ERROR as FOLLOWING_ERROR,
+    MEASURES as MEASURES,
+    Criterion as Criterion,
+    LimitAction as LimitAction,
+    OwnFigure as OwnFigure,
+    TestLimit as TestLimit,
+)
+from .expressions import Expression as Expression, ExpressionError as ExpressionError
 from .leakage import (
     linear_flow as linear_flow,
     square_root_flow as square_root_flow,

@@ -9,6 +9,7 @@ from control import Setpoint
 from estimator.leaks import Baseline, Detector, detector_for
 from rig.plant import Model
 
+from .criteria import Criterion, OwnFigure, TestLimit
 from .schedule import Fault
 from .verdict import Verdict
 
@@ -98,6 +99,12 @@ class CampaignTest:
     on_fault: OnFault = OnFault.IGNORE
     gain_V_per_m: float | None = None  # noqa: N815
     """Gain of the position loop in this test, V/m; None for the rig's own."""
+    own_figures: tuple[OwnFigure, ...] = ()
+    """Figures and quantities that the campaign file defines for this test."""
+    criteria: tuple[Criterion, ...] = ()
+    """What figures must be for the test to pass, beside the verdict."""
+    limits: tuple[TestLimit, ...] = ()
+    """Limits that hold while the test runs, beside those of the rig."""
 
 
 @dataclass(frozen=True)

@@ -142,8 +142,12 @@ def story(test: TestOutcome) -> str:
     if test.decision is not None and (passing := in_passing(test.decision, test.found)):
         sentences.append(f"Found in passing: {'; '.join(passing)}.")
     sentences.append(_reacting(test))
-    if test.status is Status.FAILED:
+    verdict = None if test.decision is None else test.decision.verdict
+    if test.status is Status.FAILED and verdict != test.expect:
         sentences.append(f"Expected was: {label(test.expect)}.")
+    sentences += [f"Not met: {each}." for each in test.missed]
+    if met := [str(each) for each in test.criteria if each.met]:
+        sentences.append(f"Met: {'; '.join(met)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
         sentences.append(f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s.")
     return " ".join(sentence for sentence in sentences if sentence)

@@ -27,6 +27,7 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import GAIN, Rig
 from rig.plant import quantities
 
+from .criteria import read_criteria, read_own_figures, read_test_limits
 from .faults import read_faults
 from .segments import DURATION, Cycles, Times, context_of, read_motion
 
@@ -58,6 +59,9 @@ class CampaignTestFile(Schema):
     on_fault: OnFault = OnFault.IGNORE
     repeats: Annotated[int, SchemaField(ge=1, le=1000)] = 1
     seed: Annotated[int | None, SchemaField(ge=0, lt=2**31)] = None
+    figures: Any = None
+    criteria: Any = None
+    limits: Any = None
     matrix: Any = None
 
 
@@ -169,6 +173,7 @@ class _TestReader:
         if file is not None and file.seed is not None:
             seed = file.seed
         faults: tuple[Fault, ...] | None = None
+        own = read_own_figures(self.item.get("figures"), self.rig)
         repeats = file.repeats if file else 1
         for index in range(repeats):
             number = self.turn.number * repeats + index
@@ -177,6 +182,8 @@ class _TestReader:
             if faults is None:
                 lasts_s = motion.duration_s if motion else file.duration if file else None
                 faults = read_faults(self.item.get("faults"), lasts_s, self.rig)
+                criteria = read_criteria(self.item.get("criteria"), own, motion, self.rig)
+                limits = read_test_limits(self.item.get("limits"), own, motion, self.rig)
             if file is None or motion is None:
                 continue
             setpoint = motion.setpoint
@@ -199,6 +206,9 @@ class _TestReader:
                 seed=seed + number,
                 on_fault=file.on_fault,
                 gain_V_per_m=file.position_gain,
+                own_figures=own,
+                criteria=criteria,
+                limits=limits,
             )
 
     def _check_closed_loop(self, file: CampaignTestFile, setpoint: Setpoint) -> None:

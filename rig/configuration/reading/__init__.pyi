@@ -29,6 +29,7 @@ from .problems import (
     suggestion as suggestion,
 )
 from .quantities import (
+    DIMENSIONS as DIMENSIONS,
     QuantityError as QuantityError,
     WrongDimensionError as WrongDimensionError,
     read as read,

@@ -16,10 +16,13 @@ from rig.configuration import Rig
 from rig.loop import FULL, Cause, StopRequestedError, TripError, explain
 from rig.plant import TICK
 from rig.runner.outcomes import (
+    CriterionResult,
     DecisionRows,
+    Figure,
     FrictionWatch,
     HealthyInnovations,
     HealthyReferences,
+    Measures,
     Observer,
     Reactions,
     Status,
@@ -207,6 +210,7 @@ class _RunningTest:
         self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
         self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
         self._judge = Judge(self._friction, memory, self._loop.channels)
+        self._measures = Measures(test, self._loop.channels)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
@@ -251,6 +255,7 @@ class _RunningTest:
             setting.references.add(test, self._detector.innovations)
         decision = self._judge.decision
         expected = decision is not None and decision.verdict == test.expect
+        expected = expected and all(each.met for each in self._criteria)
         return Status.PASSED if expected else Status.FAILED
 
     @contextmanager
@@ -289,7 +294,8 @@ class _RunningTest:
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return a copy of an outcome with the test's results so far, such as the decision."""
-        decision, curve = self._judge.decision, self._friction.curve
+        decision, figures = self._judge.decision, self._figures
+        own = self._measures.figures(figures, decision)
         return replace(
             outcome,
             injected=self._injection.injected,
@@ -300,9 +306,22 @@ class _RunningTest:
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,
             actions=tuple(self._reactions.actions),
-            friction=curve,
-            figures=figures_of(decision, self._detector.innovations, curve, self._timing),
+            friction=self._friction.curve,
+            figures={**figures, **own},
+            criteria=self._criteria,
         )
+
+    @property
+    def _figures(self) -> dict[str, Figure]:
+        innovations, curve = self._detector.innovations, self._friction.curve
+        return figures_of(self._judge.decision, innovations, curve, self._timing)
+
+    @property
+    def _criteria(self) -> tuple[CriterionResult, ...]:
+        """What came of the criteria in the rows so far; none before there are any."""
+        if not self._ticks or not self._test.criteria:
+            return ()
+        return self._measures.results(self._figures, self._judge.decision)
 
     def _chosen_detector(self) -> Detector:
         campaign = self._setting.campaign
@@ -338,6 +357,7 @@ class _RunningTest:
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
         self._writer.write(rows)
+        self._measures.take(rows)
         self._setting.observer.test_rows(rows)
         for event in (*self._injection.take(rows), *self._reactions.take(rows)):
             self._event(*event)

@@ -16,6 +16,7 @@ from .in_words import (
     percent as percent,
     reaction as reaction,
 )
+from .measures import CriterionResult as CriterionResult, Measures as Measures, Rows as Rows
 from .observer import Observer as Observer
 from .outcome import (
     EXIT_BAD_INPUT as EXIT_BAD_INPUT,

@@ -11,11 +11,12 @@ from faults import OnFault
 from rig.plant import LEAKS
 
 from .figures import Figure
+from .measures import CriterionResult
 from .reactions import FaultAction
 
 
 class Status(StrEnum):
-    """How a test ended; PASSED and FAILED say whether the verdict was the expected one.
+    """How a test ended; PASSED and FAILED say whether verdict and figures were as expected.
 
     ERROR is a crash, ABORTED a stop, TRIPPED a trip; NOT_RUN is a test without an outcome so far.
     """
@@ -117,6 +118,7 @@ class TestOutcome:
         attempts: earlier runs of the test, which do not count.
         figures: the figures to follow from run to run, by name (`rig.runner.outcomes.figures`).
         found: all faults that the verdicts named during the test, also those that ended again.
+        criteria: what came of the criteria by which the test passes beside its verdict.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -140,6 +142,12 @@ class TestOutcome:
     attempts: tuple[Attempt, ...] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     found: tuple[Found, ...] = ()
+    criteria: tuple[CriterionResult, ...] = ()
+
+    @property
+    def missed(self) -> tuple[CriterionResult, ...]:
+        """The criteria that the test does not meet."""
+        return tuple(each for each in self.criteria if not each.met)
 
     @property
     def is_finished(self) -> bool:

@@ -35,7 +35,9 @@ CAMPAIGN: Final = "campaign"
 """Name in place of an operator's for events that no operator asked for."""
 _INNOVATIONS: Final = ("innovation_pressure_1_Pa", "innovation_pressure_2_Pa")
 _ALWAYS: Final = object()
-_LATER: Final[dict[str, Any]] = {"gain_V_per_m": None}
+_LATER: Final[dict[str, Any]] = {
+    "gain_V_per_m": None, "own_figures": [], "criteria": [], "limits": [],
+}  # fmt: skip
 _LATER_OF_FAULTS: Final[dict[str, Any]] = {"follows": 0.0, "goes_on": False}
 """Keys of tests and of faults that earlier versions did not have -> the value without effect."""
 _YAML: Final = (".yaml", ".yml")
