@@ -5,6 +5,7 @@ from .campaign import (
     Condition as Condition,
     OnFault as OnFault,
     SpringLoad as SpringLoad,
+    Until as Until,
     WhenUnmet as WhenUnmet,
 )
 from .criteria import (

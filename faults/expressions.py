@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 LONGEST: Final = 500
 """Most characters of an expression; what needs more is easier to read as two figures."""
 
+_DEEPEST: Final = 50
+"""Most levels of nesting, far from what Python's stack can hold and from what anybody can read."""
+
 _OPERATORS: Final[dict[type[ast.operator], Callable[[Any, Any], Any]]] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -100,6 +103,8 @@ class Expression:
             if len(self.text) > LONGEST:
                 raise ExpressionError(f"has more than {LONGEST} characters", "write two figures")
             tree = ast.parse(self.text.strip(), mode="eval").body
+            if _depth(tree) > _DEEPEST:
+                raise ExpressionError("is too deeply nested", "write two figures")
             is_number = _checked(tree, found)
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             if isinstance(error, ExpressionError):
@@ -130,6 +135,10 @@ class Expression:
             return float(value)
         count = len(next(iter(columns.values()))) if columns else 0
         return np.broadcast_to(np.asarray(value, np.float64), (count,))
+
+
+def _depth(node: ast.AST) -> int:
+    return 1 + max((_depth(each) for each in ast.iter_child_nodes(node)), default=0)
 
 
 def _checked(node: ast.expr, channels: dict[str, None]) -> bool:

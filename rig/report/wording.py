@@ -136,6 +136,9 @@ def latency(test: TestOutcome) -> str:
     return seconds(test.latency_s) if test.latency_s >= 0.0 else "before the injection"
 
 
+_LIMITS_SHOWN: Final = 5
+
+
 def story(test: TestOutcome) -> str:
     """Return what was injected and found in a test, and how the loop reacted, in sentences."""
     sentences = [_injection(test.injected), _finding(test)]
@@ -146,6 +149,9 @@ def story(test: TestOutcome) -> str:
     if test.status is Status.FAILED and verdict != test.expect:
         sentences.append(f"Expected was: {label(test.expect)}.")
     sentences += [f"Not met: {each}." for each in test.missed]
+    if passed := "; ".join(str(each) for each in test.limits[:_LIMITS_SHOWN]):
+        left = len(test.limits) - _LIMITS_SHOWN
+        sentences.append(f"Limits passed: {passed}{f'; and {left} more' if left > 0 else ''}.")
     if met := [str(each) for each in test.criteria if each.met]:
         sentences.append(f"Met: {'; '.join(met)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:

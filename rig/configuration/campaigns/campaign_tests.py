@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field as SchemaField
 
 from control import Setpoint
-from faults import CampaignTest, Fault, OnFault, SpringLoad, Verdict
+from faults import CampaignTest, Fault, OnFault, SpringLoad, Until, Verdict
 from rig.configuration.reading import (
     MAX_TESTS,
     Located,
@@ -27,6 +27,7 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import GAIN, Rig
 from rig.plant import quantities
 
+from .conditions import read_awaited, read_until
 from .criteria import read_criteria, read_own_figures, read_test_limits
 from .faults import read_faults
 from .segments import DURATION, Cycles, Times, context_of, read_motion
@@ -36,8 +37,9 @@ _CONTACT: Final = quantities()["spring_contact"]
 _IN_PLACE_OF: Final = {
     "cycles": ("duration",),
     "duration": ("cycles",),
-    "segments": ("setpoint", "duration", "cycles"),
+    "segments": ("setpoint", "duration", "cycles", "until"),
     "setpoint": ("segments",),
+    "until": ("duration", "cycles", "segments"),
 }
 """Keys of a test, and the defaults that do not apply to a test which gives them itself."""
 
@@ -52,6 +54,8 @@ class CampaignTestFile(Schema):
     settle: Annotated[float, Physical("s", 0.0, 600.0, 2.0)] = 2.0
     setpoint: Any = None
     segments: Any = None
+    until: Any = None
+    wait_for: Any = None
     position_gain: Annotated[float | None, GAIN] = None
     load: Any = None
     faults: Any = None
@@ -173,12 +177,17 @@ class _TestReader:
         if file is not None and file.seed is not None:
             seed = file.seed
         faults: tuple[Fault, ...] | None = None
+        awaited = read_awaited(self.item.get("wait_for"), self.rig)
         own = read_own_figures(self.item.get("figures"), self.rig)
         repeats = file.repeats if file else 1
         for index in range(repeats):
             number = self.turn.number * repeats + index
             context = context_of(file.duration if file else None, seed + number, self.folder)
-            motion = read_motion(self.item, context, self.rig, CampaignTestFile.model_fields)
+            until = self._until()
+            item = self.item if until is None else self._lasting(until[1])
+            if until is not None:
+                context = context._replace(duration_s=until[1])
+            motion = read_motion(item, context, self.rig, CampaignTestFile.model_fields)
             if faults is None:
                 lasts_s = motion.duration_s if motion else file.duration if file else None
                 faults = read_faults(self.item.get("faults"), lasts_s, self.rig)
@@ -209,7 +218,24 @@ class _TestReader:
                 own_figures=own,
                 criteria=criteria,
                 limits=limits,
+                wait_for=awaited,
+                until=None if until is None else until[0],
             )
+
+    def _until(self) -> tuple[Until, float] | None:
+        """Return what ends the test and its longest duration, s; None if it has no `until`."""
+        item = self.item.get("until")
+        for key in ("duration", "cycles", "segments"):
+            if item is not None and self.item.get(key) is not None:
+                limit = f"is given beside a {key.rstrip('s')}, whose end it would be too"
+                item.refuse(limit, "give one of both: `at_most` says how long the test may last")
+                return None
+        return read_until(item, self.rig)
+
+    def _lasting(self, duration_s: float) -> Located:
+        """Return the test with a duration, as if the file gave it."""
+        item = self.item.find("until")
+        return self.item.with_value({**self.item.value, "duration": item.with_value(duration_s)})
 
     def _check_closed_loop(self, file: CampaignTestFile, setpoint: Setpoint) -> None:
         if setpoint.quantity == "position":

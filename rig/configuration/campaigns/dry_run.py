@@ -13,9 +13,12 @@ from estimator.filters import DEFAULT_FILTER
 from faults import (
     Campaign,
     CampaignTest,
+    Condition,
+    Criterion,
     Fault,
     FaultSchedule,
     OnFault,
+    TestLimit,
     Verdict,
     linear_flow,
     square_root_flow,
@@ -23,6 +26,7 @@ from faults import (
 from rig.configuration.reading import show
 from rig.configuration.rigs import Rig
 from rig.plant import TICK, Parameters, quantities
+from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
 
@@ -100,9 +104,41 @@ class PlannedTest:
         lines = [head, f"  motion {motion}", *_segment_lines(test.setpoint)]
         lines.append(f"  expect {test.expect}")
         lines += [f"  fault {fault}" for fault in self.faults]
+        lines += [f"  wait for {_condition(each)}" for each in test.wait_for]
+        if test.until is not None:
+            lines.append(f"  {test.until.label}, at most {test.duration_s:g} s")
+        lines += [f"  pass by {_criterion(each)}" for each in test.criteria]
+        lines += [f"  limit {_limit(each)}" for each in test.limits]
         if test.on_fault != OnFault.IGNORE:
             lines.append(f"  on a confirmed fault: {test.on_fault}")
         return lines + [f"  warning: {warning}" for warning in self.warnings]
+
+
+def _condition(condition: Condition) -> str:
+    unit = unit_of(condition.channel)
+    span = _range(condition.low, condition.high, unit)
+    return f"{condition.channel} {span}, at most {show(condition.give_up_s, 's')}"
+
+
+def _criterion(criterion: Criterion) -> str:
+    return f"{criterion.label} {_range(criterion.low, criterion.high, criterion.unit)}"
+
+
+def _limit(limit: TestLimit) -> str:
+    bands = []
+    if isfinite(limit.inner_low) or isfinite(limit.inner_high):
+        bands.append(f"warn beyond {_range(limit.inner_low, limit.inner_high, limit.unit)}")
+    if isfinite(limit.low) or isfinite(limit.high):
+        action = limit.action.replace("_", " ")
+        bands.append(f"{action} beyond {_range(limit.low, limit.high, limit.unit)}")
+    lasting = f", for {show(limit.for_s, 's')}" if limit.for_s else ""
+    return f"{limit.watched}: {', '.join(bands)}{lasting}"
+
+
+def _range(low: float, high: float, unit: str) -> str:
+    """Return a range in words; one of its ends may be infinite."""
+    ends = (("at least", low), ("at most", high))
+    return " and ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
 
 
 def _segment_lines(setpoint: Setpoint) -> list[str]:
@@ -163,6 +199,7 @@ def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
             *_detector_warnings(test, rig, filter_name),
+            *_waiting_warnings(test, rig),
         ),
     )
 
@@ -182,6 +219,11 @@ def _simulated_motion(
     motion = simulate(plant, command, position=test.start_position_m, faults=table)
     position, velocity = motion["position"], motion["velocity"]
     return (float(position.min()), float(position.max())), float(np.abs(velocity).max())
+
+
+def _waiting_warnings(test: CampaignTest, rig: Rig) -> Iterator[str]:
+    if test.wait_for and rig.backend == "simulated":
+        yield "there is no simulated rig before its test begins, so that it waits for nothing"
 
 
 def _warnings(

@@ -314,16 +314,22 @@ class _CampaignRun(Setting):
         return next((index for index in order if index not in finished), None)
 
     def _wait(self) -> None:
-        """Wait while the campaign is paused or held by a condition; return at once after a stop.
+        """Wait while the campaign is paused, held by a condition, or the next test waits for one.
 
-        If a condition holds the campaign for too long, a stop is requested here. Begin and end of
-        a hold are written to the journal.
+        Return at once after a stop. If a condition holds the campaign for too long, a stop is
+        requested here. Begin and end of a hold are written to the journal.
         """
-        desk, suspenders = self.desk, self.suspenders
+        desk, suspenders, index = self.desk, self.suspenders, self._next()
+        awaited = () if index is None else self.campaign.tests[index].wait_for
+        own = Suspenders(awaited, self.bench.reading)
         began, held, paused = time.monotonic(), False, False
         while not self.stop.requested:
             suspenders.look()
-            reasons = suspenders.reasons if self._next() is not None else ()
+            own.look()
+            # An operator may have the test skipped, upon which nobody waits for it any more.
+            is_awaited = self._next() == index and index not in self.standing.skipped
+            waits_for = [f"{each} (awaited)" for each in own.reasons] if is_awaited else []
+            reasons = (*suspenders.reasons, *waits_for) if self._next() is not None else ()
             desk.held_by(reasons)
             if reasons and not held:
                 desk.record("held", reasons=list(reasons))
@@ -333,7 +339,7 @@ class _CampaignRun(Setting):
             held, paused = held or bool(reasons), paused or desk.paused
             if not reasons and not desk.paused:
                 break
-            if suspenders.given_up:
+            if suspenders.given_up or (waits_for and own.given_up):
                 self.stop.request(f"what held it for too long: {'; '.join(reasons)}")
             with suppress(StopRequestedError):
                 self.bench.idle()

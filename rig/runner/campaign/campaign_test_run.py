@@ -13,15 +13,18 @@ from estimator.filters import start_memory
 from estimator.leaks import Detector, DetectorFactory, PatternDetector
 from faults import Campaign, CampaignTest, FaultSchedule
 from rig.configuration import Rig
-from rig.loop import FULL, Cause, StopRequestedError, TripError, explain
+from rig.loop import FULL, Action, Cause, StopRequestedError, TripError, explain
 from rig.plant import TICK
 from rig.runner.outcomes import (
+    Array,
+    AwaitedEnd,
     CriterionResult,
     DecisionRows,
     Figure,
     FrictionWatch,
     HealthyInnovations,
     HealthyReferences,
+    LimitWatch,
     Measures,
     Observer,
     Reactions,
@@ -211,6 +214,8 @@ class _RunningTest:
         self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
         self._judge = Judge(self._friction, memory, self._loop.channels)
         self._measures = Measures(test, self._loop.channels)
+        self._limits = LimitWatch(test, self._loop.channels)
+        self._end = AwaitedEnd(test, self._loop.channels)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
@@ -249,7 +254,7 @@ class _RunningTest:
                     self._drive()
                     if isinstance(self._writer, Timed):
                         self._timing = self._writer.timing()
-        if self._loop.ticks_left:
+        if self._loop.ticks_left and not self._end.came:
             return Status.ABORTED
         if setting.references.is_reference(test):
             setting.references.add(test, self._detector.innovations)
@@ -309,7 +314,16 @@ class _RunningTest:
             friction=self._friction.curve,
             figures={**figures, **own},
             criteria=self._criteria,
+            limits=tuple(self._limits.passed),
+            message=self._message(outcome),
         )
+
+    def _message(self, outcome: TestOutcome) -> str:
+        """Return why the test ended early; a limit of the test is named with value and time."""
+        passed = self._limits.acted if outcome.status is Status.TRIPPED else None
+        if passed is None or str(passed) in outcome.message:
+            return outcome.message
+        return f"{passed}; {outcome.message}"
 
     @property
     def _figures(self) -> dict[str, Figure]:
@@ -319,9 +333,10 @@ class _RunningTest:
     @property
     def _criteria(self) -> tuple[CriterionResult, ...]:
         """What came of the criteria in the rows so far; none before there are any."""
-        if not self._ticks or not self._test.criteria:
+        if not self._ticks or not (self._test.criteria or self._test.until):
             return ()
-        return self._measures.results(self._figures, self._judge.decision)
+        results = self._measures.results(self._figures, self._judge.decision)
+        return (*self._end.results, *results)
 
     def _chosen_detector(self) -> Detector:
         campaign = self._setting.campaign
@@ -334,9 +349,13 @@ class _RunningTest:
     def _drive(self) -> None:
         self._event(0.0, "test_begin", self._test.name)
         try:
-            while self._loop.ticks_left and not self._setting.stop.requested:
+            while self._loop.ticks_left and not self._setting.stop.requested and not self._end.came:
                 self._go_on()
                 self._run_batch()
+            if self._end.came:
+                # The campaign goes on with the ram held, as at the end of any test.
+                self._loop.end_early()
+                self._event(self._last_s, "until", str(self._end))
             self._judge.finish()
             self._note_verdict()
         except (TripError, _InterruptedError) as error:
@@ -347,13 +366,16 @@ class _RunningTest:
             self._event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
         stopped = "abort", f"stopped by {self._setting.stop.reason}"
-        ended = stopped if self._loop.ticks_left else ("test_end", self._verdict)
+        is_cut = self._loop.ticks_left and not self._end.came
+        ended = stopped if is_cut else ("test_end", self._verdict)
         self._event(self._last_s, *ended)
 
     def _run_batch(self) -> None:
         pacer = self._setting.pacer
         ticks = self._judge.ticks_due
-        live = pacer.live or self._setting.bench.live
+        # A limit that this process acts on is looked at as often at any pace, for the same rows.
+        live = pacer.live or self._setting.bench.live or self._limits.acts
+        live = live or self._end.by_channel
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
         self._writer.write(rows)
@@ -364,10 +386,27 @@ class _RunningTest:
         if self._judge.take(rows) and self._judge.decision is not None:
             self._loop.decided(self._decisions.row(self._last_s, self._judge.decision))
             self._note_verdict()
+        if len(rows):
+            self._watch(rows)
+            self._end.take(rows, self._judge.decision)
         for note in self._setting.desk.take_notes():
             self._event(self._last_s, "note", note)
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
+
+    def _watch(self, rows: Array) -> None:
+        """Follow the test's limits in the next rows, and act on those that the loop does not judge.
+
+        Raises:
+            TripError: such a limit was passed that asks for a hold or worse.
+        """
+        for passing in self._limits.take(rows, self._judge.decision):
+            self._event(passing.at_s, "limit", str(passing))
+            self._setting.desk.record("limit", what=str(passing), durable=False)
+            self._setting.observer.rig_tells(f"{self._test.name}: {passing}")
+        if self._limits.due is not None:
+            action = Action[self._limits.due.action.upper()]
+            self._loop.limited(action, str(self._limits.due))
 
     def _event(self, time_s: float, kind: str, text: str) -> None:
         """Write an event to the recording, and tell the observer of it."""

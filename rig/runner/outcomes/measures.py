@@ -75,9 +75,9 @@ class Rows:
         self._parts.append(rows[:, self._columns])
 
     def forget_before(self, time_s: float) -> None:
-        """Drop batches that end before a time of the test, s."""
-        while len(self._parts) > 1 and self._parts[0][-1, 0] < time_s:
-            self._parts.pop(0)
+        """Drop the samples before a time of the test, s."""
+        table = self._parts[0] if len(self._parts) == 1 else np.concatenate(self._parts)
+        self._parts = [table[np.searchsorted(table[:, 0], time_s - 1e-6) :]]
 
     def columns(self, from_s: float = 0.0, until_s: float = inf) -> dict[str, Array]:
         """Return channel -> samples (n,) of a stretch of the test; a channel without any is NaN."""
@@ -164,7 +164,8 @@ class Measures:
             return max((overshoot for overshoot, _ in _steps(columns)), default=nan)
         if criterion.figure == "settling":
             return max((settled_s for _, settled_s in _steps(columns)), default=nan)
-        samples = columns[criterion.channel or FOLLOWING_ERROR]
+        usual = "position_m" if criterion.figure in ("peak", "valley") else FOLLOWING_ERROR
+        samples = columns[criterion.channel or usual]
         samples = samples[np.isfinite(samples)]
         if not samples.size:
             return nan

@@ -11,6 +11,7 @@ from faults import OnFault
 from rig.plant import LEAKS
 
 from .figures import Figure
+from .limits import LimitPassed
 from .measures import CriterionResult
 from .reactions import FaultAction
 
@@ -118,6 +119,7 @@ class TestOutcome:
         attempts: earlier runs of the test, which do not count.
         figures: the figures to follow from run to run, by name (`rig.runner.outcomes.figures`).
         found: all faults that the verdicts named during the test, also those that ended again.
+        limits: the bands of the test's own limits that were passed.
         criteria: what came of the criteria by which the test passes beside its verdict.
     """
 
@@ -143,6 +145,7 @@ class TestOutcome:
     figures: Mapping[str, Figure] = field(default_factory=dict)
     found: tuple[Found, ...] = ()
     criteria: tuple[CriterionResult, ...] = ()
+    limits: tuple[LimitPassed, ...] = ()
 
     @property
     def missed(self) -> tuple[CriterionResult, ...]:

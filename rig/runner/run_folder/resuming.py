@@ -37,6 +37,7 @@ _INNOVATIONS: Final = ("innovation_pressure_1_Pa", "innovation_pressure_2_Pa")
 _ALWAYS: Final = object()
 _LATER: Final[dict[str, Any]] = {
     "gain_V_per_m": None, "own_figures": [], "criteria": [], "limits": [],
+    "wait_for": [], "until": None,
 }  # fmt: skip
 _LATER_OF_FAULTS: Final[dict[str, Any]] = {"follows": 0.0, "goes_on": False}
 """Keys of tests and of faults that earlier versions did not have -> the value without effect."""
@@ -101,6 +102,9 @@ class JournalState:
                 self._happened(entry, CAMPAIGN, f"refused a request: {entry['why']}")
             case "driven":
                 self._happened(entry, CAMPAIGN, entry["what"])
+            case "limit":
+                where = "" if self._present is None else f"{self.tests[self._present]}: "
+                self._happened(entry, CAMPAIGN, f"limit: {where}{entry['what']}")
             case "overdue":
                 name = "" if self._present is None else f" {self.tests[self._present]}"
                 what = f"cleaning up after{name} took too long; ended at once"

@@ -69,8 +69,8 @@ def test_a_leak_that_goes_on_moves_the_needle_alone(rig: Rig) -> None:
     second = Fault("internal_leakage", 4e-9, at_s=2.0, until_s=3.0, travel_s=0.5)
     made = moves(rig, (first, second))
     needle = rig.bypass_valves["internal_leakage"].needle_opening_for(4e-9)
-    assert made == (
+    assert list(made) == [
         (1000, {"internal_leakage_ball": 1.0}),
         (2000, {"internal_leakage_needle": pytest.approx(needle)}),
         (3000, {"internal_leakage_ball": 0.0}),
-    )
+    ]
