@@ -15,6 +15,7 @@ from faults import Campaign
 from rig.configuration import Rig
 from rig.io import DriverError
 from rig.loop import StopRequestedError, TripError
+from rig.runner.counters import RigCounter, counters_path
 from rig.runner.outcomes import (
     EXIT_BAD_INPUT,
     EXIT_STOPPED,
@@ -151,6 +152,11 @@ def run_campaign(
             standing=state,
             journal=journal,
             overdue=overdue or (lambda: None),
+            counter=RigCounter(
+                rig.name,
+                counters_path(rig.name) if rig.backend == "hardware" else None,
+                observer.rig_tells,
+            ),
         )
         try:
             run.run(started, given or {})
@@ -364,6 +370,7 @@ class _CampaignRun(Setting):
             "phase", test=index, attempt=attempt, phase=Phase.SETUP, kept=kept, durable=False
         )
         outcome = run_test(self, test, recording)
+        self.counter.save()
         if outcome.is_finished and self.desk.interruption is Request.RETRY:
             message = "an operator has it run again"
             outcome = replace(outcome, status=Status.INTERRUPTED, message=message)

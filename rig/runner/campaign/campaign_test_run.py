@@ -15,6 +15,7 @@ from faults import Campaign, CampaignTest, FaultSchedule
 from rig.configuration import Rig
 from rig.loop import FULL, Action, Cause, StopRequestedError, TripError, explain
 from rig.plant import TICK
+from rig.runner.counters import RigCounter
 from rig.runner.outcomes import (
     Array,
     AwaitedEnd,
@@ -72,6 +73,7 @@ class Setting:
     Attributes:
         bench: the bench that the tests are run on; its context is entered before the first test.
         directory: folder of the run, for recordings and tracebacks.
+        counter: counts what the rig does.
         detector: makes the detector of each test, in place of the filter's own; None for the own.
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
@@ -92,6 +94,7 @@ class Setting:
     desk: Desk
     suspenders: Suspenders
     overdue: Callable[[], None]
+    counter: RigCounter
     detector: DetectorFactory | None = None
 
     present: int = 0
@@ -202,6 +205,7 @@ class _RunningTest:
         self._recording = recording
         self._writer: Writer
         self._recorded = False
+        setting.counter.begins(anew=not setting.bench.live)
         self._ticks = 0
         self._verdict = ""
         self._timing: Mapping[str, Any] | None = None
@@ -213,6 +217,7 @@ class _RunningTest:
         self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
         self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
         self._judge = Judge(self._friction, memory, self._loop.channels)
+        self._position = self._loop.channels.index("position_m")
         self._measures = Measures(test, self._loop.channels)
         self._limits = LimitWatch(test, self._loop.channels)
         self._end = AwaitedEnd(test, self._loop.channels)
@@ -315,6 +320,7 @@ class _RunningTest:
             figures={**figures, **own},
             criteria=self._criteria,
             limits=tuple(self._limits.passed),
+            counted=self._setting.counter.in_test if self._ticks else None,
             message=self._message(outcome),
         )
 
@@ -380,6 +386,7 @@ class _RunningTest:
         self._ticks += len(rows)
         self._writer.write(rows)
         self._measures.take(rows)
+        self._setting.counter.take(rows[:, self._position])
         self._setting.observer.test_rows(rows)
         for event in (*self._injection.take(rows), *self._reactions.take(rows)):
             self._event(*event)

@@ -9,6 +9,7 @@ from estimator.friction import FrictionCurve
 from estimator.leaks import Decision, Found
 from faults import OnFault
 from rig.plant import LEAKS
+from rig.runner.counters import Counted
 
 from .figures import Figure
 from .limits import LimitPassed
@@ -119,6 +120,7 @@ class TestOutcome:
         attempts: earlier runs of the test, which do not count.
         figures: the figures to follow from run to run, by name (`rig.runner.outcomes.figures`).
         found: all faults that the verdicts named during the test, also those that ended again.
+        counted: what the ram did; None if no sample came.
         limits: the bands of the test's own limits that were passed.
         criteria: what came of the criteria by which the test passes beside its verdict.
     """
@@ -146,6 +148,7 @@ class TestOutcome:
     found: tuple[Found, ...] = ()
     criteria: tuple[CriterionResult, ...] = ()
     limits: tuple[LimitPassed, ...] = ()
+    counted: Counted | None = None
 
     @property
     def missed(self) -> tuple[CriterionResult, ...]:
