@@ -19,6 +19,7 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    Under,
     elements_of,
     expand,
     read_mapping,
@@ -27,10 +28,18 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import GAIN, Rig
 from rig.plant import quantities
 
-from .conditions import read_awaited, read_until
-from .criteria import read_criteria, read_own_figures, read_test_limits
-from .faults import read_faults
-from .segments import DURATION, Cycles, Times, context_of, read_motion
+from .conditions import awaited_files, read_awaited, read_until, until_files
+from .criteria import (
+    CriterionFile,
+    OwnFigureFile,
+    TestLimitFile,
+    read_criteria,
+    read_own_figures,
+    read_test_limits,
+)
+from .faults import FaultFile, read_faults
+from .segments import DURATION, Cycles, SegmentFile, SegmentLoopFile, Times, context_of, read_motion
+from .setpoints import setpoint_files
 
 _STIFFNESS: Final = quantities()["spring_stiffness"]
 _CONTACT: Final = quantities()["spring_contact"]
@@ -52,20 +61,20 @@ class CampaignTestFile(Schema):
     cycles: Cycles = None
     start_position: Annotated[float | None, Physical("m", -1.0, 6.0, 0.3)] = None
     settle: Annotated[float, Physical("s", 0.0, 600.0, 2.0)] = 2.0
-    setpoint: Any = None
-    segments: Any = None
-    until: Any = None
-    wait_for: Any = None
+    setpoint: Annotated[Any, Under(setpoint_files)] = None
+    segments: Annotated[Any, Under(lambda: (SegmentFile, SegmentLoopFile), many=True)] = None
+    until: Annotated[Any, Under(until_files)] = None
+    wait_for: Annotated[Any, Under(awaited_files, many=True, or_one=True)] = None
     position_gain: Annotated[float | None, GAIN] = None
-    load: Any = None
-    faults: Any = None
+    load: Annotated[Any, Under(lambda: (LoadFile,), words=("none",))] = None
+    faults: Annotated[Any, Under(lambda: (FaultFile,), many=True, words=("none",))] = None
     expect: Verdict | None = None
     on_fault: OnFault = OnFault.IGNORE
     repeats: Annotated[int, SchemaField(ge=1, le=1000)] = 1
     seed: Annotated[int | None, SchemaField(ge=0, lt=2**31)] = None
-    figures: Any = None
-    criteria: Any = None
-    limits: Any = None
+    figures: Annotated[Any, Under(lambda: (OwnFigureFile,), named=True)] = None
+    criteria: Annotated[Any, Under(lambda: (CriterionFile,), many=True)] = None
+    limits: Annotated[Any, Under(lambda: (TestLimitFile,), many=True)] = None
     matrix: Any = None
 
 
@@ -75,7 +84,7 @@ class TestLoopFile(Schema):
     __test__ = False  # not a pytest class, whatever its name
 
     loop: Times
-    tests: Any
+    tests: Annotated[Any, Under(lambda: (CampaignTestFile, TestLoopFile), many=True)]
 
 
 class LoadFile(Schema):

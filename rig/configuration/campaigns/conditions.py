@@ -6,7 +6,7 @@ from pydantic import create_model
 
 from faults import Condition, Until, Verdict, WhenUnmet
 from rig.configuration.reading import Located, Physical, Schema, elements_of, read_mapping, show
-from rig.configuration.rigs import Rig, read_channel_limits
+from rig.configuration.rigs import Rig, limit_schema, read_channel_limits
 from rig.io import FAST_INPUTS, SLOW_INPUTS
 from rig.recording import unit_of
 
@@ -57,6 +57,21 @@ def read_conditions(item: Located | None, rig: Rig | None) -> tuple[Condition, .
         (Condition(give_up_s=given.pop("give_up"), **given), element) for element, given in limits
     )
     return tuple(each for each, element in conditions if _is_sound(each, element))
+
+
+def condition_files() -> tuple[type[Schema], ...]:
+    """Return the class of the keys of a condition, whose bounds are in its channel's unit."""
+    return (limit_schema(_keys, name="ConditionFile"),)
+
+
+def awaited_files() -> tuple[type[Schema], ...]:
+    """Return the class of the keys of what a test waits for."""
+    return (limit_schema(_awaited_keys, name="AwaitedFile"),)
+
+
+def until_files() -> tuple[type[Schema], ...]:
+    """Return the classes of the keys of what ends a test: a channel or a verdict."""
+    return (limit_schema(_until_keys, name="UntilChannelFile"), UntilVerdictFile)
 
 
 def read_awaited(item: Located | None, rig: Rig | None) -> tuple[Condition, ...]:

@@ -70,7 +70,7 @@ class CriterionFile(Schema):
     until_time: Annotated[float | None, Physical("s", 0.0, 3600.0, 10.0)] = None
 
 
-class TestLimitFile(Schema):
+class _TestLimitKeys(Schema):
     """Keys of a limit that holds while a test runs; its bounds have the unit of its channel."""
 
     __test__ = False  # not a pytest class, whatever its name
@@ -84,6 +84,16 @@ class TestLimitFile(Schema):
     action: LimitAction = "trip"
     hysteresis: Any = None
     over: Annotated[float | None, _WINDOW_S] = None
+
+
+_FOR: Final = Physical("s", 0.0, 600.0, 1.0)
+# `for` is a word of Python, so that the class above cannot have it.
+TestLimitFile = create_model(  # type: ignore[call-overload]
+    "TestLimitFile",
+    __base__=_TestLimitKeys,
+    __doc__=_TestLimitKeys.__doc__,
+    **{"for": (Annotated[float, _FOR], 0.0)},
+)
 
 
 def channels_of(rig: Rig | None) -> tuple[str, ...]:
@@ -286,17 +296,10 @@ def _limit(
 ) -> TestLimit | None:
     problems = item.sources.problems
     before = problems.reported
-    for_time = item.get("for")
-    # `for` is a word of Python, so that the class of the keys cannot have it.
-    rest = item.with_value({key: entry for key, entry in item.items() if key != "for"})
-    file = read_mapping(TestLimitFile, rest if isinstance(item.value, dict) else item)
+    file = read_mapping(TestLimitFile, item)
     if file is None:
         return None
-    for_s = 0.0
-    if for_time is not None:
-        only = create_model("ForFile", __base__=Schema, **{"for": (Annotated[float, _FOR], 0.0)})  # type: ignore[call-overload]
-        read = read_mapping(only, item.with_value({"for": for_time}))
-        for_s = getattr(read, "for", 0.0)
+    for_s = getattr(file, "for")
     unit = _unit_of_limit(item, file, own, motion, rig)
     if unit is None or problems.reported > before:
         return None
@@ -328,12 +331,9 @@ def _limit(
     return limit if _is_sound(item, limit) else None
 
 
-_FOR: Final = Physical("s", 0.0, 600.0, 1.0)
-
-
 def _unit_of_limit(
     item: Located,
-    file: TestLimitFile,
+    file: _TestLimitKeys,
     own: Listing[OwnFigure],
     motion: Motion | None,
     rig: Rig | None,

@@ -127,10 +127,10 @@ def _criterion(criterion: Criterion) -> str:
 def _limit(limit: TestLimit) -> str:
     bands = []
     if isfinite(limit.inner_low) or isfinite(limit.inner_high):
-        bands.append(f"warn beyond {_range(limit.inner_low, limit.inner_high, limit.unit)}")
+        bands.append(f"warn {_beyond(limit.inner_low, limit.inner_high, limit.unit)}")
     if isfinite(limit.low) or isfinite(limit.high):
         action = limit.action.replace("_", " ")
-        bands.append(f"{action} beyond {_range(limit.low, limit.high, limit.unit)}")
+        bands.append(f"{action} {_beyond(limit.low, limit.high, limit.unit)}")
     lasting = f", for {show(limit.for_s, 's')}" if limit.for_s else ""
     return f"{limit.watched}: {', '.join(bands)}{lasting}"
 
@@ -139,6 +139,11 @@ def _range(low: float, high: float, unit: str) -> str:
     """Return a range in words; one of its ends may be infinite."""
     ends = (("at least", low), ("at most", high))
     return " and ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
+
+
+def _beyond(low: float, high: float, unit: str) -> str:
+    ends = (("below", low), ("above", high))
+    return " or ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
 
 
 def _segment_lines(setpoint: Setpoint) -> list[str]:

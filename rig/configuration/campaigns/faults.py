@@ -11,6 +11,7 @@ from rig.configuration.reading import (
     Physical,
     QuantityError,
     Schema,
+    Under,
     elements_of,
     read_mapping,
     refuse_missing,
@@ -52,7 +53,7 @@ class FaultFile(Schema):
     linear_coefficient: Annotated[float | None, LINEAR_LEAKAGE] = None
     flow: Annotated[float | None, Physical("m^3/s", 0.0, 1e-3, 1e-5)] = None
     pressure: Annotated[float | None, Physical("Pa", 1e3, 3.5e7, TYPICAL_PRESSURE)] = None
-    profile: Any = None
+    profile: Annotated[Any, Under(lambda: (ProfileEntryFile,), many=True)] = None
 
 
 class ProfileEntryFile(Schema):

@@ -13,6 +13,7 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    Under,
     elements_of,
     read_mapping,
     refuse_missing,
@@ -21,7 +22,7 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import Rig
 from rig.plant import TICK
 
-from .setpoints import SetpointContext, read_setpoint
+from .setpoints import SetpointContext, read_setpoint, setpoint_files
 
 DURATION: Final = Physical("s", 5.0, 3600.0, 40.0)
 """How long a test may last. Below 5 s no filter has settled; beyond an hour the rows of one test
@@ -37,7 +38,7 @@ class SegmentFile(Schema):
     """Keys of a segment: a setpoint with a duration or cycles, or `hold` for how long to rest."""
 
     name: str | None = None
-    setpoint: Any = None
+    setpoint: Annotated[Any, Under(setpoint_files)] = None
     duration: Annotated[float | None, Physical("s", 1e-3, 3600.0, 10.0)] = None
     cycles: Cycles = None
     hold: Annotated[float | None, Physical("s", 1e-3, 3600.0, 10.0)] = None
@@ -48,7 +49,7 @@ class SegmentLoopFile(Schema):
     """Keys of a loop of segments, which runs its segments as many times as `loop` says."""
 
     loop: Times
-    segments: Any
+    segments: Annotated[Any, Under(lambda: (SegmentFile, SegmentLoopFile), many=True)]
 
 
 class Motion(NamedTuple):

@@ -7,7 +7,9 @@ valve command itself (open loop).
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple, TypeVar
+from typing import Annotated, Any, Final, NamedTuple, TypeVar
+
+from pydantic import create_model
 
 from control import (
     Chirp,
@@ -27,6 +29,7 @@ from control import (
 from rig.configuration.reading import (
     Field,
     Interval,
+    Is,
     Located,
     Physical,
     Place,
@@ -69,6 +72,10 @@ class LevelField(Field):
                 continue
         remedy = "write a position, such as 0.3 m, or a command, such as 3 V"
         raise QuantityError("is neither a length nor a voltage", remedy)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return a text with a unit."""
+        return {"type": "string", "description": "a position, such as 0.3 m, or a command in V"}
 
 
 _ZERO: Final = Level(0.0, "position")
@@ -255,6 +262,19 @@ SCHEMAS: Final[dict[str, type[SetpointFile]]] = {
     "multisine": MultisineFile,
     "file": FromFileFile,
 }
+
+
+def setpoint_files() -> tuple[type[Schema], ...]:
+    """Return the classes of the keys of all setpoints, each with the type that it belongs to."""
+    return tuple(
+        create_model(
+            schema.__name__,
+            __base__=schema,
+            __doc__=schema.__doc__,
+            type=(Annotated[Any, Is(kind)], ...),
+        )
+        for kind, schema in SCHEMAS.items()
+    )
 
 
 def schema_of(item: Located, schemas: Mapping[str, type[S]], what: str) -> type[S] | None:

@@ -3,6 +3,7 @@ from .fields import (
     Adjustable as Adjustable,
     Field as Field,
     Interval as Interval,
+    Is as Is,
     Physical as Physical,
     Relative as Relative,
 )
@@ -20,7 +21,11 @@ from .lookup import (
     shipped_config_dir as shipped_config_dir,
 )
 from .matrix import MAX_TESTS as MAX_TESTS, expand as expand
-from .options import options_of as options_of, read_options as read_options
+from .options import (
+    options_of as options_of,
+    options_schema as options_schema,
+    read_options as read_options,
+)
 from .problems import (
     ConfigError as ConfigError,
     Place as Place,
@@ -38,6 +43,7 @@ from .quantities import (
 )
 from .validation import (
     Schema as Schema,
+    Under as Under,
     checked as checked,
     elements_of as elements_of,
     quantity_in as quantity_in,

@@ -1,6 +1,7 @@
 """YAML is validated here with pydantic, and every problem gets its line and column."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -18,6 +19,33 @@ class Schema(BaseModel):
     """
 
     model_config = ConfigDict(coerce_numbers_to_str=True, arbitrary_types_allowed=True)
+
+
+@dataclass(frozen=True)
+class Under:
+    """An annotation of a key under which a reader of its own reads other mappings.
+
+    It changes nothing of how a file is read; editors are told by it what may stand there.
+
+    Attributes:
+        schemas: returns the classes of keys, one of which the mapping has.
+        many: whether there is a list of such mappings.
+        or_one: whether one mapping may stand in place of a list of one.
+        named: whether the mappings stand under names of their own.
+        names: the names that are allowed; empty for any.
+        words: words that may stand in place of the mapping.
+        text: whether any text may, such as the name of a file.
+        optional: whether keys that are required elsewhere may be left out here.
+    """
+
+    schemas: Callable[[], tuple[type[Schema], ...]]
+    many: bool = False
+    or_one: bool = False
+    named: bool = False
+    names: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+    text: bool = False
+    optional: bool = False
 
 
 S = TypeVar("S", bound=Schema)

@@ -1,6 +1,10 @@
 from .calibration_file import dump_calibration as dump_calibration
 from .hardware import valves_of as valves_of
-from .limits import Limits as Limits, read_channel_limits as read_channel_limits
+from .limits import (
+    Limits as Limits,
+    limit_schema as limit_schema,
+    read_channel_limits as read_channel_limits,
+)
 from .register_maps import MAPS as MAPS, Map as Map, read_dbc as read_dbc, read_map as read_map
 from .rig import (
     GAIN as GAIN,
