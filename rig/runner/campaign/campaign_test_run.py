@@ -305,6 +305,8 @@ class _RunningTest:
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return a copy of an outcome with the test's results so far, such as the decision."""
         decision, figures = self._judge.decision, self._figures
+        if outcome.status is Status.TRIPPED:
+            self._limits.close()
         own = self._measures.figures(figures, decision)
         return replace(
             outcome,

@@ -19,6 +19,9 @@ _MOST_KEPT: Final = 20
 """Most passings of one band that an outcome lists; one that is passed more often is passed all the
 time, and its count would only lengthen the report."""
 _INSTANT_S: Final = 1e-9
+_AHEAD_S: Final = 5e-3
+"""By how much a loop may be ahead in counting how long a band has been passed, s: it begins with
+the first exchange of a segment, and rows with the first whole sample."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +71,14 @@ class _Band:
     beyond_s: float = nan
     passed: bool = False
     kept: int = 0
+    last: tuple[float, float] = (nan, nan)
+    """Time in s and value of the latest sample."""
 
     def take(self, times: Array, values: Array) -> list[LimitPassed]:
         """Process samples, and return the passings among them."""
         back = self.limit.hysteresis
+        if len(times):
+            self.last = float(times[-1]), float(values[-1])
         outside = (values < self.low) | (values > self.high)
         if not outside.any() and not self.passed:
             self.beyond_s = nan
@@ -91,6 +98,12 @@ class _Band:
                 if self.kept <= _MOST_KEPT:
                     found.append(self._passing(float(time_s), float(value)))
         return found
+
+    def nearly(self) -> LimitPassed | None:
+        """Return the passing that a loop has found which began to count some ticks before us."""
+        lasts_s = self.last[0] - self.beyond_s
+        is_near = lasts_s >= self.limit.for_s - _AHEAD_S and not self.passed
+        return self._passing(*self.last) if is_near else None
 
     def _passing(self, time_s: float, value: float) -> LimitPassed:
         end = self.high if value > self.high else self.low
@@ -187,6 +200,16 @@ class LimitWatch:
         # A figure over less than its stretch would jump about at the test's begin.
         value = expression.of(columns) if from_s >= 0.0 else nan
         return now, np.array([value])
+
+    def close(self) -> None:
+        """Note what a loop that has tripped must have found, if its passing is in no row."""
+        if self.acted is not None:
+            return
+        for each in self._watched:
+            for band in each.bands:
+                passing = band.nearly()
+                if passing is not None and band.action != "warn" and each.limit.watched in LIMITED:
+                    self.passed.append(passing)
 
     @property
     def acted(self) -> LimitPassed | None:

@@ -126,3 +126,17 @@ def test_within_its_hysteresis_a_band_stays_passed() -> None:
     watched = LimitWatch(a_test(limits=(limit,)), CHANNELS)
     watched.take(batch, None)
     assert [each.at_s for each in watched.passed] == [0.0, 2.0]
+
+
+def test_what_a_loop_counted_a_tick_earlier_is_noted_when_it_has_tripped() -> None:
+    limit = TestLimit("load_N", "N", high=4.0, for_s=0.5, action="trip")
+    watched = LimitWatch(a_test(limits=(limit,)), CHANNELS)
+    watched.take(rows()[:499], None)
+    assert watched.acted is None
+    watched.close()
+    assert watched.acted is not None
+    assert str(watched.acted) == "load_N 5 N above 4 N at 0.498 s: trip"
+    early = LimitWatch(a_test(limits=(limit,)), CHANNELS)
+    early.take(rows()[:100], None)
+    early.close()
+    assert early.acted is None

@@ -11,7 +11,7 @@ import yaml
 from click.testing import CliRunner
 
 from rig.cli.schema import command
-from rig.configuration.editor_schema import EDITED, editor_schema
+from rig.configuration.editing import EDITED, editor_schema
 from rig.configuration.reading import Schema, Under
 from rig.configuration.reading.lookup import shipped_config_dir
 
