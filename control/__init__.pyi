@@ -17,9 +17,15 @@ from .setpoints import (
     Polyline as Polyline,
     Pseudorandom as Pseudorandom,
     Quantity as Quantity,
+    Sequence as Sequence,
     Setpoint as Setpoint,
+    SetpointError as SetpointError,
     SetpointFileError as SetpointFileError,
     Sine as Sine,
     Steps as Steps,
+    Stretch as Stretch,
+    Trapezoid as Trapezoid,
+    Triangle as Triangle,
+    period_of as period_of,
 )
 from .tolerant import TOLERANT_STATE as TOLERANT_STATE, tolerant_command as tolerant_command

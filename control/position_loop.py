@@ -41,5 +41,12 @@ def raised_cosine(start: float, end: float, ticks: int) -> Array:
     `start` itself, and stay at `end` from then on.
     """
     ramp = max(int(_RAMP_PART * ticks), 1)
-    progress = np.minimum(np.arange(ticks) / ramp, 1.0)
-    return start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * progress))
+    return start + (end - start) * raised_cosine_share(np.arange(ticks) / ramp)
+
+
+def raised_cosine_share(progress: Array) -> Array:
+    """Return the part of a way that a raised cosine has gone, 0 to 1, in the shape of `progress`.
+
+    `progress` is the part of its time that has passed; beyond 1 the way is at its end.
+    """
+    return 0.5 - 0.5 * np.cos(np.pi * np.minimum(progress, 1.0))

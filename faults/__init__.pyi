@@ -5,8 +5,18 @@ from .campaign import (
     Condition as Condition,
     OnFault as OnFault,
     SpringLoad as SpringLoad,
+    Until as Until,
     WhenUnmet as WhenUnmet,
 )
+from .criteria import (
+    FOLLOWING_ERROR as FOLLOWING_ERROR,
+    MEASURES as MEASURES,
+    Criterion as Criterion,
+    LimitAction as LimitAction,
+    OwnFigure as OwnFigure,
+    TestLimit as TestLimit,
+)
+from .expressions import Expression as Expression, ExpressionError as ExpressionError
 from .leakage import (
     linear_flow as linear_flow,
     square_root_flow as square_root_flow,
@@ -24,5 +34,5 @@ from .needle_calibration import (
     measured_coefficient as measured_coefficient,
     meter_zero as meter_zero,
 )
-from .schedule import Fault as Fault, FaultSchedule as FaultSchedule
+from .schedule import Fault as Fault, FaultSchedule as FaultSchedule, linked as linked
 from .verdict import FAULT_KINDS as FAULT_KINDS, LEAK_KINDS as LEAK_KINDS, Verdict as Verdict

@@ -9,6 +9,7 @@ from control import Setpoint
 from estimator.leaks import Baseline, Detector, detector_for
 from rig.plant import Model
 
+from .criteria import Criterion, OwnFigure, TestLimit
 from .schedule import Fault
 from .verdict import Verdict
 
@@ -61,6 +62,29 @@ class Condition:
 
 
 @dataclass(frozen=True)
+class Until:
+    """What ends a test before its longest duration, which is the test's `duration_s`.
+
+    Attributes:
+        channel: name of a channel that the rig measures; empty if a verdict is awaited.
+        low, high: range within which the channel must be, in its SI unit.
+        verdict: the awaited verdict; None if a channel is awaited.
+        for_s: time in s for which the channel must be within, or the verdict stand.
+    """
+
+    channel: str = ""
+    low: float = -inf
+    high: float = inf
+    verdict: Verdict | None = None
+    for_s: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """What is awaited, in words."""
+        return f"until {self.verdict}" if self.verdict is not None else f"until {self.channel}"
+
+
+@dataclass(frozen=True)
 class SpringLoad:
     """A spring that the ram runs against (section 7.1.1).
 
@@ -96,6 +120,18 @@ class CampaignTest:
     repeat: int
     seed: int
     on_fault: OnFault = OnFault.IGNORE
+    gain_V_per_m: float | None = None  # noqa: N815
+    """Gain of the position loop in this test, V/m; None for the rig's own."""
+    own_figures: tuple[OwnFigure, ...] = ()
+    """Figures and quantities that the campaign file defines for this test."""
+    criteria: tuple[Criterion, ...] = ()
+    """What figures must be for the test to pass, beside the verdict."""
+    limits: tuple[TestLimit, ...] = ()
+    """Limits that hold while the test runs, beside those of the rig."""
+    wait_for: tuple[Condition, ...] = ()
+    """What must hold of the rig before the test begins; `give_up_s` is the longest wait."""
+    until: Until | None = None
+    """What ends the test; if it has not come after `duration_s`, the test fails."""
 
 
 @dataclass(frozen=True)

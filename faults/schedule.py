@@ -1,7 +1,7 @@
 """Faults over the time of a test, and the table of coefficients that the plant takes from them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
 from typing import Final
@@ -48,6 +48,10 @@ class Fault:
         travel_s: time in s that the ball takes from shut to open; 0 for at once.
         ball_coefficient: coefficient of the open ball valve alone, m^3/(s Pa^0.5); None for that of
             the nominal rig; without effect on a fault that has no bypass.
+        follows: coefficient of the fault at the same place that ends as this one begins, from which
+            this one grows or shrinks; 0 if it begins by itself, with a shut bypass.
+        goes_on: whether another fault at the same place begins as this one ends, so that the bypass
+            is not shut.
 
     Raises:
         FaultError: the kind is unknown, a value is out of range, or the coefficient is not below
@@ -62,6 +66,8 @@ class Fault:
     ramp_s: float = 0.0
     travel_s: float = 0.0
     ball_coefficient: float | None = None
+    follows: float = 0.0
+    goes_on: bool = False
 
     def __post_init__(self) -> None:
         with Checks(str(self.kind), FaultError, self) as checks:
@@ -111,8 +117,11 @@ class Fault:
     def end_s(self) -> float:
         """Return the time in s at which the ball has shut and the fault is gone; inf for never.
 
-        A ball that is still opening at `until_s` shuts from where it is.
+        A ball that is still opening at `until_s` shuts from where it is. If another fault goes on
+        at the same place, this is when that begins.
         """
+        if self.goes_on:
+            return self.until_s
         return self.until_s + min(self.travel_s, self.until_s - self.at_s)
 
     @property
@@ -127,25 +136,55 @@ class Fault:
         return self.ball_coefficient
 
     def ball_position(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the ball's position (0 shut, 1 open) at each time in s, same shape as `time_s`."""
-        opening = _share(time_s, self.at_s, self.travel_s)
+        """Return the ball's position (0 shut, 1 open) at each time in s, same shape as `time_s`.
+
+        Before a fault that `follows` another and after one that `goes_on`, the ball is that other
+        one's to move, and the position is 0.
+        """
+        opening = _share(time_s, self.at_s, 0.0 if self.follows else self.travel_s)
+        if self.goes_on:
+            return np.where(_share(time_s, self.until_s, 0.0) > 0.0, 0.0, opening)
+        if self.follows:
+            return (opening - _share(time_s, self.until_s, self.travel_s)).clip(0.0)
         reached = _share(np.array([self.until_s]), self.at_s, self.travel_s)[0]
         return np.minimum(opening, reached - _share(time_s, self.until_s, self.travel_s)).clip(0.0)
 
     def acting(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coefficient that acts at each time in s, same unit as `coefficient`.
 
-        The result has the shape of `time_s`. It lies between 0 and `coefficient`, and is 0 before
-        `at_s` and from `end_s` on.
+        The result has the shape of `time_s`. It lies between 0 and the larger of `coefficient` and
+        `follows`, and is 0 before `at_s` and from `end_s` on.
         """
         port = port_opening(self.ball_position(time_s))
         grown = _share(time_s, self.at_s, self.ramp_s)
         if not self._through_bypass:
-            return self.coefficient * grown * port
-        share = self.coefficient / self._ball
-        needle = self.coefficient / np.sqrt((1.0 - share) * (1.0 + share))
-        series = series_coefficient(needle * grown, self._ball * port)
-        return np.minimum(series, self.coefficient)
+            return (self.follows + (self.coefficient - self.follows) * grown) * port
+        before, needle = self._needle(self.follows), self._needle(self.coefficient)
+        series = series_coefficient(before + (needle - before) * grown, self._ball * port)
+        return np.minimum(series, max(self.coefficient, self.follows))
+
+    def _needle(self, coefficient: float) -> float:
+        """Return the coefficient of the needle that makes a leak of `coefficient` with the ball."""
+        share = coefficient / self._ball
+        return float(coefficient / np.sqrt((1.0 - share) * (1.0 + share)))
+
+
+def linked(faults: Iterable[Fault]) -> tuple[Fault, ...]:
+    """Return faults with those linked that meet at one place, in the order in which they begin.
+
+    Of two faults of one kind and law, of which the later begins at the very time at which the
+    earlier ends, the earlier `goes_on` and the later `follows` it. Linking faults again changes
+    nothing.
+    """
+    made = sorted(faults, key=lambda fault: fault.at_s)
+    for index, later in enumerate(made):
+        for place in range(index):
+            earlier = made[place]
+            meets = abs(earlier.until_s - later.at_s) < _INSTANT_S
+            if meets and earlier.column == later.column:
+                made[place] = replace(earlier, goes_on=True)
+                made[index] = replace(later, follows=earlier.coefficient)
+    return tuple(made)
 
 
 def _share(time_s: NDArray[np.float64], start_s: float, length_s: float) -> NDArray[np.float64]:
@@ -168,14 +207,14 @@ class FaultSchedule:
     """
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
-        self.faults = tuple(sorted(faults, key=lambda fault: fault.at_s))
+        self.faults = linked(faults)
         problems = [
             RequestProblem(
                 str(later.kind),
                 "at_s",
                 later.at_s,
                 f"is before the same fault from {earlier.at_s} s on is gone ({earlier.end_s} s)",
-                "begin it later or end the first one sooner",
+                "begin it later, or as the first one ends: the bypass then stays open",
             )
             for column in FAULT_COLUMNS
             for earlier, later in pairwise(f for f in self.faults if f.column == column)

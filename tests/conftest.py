@@ -49,7 +49,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Share the compiling of functions that are not in the cache among the workers of a run."""
+    """Share the compiling of functions that are not in the cache among the workers of a run.
+
+    Tests keep their state, such as counters of rigs, apart from the user's.
+    """
+    os.environ["XDG_STATE_HOME"] = str(HERE.parent / ".pytest_cache" / "state")
     worker = getattr(config, "workerinput", {}).get("workerid", "")
     if not worker:
         return

@@ -11,4 +11,7 @@ from .protocol import (
     Setpoint as Setpoint,
     SetpointError as SetpointError,
     Times as Times,
+    period_of as period_of,
 )
+from .sequence import Sequence as Sequence, Stretch as Stretch
+from .waves import Trapezoid as Trapezoid, Triangle as Triangle

@@ -11,7 +11,7 @@ from .protocol import TICK_S, Quantity, Samples, SetpointChecks, Times
 
 # Times of ticks are multiples of 1 ms only up to rounding. Without this tolerance a step at 0.6 s
 # could come a tick late.
-_ROUNDING_S: Final = 1e-9
+ROUNDING_S: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,14 @@ class Steps:
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         time = np.asarray(time_s, dtype=np.float64)
-        index = np.floor((time + _ROUNDING_S) / self.hold_s)
+        index = np.floor((time + ROUNDING_S) / self.hold_s)
         last = len(self.levels) - 1
         return np.asarray(self.levels)[np.clip(index, 0, last).astype(np.intp)]
 
     def peak_rate(self, duration_s: float) -> float:
         """Return inf if the setpoint jumps within the duration, else 0."""
         steps = np.flatnonzero(np.diff(self.levels)) + 1
-        jumps = steps.size > 0 and steps[0] * self.hold_s <= duration_s + _ROUNDING_S
+        jumps = steps.size > 0 and steps[0] * self.hold_s <= duration_s + ROUNDING_S
         return inf if jumps else 0.0
 
 
@@ -121,14 +121,14 @@ class Pseudorandom:
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
-        time = np.asarray(time_s, dtype=np.float64) + _ROUNDING_S
+        time = np.asarray(time_s, dtype=np.float64) + ROUNDING_S
         ends, levels = self.sequence(float(np.max(time, initial=0.0)))
         return levels[np.searchsorted(ends, time, side="right")]
 
     def peak_rate(self, duration_s: float) -> float:
         """Return inf if the setpoint jumps within the duration, else 0."""
         ends, _ = self.sequence(duration_s)
-        return inf if ends[0] <= duration_s + _ROUNDING_S and self.upper > self.lower else 0.0
+        return inf if ends[0] <= duration_s + ROUNDING_S and self.upper > self.lower else 0.0
 
 
 def _between(lower: float, upper: float, fraction: Samples) -> Samples:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..request import Checks
-from .protocol import TICK_S, Quantity, Samples, SetpointChecks, Times
+from .protocol import Quantity, Samples, SetpointChecks, Times
 
 # A multisine repeats within 1000 s if its frequencies are multiples of this.
 _FREQUENCY_GRID_HZ: Final = 1e-3
@@ -39,7 +39,12 @@ class Sine:
         with SetpointChecks(self) as checks:
             checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
             checks.finite("rad", phase_rad=self.phase_rad)
-            _require_frequency(checks, "frequency_hz", self.frequency_hz)
+            checks.frequency("frequency_hz", self.frequency_hz)
+
+    @property
+    def period_s(self) -> float:
+        """Return the time in s after which the setpoint repeats itself."""
+        return 1.0 / self.frequency_hz
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -120,7 +125,7 @@ class Multisine:
             checks.require(len(self.frequencies_hz) > 0, "frequencies_hz", "is empty", remedy)
             for index, frequency in enumerate(self.frequencies_hz):
                 name = f"frequencies_hz[{index}]"
-                _require_frequency(checks, name, frequency)
+                checks.frequency(name, frequency)
                 self._require_harmonic(checks, name, index)
             if self.seed is not None:
                 checks.seed(self.seed)
@@ -134,6 +139,11 @@ class Multisine:
         earlier = np.asarray(self.frequencies_hz[:index])
         is_there = bool(np.any(np.abs(earlier - frequency) < 0.5 * _FREQUENCY_GRID_HZ))
         checks.require(not is_there, name, "comes twice", "give each frequency once", frequency)
+
+    @property
+    def period_s(self) -> float:
+        """Return the time in s after which the setpoint repeats itself."""
+        return 1.0 / (_FREQUENCY_GRID_HZ * gcd(*self._harmonics.tolist()))
 
     @cached_property
     def _harmonics(self) -> NDArray[np.intp]:
@@ -170,13 +180,6 @@ class Multisine:
         # The derivative of a sine leads it by a quarter turn.
         peak = _supremum(self._harmonics, rates, self._phases + 0.5 * pi)
         return abs(self._component_amplitude) * peak
-
-
-def _require_frequency(checks: Checks, name: str, frequency_hz: float) -> None:
-    nyquist_hz = 0.5 / TICK_S
-    limit = f"is not between 0 and {nyquist_hz:g} Hz"
-    remedy = "give a frequency in Hz that a 1 kHz loop can carry"
-    checks.require(0.0 < frequency_hz < nyquist_hz, name, limit, remedy, frequency_hz)
 
 
 def _schroeder_phases(count: int) -> NDArray[np.float64]:

@@ -37,6 +37,12 @@ class Setpoint(Protocol):
         """
 
 
+def period_of(setpoint: Setpoint) -> float | None:
+    """Return the time in s after which a setpoint repeats itself; None if it never does."""
+    period_s: float | None = getattr(setpoint, "period_s", None)
+    return period_s
+
+
 class SetpointChecks(Checks):
     """A collection of problems of a setpoint's parameters; `finish` raises them as `SetpointError`.
 
@@ -56,6 +62,13 @@ class SetpointChecks(Checks):
         for name, value in values.items():
             remedy = f"give a number in {unit}"
             self.require(isfinite(value), name, "is not a finite number", remedy, value)
+
+    def frequency(self, name: str, frequency_hz: float) -> None:
+        """Note a problem with a frequency that a loop at 1 kHz cannot carry."""
+        nyquist_hz = 0.5 / TICK_S
+        limit = f"is not between 0 and {nyquist_hz:g} Hz"
+        remedy = "give a frequency in Hz that a 1 kHz loop can carry"
+        self.require(0.0 < frequency_hz < nyquist_hz, name, limit, remedy, frequency_hz)
 
     def seed(self, seed: int) -> None:
         """Note a problem if the seed is negative."""

@@ -44,8 +44,10 @@ COMMANDS: Final = {
     "export": ("recordings.export", "Write a recording to another format."),
     "recover": ("recordings.recover", "Save what is left of a cut or damaged recording."),
     "home": ("hardware.home", "Home a rig's encoder, to see that it can be homed."),
+    "counters": ("hardware.counters", "Show what a rig has done: cycles, metres, hours."),
     "calibrate": ("hardware.calibrate", "Measure a rig's needle valves with its flow meters."),
     "doctor": ("hardware.doctor", "Show what this machine grants to a rig, and the remedies."),
+    "schema": ("schema", "Write the JSON schema by which an editor completes a file's keys."),
     "init": ("init", "Copy the shipped rigs, models, campaigns, sweeps and maps to edit."),
 }
 """By subcommand: the module of this package that holds its `command`, and a line of help."""

@@ -9,6 +9,7 @@ from .campaigns import (
     valve_speed as valve_speed,
 )
 from .checking import check as check
+from .editing import EDITED as EDITED, editor_schema as editor_schema
 from .models import (
     PlantModel as PlantModel,
     dump_model as dump_model,

@@ -17,6 +17,7 @@ from .homing import (
 )
 from .interlocks import (
     FULL as FULL,
+    LIMITED as LIMITED,
     NO_CHANNEL as NO_CHANNEL,
     Action as Action,
     Cause as Cause,
@@ -28,7 +29,10 @@ from .interlocks import (
     explain as explain,
     interlock as interlock,
     limit_table as limit_table,
+    passed_on as passed_on,
+    rungs_of as rungs_of,
     tolerances as tolerances,
+    with_limits as with_limits,
 )
 from .lane_ticks import (
     COMMAND as COMMAND,

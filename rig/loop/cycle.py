@@ -257,7 +257,8 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
                 command = tolerating(
                     command, on_fault, decided, filt.x, filt.parameters, limit, TICK, reaction
                 )
-        judged = judge(reading, command, guard)
+        error = nan if how.open_loop else abs(wanted - reading[0])
+        judged = judge(reading, command, error, guard)
         if judged == Action.TRIP.value:
             command = 0.0
         sample_row(
@@ -282,7 +283,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
 
 
 @inlined
-def judge(reading, command, guard):
+def judge(reading, command, error, guard):
     """Return the interlock's `Action` on a sample, and note it in the guard if it is the worst.
 
     The action is NONE, and nothing is noted, if the guard is not `watched`. No device is between a
@@ -292,13 +293,14 @@ def judge(reading, command, guard):
     Args:
         reading: (9,) in the order of `READINGS`.
         command: command in V that is held from this sample on.
+        error: distance between setpoint and position, m; NaN in open loop.
         guard: `Guard`; updated.
     """
     if not guard.watched:
         return Action.NONE.value
     for i in range(READING_COUNT):
         guard.inputs[i] = reading[i]
-    tick = Tick(guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True)
+    tick = Tick(guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True, error)
     action, cause, channel = judged_sample(tick, guard.interlock)
     if action > guard.stopped[0]:
         _stop(action, cause, channel, guard)

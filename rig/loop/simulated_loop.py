@@ -9,8 +9,9 @@ from control import COMMAND_LIMIT, POSITION_GAIN, raised_cosine
 from estimator.accounts import BLOCK_TICKS
 from estimator.filters import FilterMemory, FilterRun, compiled_filter
 from rig.channels import READINGS
-from rig.io import HomingSettings, SimulatedRig
+from rig.io import ChannelLimit, HomingSettings, SimulatedRig
 from rig.loop.interlocks import (
+    NO_CHANNEL,
     Action,
     Cause,
     Interlock,
@@ -20,6 +21,7 @@ from rig.loop.interlocks import (
     interlock,
     limit_table,
     tolerances,
+    with_limits,
 )
 from rig.loop.wire import RAMP_S
 from rig.plant import NO_FAULT, TICK, Parameters
@@ -63,6 +65,7 @@ class SimulatedLoop:
         limit: greatest command of either sign, V.
         on_fault: the reaction to a confirmed fault.
         interlock: judges every sample, as on hardware; if it is None, no sample is judged.
+        limits: limits that hold while the test itself runs, and not on the way to its start.
 
     Attributes:
         channels: names of the rows' columns (`row_channels`).
@@ -80,6 +83,7 @@ class SimulatedLoop:
     limit: float = COMMAND_LIMIT
     on_fault: Reaction = Reaction.IGNORE
     interlock: Interlock | None = None
+    limits: tuple[ChannelLimit, ...] = ()
 
     def __post_init__(self) -> None:
         motion, rig, assumed = self.motion, self.rig, self.assumed
@@ -150,6 +154,9 @@ class SimulatedLoop:
         """
         if self._is_stopped:
             raise self.stopped
+        if self._tick == 0 and self.limits:
+            judging = with_limits(self._guard.interlock, limit_table(self.limits, TICK))
+            self._guard = self._guard._replace(interlock=judging)
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
         motion = self.motion
@@ -158,6 +165,10 @@ class SimulatedLoop:
         if self._is_stopped and not len(rows):
             raise self.stopped
         return rows
+
+    def stop(self, action: Action, cause: Cause) -> None:
+        """Stop the loop for a cause that its own interlock does not judge; `advance` raises it."""
+        self._guard.stopped[:] = int(action), int(cause), NO_CHANNEL
 
     def come_to_rest(self) -> Array:
         """Bring the command to 0 V along a ramp, after a stop that is no trip; return the rows.

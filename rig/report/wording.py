@@ -136,14 +136,24 @@ def latency(test: TestOutcome) -> str:
     return seconds(test.latency_s) if test.latency_s >= 0.0 else "before the injection"
 
 
+_LIMITS_SHOWN: Final = 5
+
+
 def story(test: TestOutcome) -> str:
     """Return what was injected and found in a test, and how the loop reacted, in sentences."""
     sentences = [_injection(test.injected), _finding(test)]
     if test.decision is not None and (passing := in_passing(test.decision, test.found)):
         sentences.append(f"Found in passing: {'; '.join(passing)}.")
     sentences.append(_reacting(test))
-    if test.status is Status.FAILED:
+    verdict = None if test.decision is None else test.decision.verdict
+    if test.status is Status.FAILED and verdict != test.expect:
         sentences.append(f"Expected was: {label(test.expect)}.")
+    sentences += [f"Not met: {each}." for each in test.missed]
+    if passed := "; ".join(str(each) for each in test.limits[:_LIMITS_SHOWN]):
+        left = len(test.limits) - _LIMITS_SHOWN
+        sentences.append(f"Limits passed: {passed}{f'; and {left} more' if left > 0 else ''}.")
+    if met := [str(each) for each in test.criteria if each.met]:
+        sentences.append(f"Met: {'; '.join(met)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
         sentences.append(f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s.")
     return " ".join(sentence for sentence in sentences if sentence)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from faults import BypassValve, Fault, Verdict
+from faults import BypassValve, Fault, Verdict, linked
 from rig.configuration import Rig
 from rig.plant import TICK
 
@@ -50,7 +50,7 @@ def moves(rig: Rig, faults: Iterable[Fault]) -> tuple[Move, ...]:
     """
     made: list[Move] = []
     previous_end: dict[str, float] = {}
-    for fault in sorted(faults, key=lambda fault: fault.at_s):
+    for fault in linked(faults):
         made += _moves_of(rig, fault, previous_end.get(fault.kind))
         previous_end[fault.kind] = fault.end_s
     return tuple(sorted(made, key=lambda move: move[0]))
@@ -60,11 +60,12 @@ def _moves_of(rig: Rig, fault: Fault, previous_end_s: float | None) -> list[Move
     needle, ball = f"{fault.kind}_needle", f"{fault.kind}_ball"
     made: list[Move] = []
     blocks = fault.kind == Verdict.RETURN_BLOCKAGE
-    if not blocks:
+    follows = fault.follows > 0.0
+    if not blocks and not follows:
         if previous_end_s is not None:
             made.append((_tick(previous_end_s), {needle: _opening(rig, fault, 0.0)}))
         made.append((_tick(fault.at_s), {ball: 1.0}))
-    if blocks or fault.ramp_s > 0.0:
+    if blocks or follows or fault.ramp_s > 0.0:
         steps = max(round(fault.ramp_s / RAMP_STEP_S), 1) if fault.ramp_s > 0.0 else 0
         elapsed = np.linspace(0.0, fault.ramp_s, steps + 1)
         made += [
@@ -72,7 +73,7 @@ def _moves_of(rig: Rig, fault: Fault, previous_end_s: float | None) -> list[Move
             for since_s in elapsed
             if fault.at_s + since_s < fault.until_s
         ]
-    if fault.until_s < inf:
+    if fault.until_s < inf and not fault.goes_on:
         made.append((_tick(fault.until_s), {needle: 0.0} if blocks else {ball: 0.0}))
     return made
 
@@ -84,11 +85,12 @@ def _opening(rig: Rig, fault: Fault, since_s: float) -> float:
     throttle is shut, from 0 (open) to 1.
     """
     share = 1.0 if fault.ramp_s == 0.0 else min(since_s / fault.ramp_s, 1.0)
+    coefficient = fault.follows + (fault.coefficient - fault.follows) * share
     if fault.kind == Verdict.RETURN_BLOCKAGE:
         assert rig.return_valve is not None
-        return min(share * fault.coefficient / rig.return_valve.maximum, 1.0)
+        return min(coefficient / rig.return_valve.maximum, 1.0)
     valve: BypassValve = rig.bypass_valves[fault.kind]
-    return valve.needle_opening_for(max(share * fault.coefficient, valve.minimum))
+    return valve.needle_opening_for(max(coefficient, valve.minimum))
 
 
 def _tick(time_s: float) -> int:

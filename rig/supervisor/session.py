@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,18 @@ from numpy.typing import NDArray
 from estimator.filters import FilterMemory
 from faults import CampaignTest
 from rig.io import METERS, SLOW_INPUTS
-from rig.loop import TIMING, Reaction, Timing, WireLoop, confirmed_fault, in_short
+from rig.loop import (
+    TIMING,
+    Action,
+    Cause,
+    Reaction,
+    Timing,
+    TripError,
+    WireLoop,
+    confirmed_fault,
+    in_short,
+    rungs_of,
+)
 from rig.plant import TICK, Model
 from rig.supervisor.processes import (
     BeginRecording,
@@ -103,6 +114,7 @@ class Session:
             assumed: the model that the filter assumes.
         """
         ticks = round(test.duration_s / TICK)
+        own: dict[str, float] = {} if test.gain_V_per_m is None else {"gain": test.gain_V_per_m}
         wire = self.rig.tracking(
             test.start_position_m,
             test.settle_s,
@@ -111,6 +123,8 @@ class Session:
             setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
+            limits=rungs_of(test.limits),
+            **own,
         )
         self._test = HardwareTest(self.rig, wire, test)
         return self._test
@@ -230,6 +244,24 @@ class HardwareTest:
     def end_early(self) -> None:
         """Make `safe_state` hold the ram, as after a completed test, with the valve enabled."""
         self._early = True
+
+    def limited(self, action: Action, text: str) -> NoReturn:
+        """Carry out the action of a limit that the loop itself does not judge.
+
+        A trip is the safety thread's. For a hold, `safe_state` holds the ram; for a ramp down it
+        brings the motion to rest.
+
+        Raises:
+            TripError: always.
+        """
+        rig = self._rig
+        rig.note("limit", text)
+        rig.say(text)
+        if action is Action.TRIP:
+            rig.safety.trip(Cause.TEST_LIMIT)
+            raise rig.tripped()
+        self._early = action is Action.HOLD
+        raise TripError(text)
 
     def safe_state(self) -> None:
         """End the test and its faults; repeated calls do nothing.

@@ -1,6 +1,7 @@
 """How faults come and go over a test, as the plant receives them."""
 
 import pickle
+from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
@@ -8,11 +9,12 @@ import pytest
 from hypothesis import given, strategies as st
 
 from faults.bypass import NOMINAL_BYPASSES, bore_coefficient
-from faults.schedule import Fault, FaultError, FaultSchedule
+from faults.schedule import Fault, FaultError, FaultSchedule, linked
 from faults.verdict import FAULT_KINDS, LEAK_KINDS
 from rig.plant.faults import FAULT_COLUMNS
 
 PERIOD = 1e-3
+INTERNAL = FAULT_COLUMNS.index("internal_leakage")
 TICKS = 10_000
 
 seconds = st.floats(0.0, 4.0)
@@ -226,3 +228,44 @@ def test_a_refusal_survives_the_way_back_from_a_worker_process() -> None:
     assert type(copy) is FaultError
     assert str(copy) == str(error.value)
     assert copy.problems == error.value.problems
+
+
+# Faults that meet at one place
+
+
+def growing() -> tuple[Fault, ...]:
+    first = Fault("internal_leakage", 2e-9, at_s=1.0, until_s=2.0, travel_s=0.5)
+    second = Fault("internal_leakage", 4e-9, at_s=2.0, until_s=4.0, travel_s=0.5, ramp_s=1.0)
+    return first, second
+
+
+def test_a_fault_that_begins_as_another_ends_goes_on_from_its_size_with_an_open_ball() -> None:
+    table = FaultSchedule(growing()).table(5000, 1e-3)[:, INTERNAL]
+    assert table[1999] == table[2000] == pytest.approx(2e-9)
+    assert 2e-9 < table[2500] < 4e-9
+    assert table[3500] == pytest.approx(4e-9)
+    assert (np.diff(table[1000:4000]) >= 0.0).all()
+    assert table[4600] == 0.0
+
+
+def test_linking_faults_twice_changes_nothing_and_those_apart_stay_as_they_are() -> None:
+    once = linked(growing())
+    assert linked(once) == once
+    assert (once[0].goes_on, once[1].follows) == (True, 2e-9)
+    apart = growing()[0], replace(growing()[1], at_s=2.5)
+    assert linked(apart) == apart
+
+
+def test_a_leak_that_shrinks_never_falls_below_its_new_size() -> None:
+    first, second = growing()
+    table = FaultSchedule((first, replace(second, coefficient=1e-9))).table(5000, 1e-3)
+    assert table[3500, INTERNAL] == pytest.approx(1e-9)
+    assert table[2000:4000, INTERNAL].min() >= 1e-9 * (1.0 - 1e-12)
+
+
+def test_a_linear_leak_goes_on_too() -> None:
+    first = Fault("internal_leakage", 1e-12, linear=True, at_s=1.0, until_s=2.0)
+    second = Fault("internal_leakage", 2e-12, linear=True, at_s=2.0, ramp_s=1.0)
+    column = FAULT_COLUMNS.index("internal_leakage_linear")
+    table = FaultSchedule((first, second)).table(4000, 1e-3)[:, column]
+    assert table[[1500, 2000, 2500, 3500]].tolist() == pytest.approx([1e-12, 1e-12, 1.5e-12, 2e-12])

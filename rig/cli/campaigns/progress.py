@@ -136,8 +136,9 @@ def cells_of(test: TestOutcome) -> tuple[str | Text, ...]:
     passing = [] if decision is None else in_passing(decision, test.found)
     onset_s = None if decision is None else decision.onset_s
     ended = test.status.value.replace("_", " ")
-    if test.status == Status.FAILED:
+    if test.status == Status.FAILED and (decision is None or decision.verdict != test.expect):
         ended += f", expected {test.expect}"
+    ended += "".join(f", not met: {each}" for each in test.missed)
     done = reaction(test)
     return (
         test.name,

@@ -17,6 +17,7 @@ from rig.configuration.reading import (
     Physical,
     Schema,
     Sources,
+    Under,
     asked,
     read_in,
     read_mapping,
@@ -26,8 +27,8 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import Rig, read_rig
 from rig.plant import Model
 
-from .campaign_tests import read_tests
-from .conditions import read_conditions
+from .campaign_tests import CampaignTestFile, TestLoopFile, read_tests
+from .conditions import condition_files, read_conditions
 
 
 class CampaignFile(Schema):
@@ -37,11 +38,11 @@ class CampaignFile(Schema):
     description: str = ""
     rig: str
     model: str = "nominal"
-    detector: Any = None
+    detector: Annotated[Any, Under(lambda: (DetectorFile,))] = None
     on_fault: OnFault = OnFault.IGNORE
-    conditions: Any = None
-    defaults: Any = None
-    tests: Any
+    conditions: Annotated[Any, Under(condition_files, many=True)] = None
+    defaults: Annotated[Any, Under(lambda: (CampaignTestFile,), optional=True)] = None
+    tests: Annotated[Any, Under(lambda: (CampaignTestFile, TestLoopFile), many=True)]
 
 
 class DetectorFile(Schema):

@@ -4,42 +4,87 @@ Each test is checked against the limits of the rig.
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from pydantic import Field as SchemaField
 
 from control import Setpoint
-from faults import CampaignTest, Fault, OnFault, SpringLoad, Verdict
-from rig.configuration.reading import Located, Physical, Schema, expand, read_mapping, show
-from rig.configuration.rigs import Rig
-from rig.plant import TICK, quantities
+from faults import CampaignTest, Fault, OnFault, SpringLoad, Until, Verdict
+from rig.configuration.reading import (
+    MAX_TESTS,
+    Located,
+    Physical,
+    Schema,
+    Under,
+    elements_of,
+    expand,
+    read_mapping,
+    show,
+)
+from rig.configuration.rigs import GAIN, Rig
+from rig.plant import quantities
 
-from .faults import read_faults
-from .setpoints import SetpointContext, read_setpoint
+from .conditions import awaited_files, read_awaited, read_until, until_files
+from .criteria import (
+    CriterionFile,
+    OwnFigureFile,
+    TestLimitFile,
+    read_criteria,
+    read_own_figures,
+    read_test_limits,
+)
+from .faults import FaultFile, read_faults
+from .segments import DURATION, Cycles, SegmentFile, SegmentLoopFile, Times, context_of, read_motion
+from .setpoints import setpoint_files
 
 _STIFFNESS: Final = quantities()["spring_stiffness"]
 _CONTACT: Final = quantities()["spring_contact"]
+_IN_PLACE_OF: Final = {
+    "cycles": ("duration",),
+    "duration": ("cycles",),
+    "segments": ("setpoint", "duration", "cycles", "until"),
+    "setpoint": ("segments",),
+    "until": ("duration", "cycles", "segments"),
+}
+"""Keys of a test, and the defaults that do not apply to a test which gives them itself."""
 
 
 class CampaignTestFile(Schema):
     """Keys of a test; keys that all tests share may be written once under `defaults`."""
 
     name: str
-    duration: Annotated[float, Physical("s", 5.0, 3600.0, 40.0)]
+    duration: Annotated[float | None, DURATION] = None
+    cycles: Cycles = None
     start_position: Annotated[float | None, Physical("m", -1.0, 6.0, 0.3)] = None
     settle: Annotated[float, Physical("s", 0.0, 600.0, 2.0)] = 2.0
-    setpoint: Any
-    load: Any = None
-    faults: Any = None
+    setpoint: Annotated[Any, Under(setpoint_files)] = None
+    segments: Annotated[Any, Under(lambda: (SegmentFile, SegmentLoopFile), many=True)] = None
+    until: Annotated[Any, Under(until_files)] = None
+    wait_for: Annotated[Any, Under(awaited_files, many=True, or_one=True)] = None
+    position_gain: Annotated[float | None, GAIN] = None
+    load: Annotated[Any, Under(lambda: (LoadFile,), words=("none",))] = None
+    faults: Annotated[Any, Under(lambda: (FaultFile,), many=True, words=("none",))] = None
     expect: Verdict | None = None
     on_fault: OnFault = OnFault.IGNORE
     repeats: Annotated[int, SchemaField(ge=1, le=1000)] = 1
     seed: Annotated[int | None, SchemaField(ge=0, lt=2**31)] = None
+    figures: Annotated[Any, Under(lambda: (OwnFigureFile,), named=True)] = None
+    criteria: Annotated[Any, Under(lambda: (CriterionFile,), many=True)] = None
+    limits: Annotated[Any, Under(lambda: (TestLimitFile,), many=True)] = None
     matrix: Any = None
+
+
+class TestLoopFile(Schema):
+    """Keys of a loop in the list of tests, which runs its tests as many times as `loop` says."""
+
+    __test__ = False  # not a pytest class, whatever its name
+
+    loop: Times
+    tests: Annotated[Any, Under(lambda: (CampaignTestFile, TestLoopFile), many=True)]
 
 
 class LoadFile(Schema):
@@ -64,18 +109,51 @@ def read_tests(
     """
     read: list[CampaignTest] = []
     names: dict[str, Located] = {}
-    for element in tests.elements():
+    folder = tests.place.path.parent
+    for element, turn in _turns(tests.elements(), _Turn(0, 1)):
         if not isinstance(element.value, dict):
             element.refuse("is no test", "write `- name: ...` with its keys below")
             continue
-        for item in expand(element.completed_by(defaults)):
+        for item in expand(element.completed_by(_defaults_of(element, defaults))):
             name = item.get("name")
-            if name is not None and str(name.value) in names:
+            if name is not None and turn.number == 0 and str(name.value) in names:
                 _add_duplicate(name, names[str(name.value)])
             elif name is not None:
                 names[str(name.value)] = name
-            read += _TestReader(item, tests.place.path.parent, rig).read()
+            read += _TestReader(item, folder, rig, turn).read()
+        if len(read) > MAX_TESTS:
+            element.refuse(f"makes more than {MAX_TESTS} tests", "loop or repeat less often", "")
+            break
     return tuple(read)
+
+
+class _Turn(NamedTuple):
+    """The turn of a loop in which a test runs, counted from 0, and the number of turns."""
+
+    number: int
+    of: int
+
+
+def _turns(elements: Iterable[Located], turn: _Turn) -> Iterator[tuple[Located, _Turn]]:
+    """Yield every test of a list with its turn, those of a loop once for each of its turns."""
+    for element in elements:
+        if element.get("loop") is None and element.get("tests") is None:
+            yield element, turn
+            continue
+        file = read_mapping(TestLoopFile, element)
+        inner = elements_of(element.get("tests"), "write a list of tests: - name: ...")
+        times = file.loop if file is not None else 1
+        for number in range(times):
+            yield from _turns(inner, _Turn(turn.number * times + number, turn.of * times))
+
+
+def _defaults_of(test: Located, defaults: Located | None) -> Located | None:
+    """Return the defaults of a test, without those that its own keys take the place of."""
+    own = {key for key in _IN_PLACE_OF if test.get(key) is not None}
+    if defaults is None or not own:
+        return defaults
+    dropped = {key for each in own for key in _IN_PLACE_OF[each]}
+    return defaults.with_value({key: e for key, e in defaults.items() if key not in dropped})
 
 
 def _add_duplicate(name: Located, first: Located) -> None:
@@ -98,54 +176,85 @@ class _TestReader:
     item: Located
     folder: Path
     rig: Rig | None
+    turn: _Turn
 
     def read(self) -> Iterator[CampaignTest]:
         file = read_mapping(CampaignTestFile, self.item)
         load = self._load()
-        duration_s = file.duration if file else None
-        faults = read_faults(self.item.get("faults"), duration_s, self.rig)
         # The seed follows from the name, so that adding a test changes no other test's noise.
         seed = zlib.crc32(str(file.name).encode()) >> 1 if file else 0
         if file is not None and file.seed is not None:
             seed = file.seed
-        for index in range(file.repeats if file else 1):
-            setpoint = self._setpoint(file.duration if file else 60.0, seed + index)
-            if file is None or setpoint is None:
+        faults: tuple[Fault, ...] | None = None
+        awaited = read_awaited(self.item.get("wait_for"), self.rig)
+        own = read_own_figures(self.item.get("figures"), self.rig)
+        repeats = file.repeats if file else 1
+        for index in range(repeats):
+            number = self.turn.number * repeats + index
+            context = context_of(file.duration if file else None, seed + number, self.folder)
+            until = self._until()
+            item = self.item if until is None else self._lasting(until[1])
+            if until is not None:
+                context = context._replace(duration_s=until[1])
+            motion = read_motion(item, context, self.rig, CampaignTestFile.model_fields)
+            if faults is None:
+                lasts_s = motion.duration_s if motion else file.duration if file else None
+                faults = read_faults(self.item.get("faults"), lasts_s, self.rig)
+                criteria = read_criteria(self.item.get("criteria"), own, motion, self.rig)
+                limits = read_test_limits(self.item.get("limits"), own, motion, self.rig)
+            if file is None or motion is None:
                 continue
-            self._check_on_fault(file.on_fault, setpoint)
+            setpoint = motion.setpoint
+            self._check_closed_loop(file, setpoint)
             start = self._start_position(file, setpoint)
             if start is None:
                 continue
+            is_single = repeats * self.turn.of == 1
             yield CampaignTest(
-                name=file.name if file.repeats == 1 else f"{file.name} #{index + 1}",
+                name=file.name if is_single else f"{file.name} #{number + 1}",
                 test_name=file.name,
-                duration_s=file.duration,
+                duration_s=motion.duration_s,
                 start_position_m=start,
                 settle_s=file.settle,
                 setpoint=setpoint,
                 load=load,
                 faults=faults,
                 expect=file.expect or _expected(faults),
-                repeat=index + 1,
-                seed=seed + index,
+                repeat=number + 1,
+                seed=seed + number,
                 on_fault=file.on_fault,
+                gain_V_per_m=file.position_gain,
+                own_figures=own,
+                criteria=criteria,
+                limits=limits,
+                wait_for=awaited,
+                until=None if until is None else until[0],
             )
 
-    def _setpoint(self, duration_s: float, seed: int) -> Setpoint | None:
-        item = self.item.get("setpoint")
-        if item is None:
-            return None
-        setpoint = read_setpoint(item, SetpointContext(duration_s, seed, self.folder))
-        if setpoint is not None and self.rig is not None:
-            _check_against_limits(setpoint, duration_s, item, self.rig)
-        return setpoint
+    def _until(self) -> tuple[Until, float] | None:
+        """Return what ends the test and its longest duration, s; None if it has no `until`."""
+        item = self.item.get("until")
+        for key in ("duration", "cycles", "segments"):
+            if item is not None and self.item.get(key) is not None:
+                limit = f"is given beside a {key.rstrip('s')}, whose end it would be too"
+                item.refuse(limit, "give one of both: `at_most` says how long the test may last")
+                return None
+        return read_until(item, self.rig)
 
-    def _check_on_fault(self, on_fault: OnFault, setpoint: Setpoint) -> None:
-        item = self.item.get("on_fault")
-        if item is None or on_fault != OnFault.TOLERATE or setpoint.quantity == "position":
+    def _lasting(self, duration_s: float) -> Located:
+        """Return the test with a duration, as if the file gave it."""
+        item = self.item.find("until")
+        return self.item.with_value({**self.item.value, "duration": item.with_value(duration_s)})
+
+    def _check_closed_loop(self, file: CampaignTestFile, setpoint: Setpoint) -> None:
+        if setpoint.quantity == "position":
             return
         limit = "needs a position loop, and this setpoint is the valve command itself"
-        item.refuse(limit, "give the test another on_fault, or a setpoint in m")
+        item = self.item.get("on_fault")
+        if item is not None and file.on_fault == OnFault.TOLERATE:
+            item.refuse(limit, "give the test another on_fault, or a setpoint in m")
+        if file.position_gain is not None:
+            self.item.refuse(limit, "leave it out, or give a setpoint in m", key="position_gain")
 
     def _start_position(self, file: CampaignTestFile, setpoint: Setpoint) -> float | None:
         start, limits = file.start_position, self.rig.limits if self.rig else None
@@ -178,22 +287,6 @@ class _TestReader:
                 item.refuse(f"is outside the stroke of {stroke}", remedy, key="contact")
                 return None
         return SpringLoad(file.stiffness, file.contact)
-
-
-def _check_against_limits(setpoint: Setpoint, duration_s: float, item: Located, rig: Rig) -> None:
-    limits = rig.limits.of(setpoint.quantity)
-    times = np.arange(round(duration_s / TICK)) * TICK
-    values = setpoint.sample(times)
-    worst = int(np.argmax(np.maximum(values - limits.upper, limits.lower - values)))
-    value = float(values[worst])
-    if limits.lower <= value <= limits.upper:
-        return
-    above = value > limits.upper
-    end = show(limits.upper if above else limits.lower, limits.unit)
-    limit = f"is {'above' if above else 'below'} the {end} of the rig {rig.name}"
-    is_position = setpoint.quantity == "position"
-    remedy = "reduce or shift the motion" if is_position else "reduce the command"
-    item.refuse(limit, remedy, f"{show(value, limits.unit)} at {times[worst]:.3f} s")
 
 
 def _expected(faults: tuple[Fault, ...]) -> Verdict:

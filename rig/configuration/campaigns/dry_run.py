@@ -3,17 +3,22 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from control import Sequence, Setpoint, period_of
 from estimator.filters import DEFAULT_FILTER
 from faults import (
     Campaign,
     CampaignTest,
+    Condition,
+    Criterion,
     Fault,
     FaultSchedule,
     OnFault,
+    TestLimit,
     Verdict,
     linear_flow,
     square_root_flow,
@@ -21,8 +26,11 @@ from faults import (
 from rig.configuration.reading import show
 from rig.configuration.rigs import Rig
 from rig.plant import TICK, Parameters, quantities
+from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
+
+_SEGMENTS_SHOWN: Final = 12
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,8 @@ class PlannedFault:
         """Return the fault as one line of text."""
         fault = self.fault
         end = "" if fault.until_s == inf else f" until {fault.until_s:g} s"
-        ramp = f", growing over {fault.ramp_s:g} s" if fault.ramp_s else ""
+        verb = "changing" if fault.follows else "growing"
+        ramp = f", {verb} over {fault.ramp_s:g} s" if fault.ramp_s else ""
         text = f"{fault.kind} at {fault.at_s:g} s{end}{ramp}: {fault.coefficient:.4g} {self.unit}"
         if self.needle_opening is not None:
             text += f", needle at {self.needle_opening:.1%}"
@@ -92,11 +101,66 @@ class PlannedTest:
             least, most = self.command_range_V
             motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
         head = f"{test.name}: {test.duration_s:g} s after {test.settle_s:g} s of settling"
-        lines = [head, f"  motion {motion}", f"  expect {test.expect}"]
+        lines = [head, f"  motion {motion}", *_segment_lines(test.setpoint)]
+        lines.append(f"  expect {test.expect}")
         lines += [f"  fault {fault}" for fault in self.faults]
+        lines += [f"  wait for {_condition(each)}" for each in test.wait_for]
+        if test.until is not None:
+            lines.append(f"  {test.until.label}, at most {test.duration_s:g} s")
+        lines += [f"  pass by {_criterion(each)}" for each in test.criteria]
+        lines += [f"  limit {_limit(each)}" for each in test.limits]
         if test.on_fault != OnFault.IGNORE:
             lines.append(f"  on a confirmed fault: {test.on_fault}")
         return lines + [f"  warning: {warning}" for warning in self.warnings]
+
+
+def _condition(condition: Condition) -> str:
+    unit = unit_of(condition.channel)
+    span = _range(condition.low, condition.high, unit)
+    return f"{condition.channel} {span}, at most {show(condition.give_up_s, 's')}"
+
+
+def _criterion(criterion: Criterion) -> str:
+    return f"{criterion.label} {_range(criterion.low, criterion.high, criterion.unit)}"
+
+
+def _limit(limit: TestLimit) -> str:
+    bands = []
+    if isfinite(limit.inner_low) or isfinite(limit.inner_high):
+        bands.append(f"warn {_beyond(limit.inner_low, limit.inner_high, limit.unit)}")
+    if isfinite(limit.low) or isfinite(limit.high):
+        action = limit.action.replace("_", " ")
+        bands.append(f"{action} {_beyond(limit.low, limit.high, limit.unit)}")
+    lasting = f", for {show(limit.for_s, 's')}" if limit.for_s else ""
+    return f"{limit.watched}: {', '.join(bands)}{lasting}"
+
+
+def _range(low: float, high: float, unit: str) -> str:
+    """Return a range in words; one of its ends may be infinite."""
+    ends = (("at least", low), ("at most", high))
+    return " and ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
+
+
+def _beyond(low: float, high: float, unit: str) -> str:
+    ends = (("below", low), ("above", high))
+    return " or ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
+
+
+def _segment_lines(setpoint: Setpoint) -> list[str]:
+    """Return a line for each segment of a setpoint, up to a few; none if it has no segments."""
+    if not isinstance(setpoint, Sequence):
+        return []
+    lines = []
+    for start, each in zip(setpoint.starts_s, setpoint.stretches, strict=True):
+        kind, period_s = type(each.setpoint).__name__.lower(), period_of(each.setpoint)
+        cycles = f", {each.duration_s / period_s:g} cycles" if period_s else ""
+        blend = f", after {each.blend_s:g} s to get there" if each.blend_s else ""
+        named = f" {each.name}" if each.name else ""
+        lines.append(
+            f"  segment{named} at {start:g} s: {kind}, {each.duration_s:g} s{cycles}{blend}"
+        )
+    left = len(lines) - _SEGMENTS_SHOWN
+    return lines if left <= 0 else [*lines[:_SEGMENTS_SHOWN], f"  and {left} more segments"]
 
 
 def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
@@ -140,6 +204,7 @@ def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
             *_detector_warnings(test, rig, filter_name),
+            *_waiting_warnings(test, rig),
         ),
     )
 
@@ -159,6 +224,11 @@ def _simulated_motion(
     motion = simulate(plant, command, position=test.start_position_m, faults=table)
     position, velocity = motion["position"], motion["velocity"]
     return (float(position.min()), float(position.max())), float(np.abs(velocity).max())
+
+
+def _waiting_warnings(test: CampaignTest, rig: Rig) -> Iterator[str]:
+    if test.wait_for and rig.backend == "simulated":
+        yield "there is no simulated rig before its test begins, so that it waits for nothing"
 
 
 def _warnings(

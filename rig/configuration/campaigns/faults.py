@@ -1,17 +1,20 @@
 """The `faults` of a test are read here, sized by needle opening, coefficient or flow."""
 
+from collections.abc import Iterator
 from math import inf, sqrt
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from control import RequestError
-from faults import LEAK_KINDS, BypassValve, Fault, Verdict
+from faults import LEAK_KINDS, BypassValve, Fault, Verdict, linked
 from rig.configuration.reading import (
     Located,
     Physical,
     QuantityError,
     Schema,
+    Under,
     elements_of,
     read_mapping,
+    refuse_missing,
     show,
 )
 from rig.configuration.rigs import LEAKAGE, RESISTANCE, Rig, valves_of
@@ -42,7 +45,7 @@ class FaultFile(Schema):
         Verdict.SUPPLY_LEAKAGE,
         Verdict.RETURN_BLOCKAGE,
     ]
-    at: Time
+    at: Time | None = None
     until: Annotated[float | None, Physical("s", 0.0, 3600.0, 30.0)] = None
     ramp: Annotated[float, Physical("s", 0.0, 3600.0, 5.0)] = 0.0
     needle_opening: Annotated[float | None, Physical("", 0.0, 1.0, 0.3)] = None
@@ -50,6 +53,20 @@ class FaultFile(Schema):
     linear_coefficient: Annotated[float | None, LINEAR_LEAKAGE] = None
     flow: Annotated[float | None, Physical("m^3/s", 0.0, 1e-3, 1e-5)] = None
     pressure: Annotated[float | None, Physical("Pa", 1e3, 3.5e7, TYPICAL_PRESSURE)] = None
+    profile: Annotated[Any, Under(lambda: (ProfileEntryFile,), many=True)] = None
+
+
+class ProfileEntryFile(Schema):
+    """Keys of an entry of a fault's `profile`: from when on the fault has which size."""
+
+    at: Time
+    until: Any = None
+    ramp: Any = 0.0
+    needle_opening: Any = None
+    coefficient: Any = None
+    linear_coefficient: Any = None
+    flow: Any = None
+    pressure: Any = None
 
 
 class _Size(NamedTuple):
@@ -84,20 +101,75 @@ def read_faults(
     remedy = "write a list: - {type: ..., at: ..., flow: ..., pressure: ...}"
     accepted: list[Fault] = []
     for element in elements_of(item, remedy):
-        fault = _read_fault(element, duration_s, rig)
-        if fault is not None and not _is_taken(fault, accepted, element):
-            accepted.append(fault)
-    return tuple(accepted)
+        for window in _windows(element):
+            fault = _read_fault(window, duration_s, rig)
+            if fault is not None and not _is_taken(fault, accepted, window):
+                accepted.append(fault)
+    # In the order of the file, as ever, unless faults meet at one place.
+    return linked(accepted) if _meet(accepted) else tuple(accepted)
+
+
+def _meet(faults: list[Fault]) -> bool:
+    return any(fault.goes_on for fault in linked(faults))
 
 
 def _is_taken(fault: Fault, others: list[Fault], item: Located) -> bool:
+    """Return whether another fault is at the same place at some time of this one; record that.
+
+    A fault may begin at the very time at which the other ends: the bypass then stays open. Shortly
+    after that its ball is still shutting.
+    """
     for other in others:
-        if other.kind == fault.kind and other.at_s < fault.end_s and fault.at_s < other.end_s:
-            text = f"is there already from {other.at_s:g} s on"
-            remedy = "one place leaks once at a time: leave one out, or end it with `until`"
-            item.refuse(text, remedy, fault.kind, "type")
+        if other.kind != fault.kind:
+            continue
+        first, second = linked((other, fault))
+        if first.goes_on and first.until_s - first.at_s < first.travel_s:
+            limit = f"begins before the ball valve has opened, {first.travel_s:g} s after the last"
+            item.refuse(limit, "let the one before last longer", f"{second.at_s:g} s", "at")
             return True
+        if second.at_s >= first.end_s:
+            continue
+        text = f"is there already from {other.at_s:g} s on"
+        remedy = "one place leaks once at a time: leave one out, or end it with `until`"
+        if second.at_s > first.until_s:
+            text = f"comes while the ball valve of the one before shuts, until {first.end_s:g} s"
+            remedy = f"begin at {first.until_s:g} s, and the ball stays open, or after it has shut"
+        item.refuse(text, remedy, fault.kind, "type")
+        return True
     return False
+
+
+def _windows(item: Located) -> Iterator[Located]:
+    """Yield a fault as it is; one with a `profile`, as one fault for each of its entries.
+
+    Each entry has the keys of the fault unless it gives them itself, and lasts until the next one
+    begins, the last one until the fault ends.
+    """
+    profile = item.get("profile")
+    if profile is None:
+        yield item
+        return
+    for key in ("at", "ramp", *SIZES):
+        if item.get(key) is not None:
+            limit = "is given beside a profile, whose entries have their own"
+            item.refuse(limit, "move it into the profile", key=key)
+            return
+    entries = elements_of(profile, "write a list: - {at: ..., flow: ...}")
+    if not entries:
+        profile.refuse("has no entry", "write a list: - {at: ..., flow: ...}", "")
+    shared = {key: entry for key, entry in item.items() if key in ("type", "pressure", "until")}
+    for index, entry in enumerate(entries):
+        own = read_mapping(ProfileEntryFile, entry)
+        if own is None:
+            continue
+        given = {key: each for key, each in entry.items() if key in ProfileEntryFile.model_fields}
+        following = entries[index + 1].get("at") if index + 1 < len(entries) else None
+        usual = dict(shared)
+        if following is not None:
+            usual["until"] = following
+        if entry.get("flow") is None:
+            usual.pop("pressure", None)
+        yield entry.with_value({**usual, **given})
 
 
 def _read_fault(item: Located, duration_s: float | None, rig: Rig | None) -> Fault | None:
@@ -105,6 +177,10 @@ def _read_fault(item: Located, duration_s: float | None, rig: Rig | None) -> Fau
     before = problems.reported
     file = read_mapping(FaultFile, item)
     if file is None:
+        return None
+    if file.at is None:
+        if item.get("at") is None:
+            refuse_missing(item, "at", FaultFile.model_fields)
         return None
     _check_times(item, file, duration_s)
     _check_size(item, file)
@@ -124,6 +200,7 @@ def _read_fault(item: Located, duration_s: float | None, rig: Rig | None) -> Fau
     else:
         size, travel_s = _blockage_size(file, coefficient, valve.maximum), valve.travel_s
         ball_coefficient = None
+    at_s = file.at
     found, of = size.coefficient, f"the {valve.name} of the rig {rig.name}"
     if found is None or not _is_within(item, size, found, of):
         return None
@@ -132,7 +209,7 @@ def _read_fault(item: Located, duration_s: float | None, rig: Rig | None) -> Fau
             file.type,
             found,
             linear=size.key == "linear_coefficient",
-            at_s=file.at,
+            at_s=at_s,
             until_s=inf if file.until is None else file.until,
             ramp_s=file.ramp,
             travel_s=travel_s,
@@ -152,7 +229,7 @@ def _check_times(item: Located, file: FaultFile, duration_s: float | None) -> No
         if time > duration_s or (key == "at" and time == duration_s):
             remedy = "choose a time within the test, or lengthen its duration"
             item.refuse(f"is beyond the test's {duration_s:g} s", remedy, key=key)
-    if file.until is not None and file.until <= file.at:
+    if file.until is not None and file.at is not None and file.until <= file.at:
         limit = f"is not after at ({file.at:g} s)"
         item.refuse(limit, "swap them", f"{file.until:g} s", "until")
 

@@ -7,7 +7,9 @@ valve command itself (open loop).
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple, TypeVar
+from typing import Annotated, Any, Final, NamedTuple, TypeVar
+
+from pydantic import create_model
 
 from control import (
     Chirp,
@@ -21,10 +23,13 @@ from control import (
     SetpointFileError,
     Sine,
     Steps,
+    Trapezoid,
+    Triangle,
 )
 from rig.configuration.reading import (
     Field,
     Interval,
+    Is,
     Located,
     Physical,
     Place,
@@ -67,6 +72,10 @@ class LevelField(Field):
                 continue
         remedy = "write a position, such as 0.3 m, or a command, such as 3 V"
         raise QuantityError("is neither a length nor a voltage", remedy)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return a text with a unit."""
+        return {"type": "string", "description": "a position, such as 0.3 m, or a command in V"}
 
 
 _ZERO: Final = Level(0.0, "position")
@@ -128,6 +137,39 @@ class SineFile(SetpointFile):
         """Return a `Sine` of the context's quantity."""
         mean, amplitude = self.mean.value, self.amplitude.value
         return Sine(mean, amplitude, self.frequency, self.phase, context.quantity)
+
+
+class TriangleFile(SetpointFile):
+    """Keys of a triangle wave, whose mean is zero unless it is given."""
+
+    amplitude: AnyLevel
+    frequency: Frequency
+    mean: AnyLevel = _ZERO
+    phase: Phase = 0.0
+
+    def build(self, context: SetpointContext) -> Setpoint:
+        """Return a `Triangle` of the context's quantity."""
+        mean, amplitude = self.mean.value, self.amplitude.value
+        return Triangle(mean, amplitude, self.frequency, self.phase, context.quantity)
+
+
+class TrapezoidFile(SetpointFile):
+    """Keys of a trapezoid wave, which rests for `hold` at each end."""
+
+    amplitude: AnyLevel
+    frequency: Frequency
+    hold: Annotated[float, _HOLD]
+    mean: AnyLevel = _ZERO
+    phase: Phase = 0.0
+
+    def build(self, context: SetpointContext) -> Setpoint:
+        """Return a `Trapezoid` of the context's quantity.
+
+        Raises:
+            SetpointError: the rests leave no time to move.
+        """
+        mean, amplitude = self.mean.value, self.amplitude.value
+        return Trapezoid(mean, amplitude, self.frequency, self.hold, self.phase, context.quantity)
 
 
 class ChirpFile(SetpointFile):
@@ -212,12 +254,27 @@ class FromFileFile(SetpointFile):
 SCHEMAS: Final[dict[str, type[SetpointFile]]] = {
     "constant": ConstantFile,
     "sine": SineFile,
+    "triangle": TriangleFile,
+    "trapezoid": TrapezoidFile,
     "chirp": ChirpFile,
     "steps": StepsFile,
     "pseudorandom": PseudorandomFile,
     "multisine": MultisineFile,
     "file": FromFileFile,
 }
+
+
+def setpoint_files() -> tuple[type[Schema], ...]:
+    """Return the classes of the keys of all setpoints, each with the type that it belongs to."""
+    return tuple(
+        create_model(
+            schema.__name__,
+            __base__=schema,
+            __doc__=schema.__doc__,
+            type=(Annotated[Any, Is(kind)], ...),
+        )
+        for kind, schema in SCHEMAS.items()
+    )
 
 
 def schema_of(item: Located, schemas: Mapping[str, type[S]], what: str) -> type[S] | None:

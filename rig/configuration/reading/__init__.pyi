@@ -3,6 +3,7 @@ from .fields import (
     Adjustable as Adjustable,
     Field as Field,
     Interval as Interval,
+    Is as Is,
     Physical as Physical,
     Relative as Relative,
 )
@@ -19,8 +20,12 @@ from .lookup import (
     resolve as resolve,
     shipped_config_dir as shipped_config_dir,
 )
-from .matrix import expand as expand
-from .options import options_of as options_of, read_options as read_options
+from .matrix import MAX_TESTS as MAX_TESTS, expand as expand
+from .options import (
+    options_of as options_of,
+    options_schema as options_schema,
+    read_options as read_options,
+)
 from .problems import (
     ConfigError as ConfigError,
     Place as Place,
@@ -29,6 +34,7 @@ from .problems import (
     suggestion as suggestion,
 )
 from .quantities import (
+    DIMENSIONS as DIMENSIONS,
     QuantityError as QuantityError,
     WrongDimensionError as WrongDimensionError,
     read as read,
@@ -37,8 +43,10 @@ from .quantities import (
 )
 from .validation import (
     Schema as Schema,
+    Under as Under,
     checked as checked,
     elements_of as elements_of,
     quantity_in as quantity_in,
     read_mapping as read_mapping,
+    refuse_missing as refuse_missing,
 )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any, NamedTuple
 
-from pydantic import GetCoreSchemaHandler
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from .quantities import QuantityError, Reading, dimension, read, unit_factor
@@ -33,6 +33,16 @@ class Field:
     ) -> CoreSchema:
         """Return the schema by which pydantic reads the field, which calls `parse`."""
         return core_schema.no_info_plain_validator_function(self._validate)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the field's JSON schema, by which an editor checks it."""
+        return self.json_schema()
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return what an editor may know of the field's value, as a JSON schema."""
+        return {}
 
     def _validate(self, raw: object) -> Any:
         try:
@@ -69,6 +79,15 @@ class Physical(Field):
         remedy = f"did you mean {fitting}?" if fitting else end
         raise QuantityError(f"is {'above' if above else 'below'} {shown}", remedy)
 
+    def json_schema(self) -> dict[str, Any]:
+        """Return a text with a unit, or also a number if the quantity needs none."""
+        kind = dimension(self.unit)
+        ends = (("at least", self.lower), ("at most", self.upper))
+        limits = [f"{word} {end:g} {self.unit}".strip() for word, end in ends if math.isfinite(end)]
+        text = ", ".join([f"{kind.name}, such as {kind.example}", *limits])
+        types: Any = ["number", "string"] if self.unit in ("", "rad") else "string"
+        return {"type": types, "description": text}
+
     def _fitting(self, reading: Reading) -> str | None:
         """Return, as text, the value that was probably meant, with another decimal point or unit.
 
@@ -91,6 +110,21 @@ class Physical(Field):
             return fitting[0][1]
         # By rounding, 13.8 MPa and 138 bar tie; then the first, the smaller correction, wins.
         return min(fitting, key=lambda fit: round(abs(math.log10(abs(fit[0] / usual))), 6))[1]
+
+
+@dataclass(frozen=True)
+class Is(Field):
+    """An annotation of a key that has one value alone, by which its mapping is told from others."""
+
+    value: str
+
+    def parse(self, raw: object) -> Any:
+        """Return the value as it is, since who chose this class by it has checked it."""
+        return raw
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the one value."""
+        return {"const": self.value}
 
 
 @dataclass(frozen=True)
@@ -118,6 +152,11 @@ class Adjustable(Field):
                     "is a share of nothing", "write a deviation with its sign, such as +10 %"
                 )
         return self.physical.parse(raw)
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the quantity, or a text with a percentage."""
+        known = self.physical.json_schema()
+        return {**known, "type": ["number", "string"]}
 
 
 @dataclass(frozen=True)
@@ -149,6 +188,12 @@ class Interval(Field):
         if lower > upper:
             raise QuantityError("ends before it begins", "write the lower value first")
         return lower, upper
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return a pair of quantities, or also one of them."""
+        one = self.physical.json_schema()
+        pair = {"type": "array", "items": one, "minItems": 2, "maxItems": 2}
+        return {"anyOf": [one, pair]} if self.single else pair
 
 
 def _show(number: Decimal, unit: str) -> str:

@@ -19,7 +19,7 @@ from rig.plant import Quantity
 from .document import Located
 from .fields import Physical
 from .lookup import FOLDERS, reference_in, resolve
-from .validation import Schema, elements_of, read_mapping
+from .validation import Schema, Under, elements_of, read_mapping
 
 T = TypeVar("T")
 
@@ -49,8 +49,7 @@ def read_options(options: type[T], item: Located | None) -> T | None:
     problems = item.sources.problems
     before = problems.reported
     known = options_of(options)
-    definitions: Any = {name: (_written(each), each.default) for name, each in known.items()}
-    file = read_mapping(create_model("OptionsFile", __base__=Schema, **definitions), item)
+    file = read_mapping(options_schema(options), item)
     # model_dump is not used here, as it would turn dataclasses into dicts.
     values = {key: getattr(file, key) for key in known} if file is not None else {}
     for name, option in known.items():
@@ -67,6 +66,16 @@ def read_options(options: type[T], item: Located | None) -> T | None:
     except ValueError as error:
         item.refuse(f"cannot be used: {error}", value="")
     return None
+
+
+def options_schema(options: type) -> type[Schema]:
+    """Return the class of the keys by which an object of the class `options` is written."""
+    definitions: Any = {
+        name: (_written(each), each.default) for name, each in options_of(options).items()
+    }
+    return create_model(
+        f"{options.__name__}File", __base__=Schema, __doc__=options.__doc__, **definitions
+    )
 
 
 def options_of(options: type) -> dict[str, Option]:
@@ -113,7 +122,7 @@ def _written(option: Option) -> Any:
     """
     kind, quantity = kind_of(option), option.quantity
     if _reader(option) is not None:
-        return Any
+        return _section_written(kind)
     if quantity is None:
         return option.hint
     if kind is int:
@@ -121,6 +130,16 @@ def _written(option: Option) -> Any:
     usual = option.default if isinstance(option.default, float) and option.default else None
     limits = Physical(quantity.unit, quantity.lower, quantity.upper, usual)
     return Annotated[option.hint, limits]
+
+
+def _section_written(kind: Any) -> Any:
+    """Return Any, with what an editor may know of a section, a list of sections, or a path."""
+    if _is_section(kind):
+        return Annotated[Any, Under(lambda: (options_schema(kind),), text=True)]
+    element: Any = get_args(kind)[0] if get_origin(kind) is tuple else None
+    if _is_section(element):
+        return Annotated[Any, Under(lambda: (options_schema(element),), many=True)]
+    return Any
 
 
 def _reader(option: Option) -> Callable[[Located], Any] | None:

@@ -1,6 +1,7 @@
 """YAML is validated here with pydantic, and every problem gets its line and column."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -18,6 +19,33 @@ class Schema(BaseModel):
     """
 
     model_config = ConfigDict(coerce_numbers_to_str=True, arbitrary_types_allowed=True)
+
+
+@dataclass(frozen=True)
+class Under:
+    """An annotation of a key under which a reader of its own reads other mappings.
+
+    It changes nothing of how a file is read; editors are told by it what may stand there.
+
+    Attributes:
+        schemas: returns the classes of keys, one of which the mapping has.
+        many: whether there is a list of such mappings.
+        or_one: whether one mapping may stand in place of a list of one.
+        named: whether the mappings stand under names of their own.
+        names: the names that are allowed; empty for any.
+        words: words that may stand in place of the mapping.
+        text: whether any text may, such as the name of a file.
+        optional: whether keys that are required elsewhere may be left out here.
+    """
+
+    schemas: Callable[[], tuple[type[Schema], ...]]
+    many: bool = False
+    or_one: bool = False
+    named: bool = False
+    names: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+    text: bool = False
+    optional: bool = False
 
 
 S = TypeVar("S", bound=Schema)
@@ -78,6 +106,17 @@ def elements_of(item: Located | None, remedy: str) -> list[Located]:
     return [] if item is None else item.elements()
 
 
+def refuse_missing(item: Located, key: str, known: Iterable[str]) -> None:
+    """Record that a mapping lacks a key, unless another of its keys is a misspelling of this one.
+
+    A misspelt key is reported with this name as remedy. `known` are the keys that may be written.
+    """
+    known = set(known)
+    unknown = [given for given, _ in item.items() if given not in known]
+    if nearest(key, unknown) is None:
+        item.refuse(f"lacks the key {key}", f"add `{key}: ...`", "")
+
+
 def quantity_in(item: Located, read: Callable[[], T]) -> T | None:
     """Return the result of `read`; if it raises `QuantityError`, add a problem, return None.
 
@@ -94,10 +133,7 @@ def _add(schema: type[Schema], item: Located, detail: dict[str, Any]) -> None:
     location = tuple(step for step in detail["loc"] if isinstance(step, str | int))
     name = str(location[0]) if location else item.name
     if detail["type"] == "missing":
-        unknown = [key for key, _ in item.items() if key not in schema.model_fields]
-        # If a key is a misspelling of the missing one, it was reported with this name as remedy.
-        if nearest(name, unknown) is None:
-            item.refuse(f"lacks the key {name}", f"add `{name}: ...`", "")
+        refuse_missing(item, name, schema.model_fields)
         return
     found = item.find(*location)
     if detail["type"] == "quantity":

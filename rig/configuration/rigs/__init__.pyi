@@ -1,8 +1,18 @@
 from .calibration_file import dump_calibration as dump_calibration
 from .hardware import valves_of as valves_of
-from .limits import Limits as Limits, read_channel_limits as read_channel_limits
+from .limits import (
+    Limits as Limits,
+    limit_schema as limit_schema,
+    read_channel_limits as read_channel_limits,
+)
 from .register_maps import MAPS as MAPS, Map as Map, read_dbc as read_dbc, read_map as read_map
-from .rig import Rig as Rig, RigFile as RigFile, load_rig as load_rig, read_rig as read_rig
+from .rig import (
+    GAIN as GAIN,
+    Rig as Rig,
+    RigFile as RigFile,
+    load_rig as load_rig,
+    read_rig as read_rig,
+)
 from .stream import (
     DEFAULT as DEFAULT,
     OFF as OFF,

@@ -1,9 +1,30 @@
 """The `drivers` of a rig file are read here: the type and the options of each of them."""
 
-from typing import NamedTuple
+from contextlib import suppress
+from typing import Annotated, Any, NamedTuple
 
-from rig.configuration.reading import Located, read_options, suggestion
+from pydantic import create_model
+
+from rig.configuration.reading import Is, Located, Schema, options_schema, read_options, suggestion
 from rig.io import DriverError, DriverSpec, driver_class, driver_types
+
+
+def driver_files() -> tuple[type[Schema], ...]:
+    """Return the classes of the keys of all installed drivers, each with the type of its driver."""
+    files = []
+    for kind in driver_types():
+        with suppress(DriverError):
+            keys = options_schema(driver_class(kind).Options)
+            name = f"{kind}_driver"
+            files.append(
+                create_model(
+                    name,
+                    __base__=keys,
+                    __doc__=f"Keys of {kind}.",
+                    driver=(Annotated[Any, Is(kind)], ...),
+                )
+            )
+    return tuple(files)
 
 
 class PlacedDriver(NamedTuple):

@@ -17,6 +17,7 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    Under,
     elements_of,
     read_mapping,
     show,
@@ -52,7 +53,7 @@ class LimitsFile(Schema):
     position: Annotated[tuple[float, float], Interval(Physical("m", -1.0, 6.0, 0.3))]
     command: Annotated[float, Physical("V", 0.1, 100.0, COMMAND_LIMIT)] = COMMAND_LIMIT
     pressure: Annotated[float, Physical("Pa", 1e6, 1e8, 2e7)]
-    channels: Any = None
+    channels: Annotated[Any, Under(lambda: (limit_schema(_rung_keys),), many=True)] = None
 
 
 def read_limits(item: Located | None, plant: Model | None) -> Limits | None:
@@ -136,11 +137,9 @@ def read_channel_limits(
         channel = str(entry.value) if entry is not None else ""
         # The bounds of an unknown channel cannot be checked; only the channel is reported.
         bound = Annotated[float, Physical(unit_of(channel))] if channel in channels else Any
-        ends = {"channel": (str, ...), "low": (bound, -inf), "high": (bound, inf)}
-        keys: dict[str, Any] = ends | keys_of(bound)
         problems = element.sources.problems
         before = problems.reported
-        file = read_mapping(create_model("LimitFile", __base__=Schema, **keys), element)
+        file = read_mapping(limit_schema(keys_of, bound), element)
         if entry is not None and channel not in known:
             entry.refuse(unknown, suggestion(channel, known, "channels"), channel)
         elif file is not None and problems.reported == before:
@@ -151,6 +150,21 @@ def read_channel_limits(
             else:
                 given["for_s"] = given.pop("for")
                 yield element, given
+
+
+def limit_schema(
+    keys_of: Callable[[Any], dict[str, Any]], bound: Any = Any, name: str = "LimitFile"
+) -> type[Schema]:
+    """Return the class of the keys of a channel's limit.
+
+    Args:
+        keys_of: type and default of the keys beside `channel`, `low` and `high`.
+        bound: type of a bound.
+        name: name of the class.
+    """
+    ends = {"channel": (str, ...), "low": (bound, -inf), "high": (bound, inf)}
+    keys: dict[str, Any] = ends | keys_of(bound)
+    return create_model(name, __base__=Schema, __doc__="Keys of a limit of a channel.", **keys)
 
 
 def _rung_keys(bound: Any) -> dict[str, Any]:

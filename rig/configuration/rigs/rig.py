@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from control import POSITION_GAIN
 from faults import BypassValve
@@ -12,7 +12,9 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    Under,
     load,
+    options_schema,
     read_in,
     read_mapping,
     read_options,
@@ -23,10 +25,20 @@ from rig.configuration.reading import (
 from rig.io import ChannelLimit, DriverSpec, HomingSettings, LoopSettings
 from rig.plant import Model, SensorParameters
 
-from .drivers import read_drivers
+from .drivers import driver_files, read_drivers
 from .hardware import check_hardware, check_rates, check_rungs, moved_faults
-from .limits import Limits, read_ladder, read_limits, usual_ladder
-from .valves import ReturnValve, read_bypass_valves, read_return_valve
+from .limits import Limits, LimitsFile, read_ladder, read_limits, usual_ladder
+from .valves import (
+    BYPASS_KINDS,
+    BypassFile,
+    ReturnValve,
+    ReturnValveFile,
+    read_bypass_valves,
+    read_return_valve,
+)
+
+GAIN: Final = Physical("V/m", 0.1, 1e4, POSITION_GAIN)
+"""Unit and limits of the gain of a position loop."""
 
 Backend = Literal["simulated", "hardware"]
 Pace = Literal["real", "fast"]
@@ -93,19 +105,21 @@ class RigFile(Schema):
     description: str = ""
     parent: str | None = None
     backend: Backend = "simulated"
-    plant: Any
-    sensors: Any = None
+    plant: Annotated[Any, Under(lambda: (PlantFile,), text=True)]
+    sensors: Annotated[Any, Under(lambda: (options_schema(SensorParameters),))] = None
     supply_pressure_sensor: bool = False
     load_cell: bool = False
     spool_sensor: bool = False
-    bypass_valves: Any = None
-    return_valve: Any = None
-    limits: Any
-    position_gain: Annotated[float, Physical("V/m", 0.1, 1e4, POSITION_GAIN)] = POSITION_GAIN
+    bypass_valves: Annotated[Any, Under(lambda: (BypassFile,), named=True, names=BYPASS_KINDS)] = (
+        None
+    )
+    return_valve: Annotated[Any, Under(lambda: (ReturnValveFile,))] = None
+    limits: Annotated[Any, Under(lambda: (LimitsFile,))]
+    position_gain: Annotated[float, GAIN] = POSITION_GAIN
     pace: Pace = "fast"
-    drivers: Any = None
-    loop: Any = None
-    homing: Any = None
+    drivers: Annotated[Any, Under(driver_files, named=True)] = None
+    loop: Annotated[Any, Under(lambda: (options_schema(LoopSettings),))] = None
+    homing: Annotated[Any, Under(lambda: (options_schema(HomingSettings),))] = None
 
 
 class PlantFile(Schema):

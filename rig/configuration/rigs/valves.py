@@ -12,11 +12,12 @@ from rig.configuration.reading import (
     Physical,
     QuantityError,
     Schema,
+    Under,
     read_mapping,
     suggestion,
 )
 
-from .calibration_file import find_needle
+from .calibration_file import NeedleReference, find_needle
 
 BYPASS_KINDS: Final = tuple(str(kind) for kind in FAULT_KINDS if kind != Verdict.RETURN_BLOCKAGE)
 
@@ -47,7 +48,7 @@ class BypassFile(Schema):
     name: str = ""
     travel: Annotated[float, TRAVEL] = 0.5
     bore: Annotated[float, Physical("m", 5e-4, 0.1, 6e-3)] = 6e-3
-    needle: Any
+    needle: Annotated[Any, Under(lambda: (NeedleFile, CalibratedNeedleFile, NeedleReference))]
 
 
 class NeedleFile(Schema):

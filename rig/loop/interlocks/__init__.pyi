@@ -7,8 +7,11 @@ from .judging import (
     held_position as held_position,
     interlock as interlock,
     judged_sample as judged_sample,
+    passed_on as passed_on,
+    with_limits as with_limits,
 )
 from .ladder import (
+    LIMITED as LIMITED,
     NO_CHANNEL as NO_CHANNEL,
     Action as Action,
     Cause as Cause,
@@ -16,6 +19,7 @@ from .ladder import (
     channel_name as channel_name,
     explain as explain,
     limit_table as limit_table,
+    rungs_of as rungs_of,
 )
 from .trip import (
     FULL as FULL,

@@ -5,7 +5,7 @@ with its first cause. While the valve is not driven, the rig is already in the s
 leads, so that causes are only indicated then.
 """
 
-from math import isnan
+from math import isnan, nan
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from rig.jit import njit
 from rig.plant import inlined
 
 from .check_tolerances import Tolerances
-from .ladder import NO_CHANNEL, Action, Cause, LimitTable
+from .ladder import ERROR_AT, NO_CHANNEL, Action, Cause, LimitTable
 from .plausibility import POSITION, PRESSURE_1, PRESSURE_2, implausible, no_evidence
 
 _ESTOP: Final = FAST_INPUTS.index("estop_closed")
@@ -114,6 +114,26 @@ def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
     return Interlock(limits, tolerances, interlock_memory(limits.channel.size))
 
 
+def with_limits(known: Interlock, more: LimitTable) -> Interlock:
+    """Return an interlock that judges by more limits, and shares all else of its memory.
+
+    How long the known limits have been passed is as it is now; `passed_on` hands it back.
+    """
+    count = known.limits.channel.size
+    limits = LimitTable(*(np.concatenate(both) for both in zip(known.limits, more, strict=True)))
+    outside, active = (np.zeros(limits.channel.size, np.int64) for _ in range(2))
+    outside[:count], active[:count] = known.memory.outside, known.memory.active
+    memory = known.memory._replace(outside=outside, active=active)
+    return known._replace(limits=limits, memory=memory)
+
+
+def passed_on(widened: Interlock, known: Interlock) -> None:
+    """Hand back to `known` how long its limits have been passed, as `with_limits` counted on."""
+    count = known.limits.channel.size
+    known.memory.outside[:] = widened.memory.outside[:count]
+    known.memory.active[:] = widened.memory.active[:count]
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def allowed_command(command, homed, tol, memory):
     """Return the command in V that the valve may get: `command` itself if the rig is homed.
@@ -176,6 +196,8 @@ class Tick(NamedTuple):
     homed: bool
     """Whether the position is known. If not, the limits of the position do not apply, and command
     and load pressure are limited (`unhomed_command_V` and `unhomed_load_pressure_Pa`)."""
+    error: float = nan
+    """Distance between setpoint and position, m; NaN where the ram follows no setpoint in m."""
 
 
 @inlined
@@ -185,13 +207,16 @@ def judged_sample(tick, interlock):
     It must be called at every tick that is not missed, also when no sample came. A trip is returned
     until the memory is cleared. Other actions end with their cause, so that the caller must latch
     an action that it carries out. Unless the tick is `driving`, a cause is only indicated. The
-    channel is an index in `FAST_INPUTS`, -1 if the cause concerns none.
+    channel is an index in `LIMITED`, -1 if the cause concerns none.
 
     Args:
         tick: `Tick`.
         interlock: `Interlock`; its memory is updated.
     """
-    inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks, command, counter, driving, homed = tick
+    inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks = (
+        tick.inputs, tick.fresh, tick.elapsed_ticks, tick.exchange_ticks, tick.age_ticks,
+    )  # fmt: skip
+    command, counter, driving, homed = tick.command, tick.counter, tick.driving, tick.homed
     limits, tol, memory = interlock
     sampled = fresh and _take(inputs, tol, memory)
     worst = _chain(driving, tol, memory)
@@ -204,7 +229,7 @@ def judged_sample(tick, interlock):
     )
     worst = _worse(worst, (_TRIP if why != _NONE else _NONE, why, where))
     worst = _worse(worst, _unhomed(command, homed, tol, memory))
-    action, cause, channel = _worse(worst, _limits(homed, limits, memory))
+    action, cause, channel = _worse(worst, _limits(homed, tick.error, limits, memory))
     if memory.latched[0] == _TRIP:
         return memory.latched[0], memory.latched[1], memory.latched[2]
     if not driving:
@@ -346,7 +371,7 @@ def _unhomed(command, homed, tol, memory):
 
 
 @inlined
-def _limits(homed, limits, memory):
+def _limits(homed, error, limits, memory):
     """Judge the limits of all channels; return the worst (action, cause, channel).
 
     Limits of the position do not count while the ram is not homed.
@@ -354,7 +379,7 @@ def _limits(homed, limits, memory):
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     for i in range(limits.channel.size):
         where = limits.channel[i]
-        value = memory.values[where]
+        value = error if where == ERROR_AT else memory.values[where]
         back = limits.hysteresis[i] if memory.active[i] else 0.0
         below = value < limits.low[i] + back
         above = value > limits.high[i] - back

@@ -6,15 +6,24 @@ another cause.
 
 from collections.abc import Iterable
 from enum import IntEnum
+from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.io import FAST_INPUTS, ChannelLimit
+from faults import FOLLOWING_ERROR, TestLimit
+from rig.io import FAST_INPUTS, ChannelLimit, Response
 
 NO_CHANNEL: Final = -1
 """Number in place of a channel's index in `FAST_INPUTS`, if a cause concerns no channel."""
+
+
+ERROR_AT: Final = len(FAST_INPUTS)
+"""Index, in place of one in `FAST_INPUTS`, of the following error, which no device measures."""
+
+LIMITED: Final = (*FAST_INPUTS, FOLLOWING_ERROR)
+"""Names of what may have a limit in the loop."""
 
 
 class Action(IntEnum):
@@ -77,6 +86,7 @@ class Cause(IntEnum):
     PUMP_NOT_UNLOADED = 52
     OPERATOR_STOP = 60
     FAULT_CONFIRMED = 70
+    TEST_LIMIT = 71
 
 
 class Explanation(NamedTuple):
@@ -89,8 +99,8 @@ class Explanation(NamedTuple):
 
 
 def channel_name(index: int) -> str:
-    """Return the name of the channel with an index in `FAST_INPUTS`; empty for `NO_CHANNEL`."""
-    return "" if index == NO_CHANNEL else FAST_INPUTS[index]
+    """Return the name of the channel with an index in `LIMITED`; empty for `NO_CHANNEL`."""
+    return "" if index == NO_CHANNEL else LIMITED[index]
 
 
 _E = Explanation
@@ -229,6 +239,10 @@ EXPLANATIONS: Final = {
         "read the verdict, find the fault and mend it; a campaign that injects faults has another "
         "on_fault",
     ),
+    Cause.TEST_LIMIT: _E(
+        "a slow channel or a figure is beyond a limit of the test",
+        "find out why, or correct the limit in the campaign file",
+    ),
 }
 """The explanation of every cause, as the operator is shown it."""
 
@@ -249,7 +263,7 @@ class LimitTable(NamedTuple):
     """
 
     channel: NDArray[np.int64]
-    """Index in `FAST_INPUTS`."""
+    """Index in `LIMITED`."""
     low: NDArray[np.float64]
     """Least value allowed, SI; -inf for no limit."""
     high: NDArray[np.float64]
@@ -270,16 +284,36 @@ def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:
     """
     rows = tuple(limits)
     for row in rows:
-        if row.channel not in FAST_INPUTS:
-            raise ValueError(f"limit of {row.channel!r}: no such channel; name one of FAST_INPUTS")
+        if row.channel not in LIMITED:
+            raise ValueError(f"limit of {row.channel!r}: no such channel; name one of LIMITED")
         if not row.low < row.high:
             raise ValueError(f"limit of {row.channel}: low {row.low:g} is not below {row.high:g}")
     ticks = [1 + round(row.for_s / period_s) for row in rows]
     return LimitTable(
-        np.array([FAST_INPUTS.index(row.channel) for row in rows], np.int64),
+        np.array([LIMITED.index(row.channel) for row in rows], np.int64),
         np.array([row.low for row in rows], np.float64),
         np.array([row.high for row in rows], np.float64),
         np.array([row.hysteresis for row in rows], np.float64),
         np.array([Action[row.action.upper()] for row in rows], np.int64),
         np.array(ticks, np.int64),
     )
+
+
+def rungs_of(limits: Iterable[TestLimit]) -> tuple[ChannelLimit, ...]:
+    """Return the limits of a test that the loop judges, as the rungs of a rig's ladder.
+
+    These are the limits of channels that the loop samples, and of the following error: the inner
+    band of each is indicated, and the outer one acted on. The runner judges the others.
+    """
+    rungs = []
+    for each in limits:
+        if each.watched not in LIMITED:
+            continue
+        kept = each.for_s, each.hysteresis
+        if (each.inner_low, each.inner_high) != (-inf, inf):
+            inner = each.inner_low, each.inner_high
+            rungs.append(ChannelLimit(each.watched, *inner, "indicate", *kept))
+        if (each.low, each.high) != (-inf, inf):
+            response: Response = "indicate" if each.action == "warn" else each.action
+            rungs.append(ChannelLimit(each.watched, each.low, each.high, response, *kept))
+    return tuple(rungs)

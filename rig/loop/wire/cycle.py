@@ -147,6 +147,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             seen = Tick(
                 memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
                 outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
+                _error(drive, setpoint, course, memory),
             )  # fmt: skip
             judged, cause, channel = check_sample(seen, interlock)
             if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
@@ -350,6 +351,14 @@ def _setpoint(drive, course, tick, memory):
     if drive == Drive.HOLD and not course.open_loop:
         return memory.handling[Handling.HELD_AT]
     return nan
+
+
+@inner
+def _error(drive, setpoint, course, memory):
+    """Return the distance between setpoint and position in m; NaN unless the loop tracks in m."""
+    if drive != Drive.TRACK or course.open_loop:
+        return nan
+    return abs(setpoint - (memory.encoder[0] + course.offset))
 
 
 @inner

@@ -113,7 +113,9 @@ class WireLoop:
             return
         here = self._measured_position()
         setpoint = raised_cosine(here, self.start_position, self.settle_ticks)
-        moving = replace(self.test, drive=Drive.TRACK, open_loop=False, setpoint=setpoint)
+        moving = replace(
+            self.test, drive=Drive.TRACK, open_loop=False, setpoint=setpoint, limits=()
+        )
         self._switch_to(moving)
         while self._words[Word.TICK] < setpoint.size:
             self._check()
@@ -178,8 +180,10 @@ class WireLoop:
             ChildError: the loop did not take the order.
         """
         if self._words[Word.LOOP_TRIP] == 0 and not self._is_silent():
-            nowhere = np.empty(0)
-            self._switch_to(replace(self.test, drive=Drive.HOLD, open_loop=False, setpoint=nowhere))
+            holding = replace(
+                self.test, drive=Drive.HOLD, open_loop=False, setpoint=np.empty(0), limits=()
+            )
+            self._switch_to(holding)
 
     def _take(self) -> None:
         rows = self._ring.take()

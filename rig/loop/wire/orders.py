@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, POSITION_GAIN
 from estimator.filters import FilterMemory
-from rig.io import DriverSpec, LoopSettings
+from rig.io import ChannelLimit, DriverSpec, LoopSettings
 from rig.loop.interlocks import LimitTable, Tolerances
 from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
@@ -42,6 +42,7 @@ class Segment:
         reset_lamp: whether the operator is asked to press the reset button.
         rearm: whether a watchdog that tripped is acknowledged, once in the segment.
         reset: whether an earlier trip is cleared; the supervisor clears its own words before.
+        limits: limits that hold in this segment only, beside those of the rig.
     """
 
     number: int
@@ -59,6 +60,7 @@ class Segment:
     reset_lamp: bool = False
     rearm: bool = False
     reset: bool = False
+    limits: tuple[ChannelLimit, ...] = ()
 
 
 def course(segment: Segment) -> Course:

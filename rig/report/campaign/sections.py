@@ -135,7 +135,7 @@ def _section(
         test,
         happened,
         notes,
-        (*conditions_of(recording.metadata), *loop_conditions(recording)),
+        (*conditions_of(recording.metadata), *_counted(test), *loop_conditions(recording)),
         tuple(panel for drawn in draw if (panel := drawn(data)) is not None),
         _marks(test),
         _spans(test, last),
@@ -146,6 +146,10 @@ def _section(
         _smallest(test, accounts),
         opened,
     )
+
+
+def _counted(test: TestOutcome) -> tuple[tuple[str, str], ...]:
+    return () if test.counted is None else (("Done", str(test.counted)),)
 
 
 def _points(tests: int) -> int:

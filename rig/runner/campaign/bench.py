@@ -6,11 +6,12 @@ It also makes the plainest of tests, in which a ram only moves.
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NoReturn, Protocol, runtime_checkable
 
 from control import Setpoint
 from estimator.filters import FilterMemory
 from faults import CampaignTest, Verdict
+from rig.loop import Action
 from rig.plant import Model
 from rig.runner.outcomes import Array
 
@@ -58,6 +59,17 @@ class Loop(Protocol):
 
         Args:
             row: the decision as a row of `rig.loop.decided.DECIDED`.
+        """
+
+    def limited(self, action: Action, text: str) -> NoReturn:
+        """Carry out the action, a hold or worse, of a limit that the loop itself does not judge.
+
+        Args:
+            action: the action.
+            text: limit, value and time in words.
+
+        Raises:
+            TripError: always.
         """
 
     def end_early(self) -> None:

@@ -15,6 +15,7 @@ from faults import Campaign
 from rig.configuration import Rig
 from rig.io import DriverError
 from rig.loop import StopRequestedError, TripError
+from rig.runner.counters import RigCounter, counters_path
 from rig.runner.outcomes import (
     EXIT_BAD_INPUT,
     EXIT_STOPPED,
@@ -151,6 +152,11 @@ def run_campaign(
             standing=state,
             journal=journal,
             overdue=overdue or (lambda: None),
+            counter=RigCounter(
+                rig.name,
+                counters_path(rig.name) if rig.backend == "hardware" else None,
+                observer.rig_tells,
+            ),
         )
         try:
             run.run(started, given or {})
@@ -314,16 +320,22 @@ class _CampaignRun(Setting):
         return next((index for index in order if index not in finished), None)
 
     def _wait(self) -> None:
-        """Wait while the campaign is paused or held by a condition; return at once after a stop.
+        """Wait while the campaign is paused, held by a condition, or the next test waits for one.
 
-        If a condition holds the campaign for too long, a stop is requested here. Begin and end of
-        a hold are written to the journal.
+        Return at once after a stop. If a condition holds the campaign for too long, a stop is
+        requested here. Begin and end of a hold are written to the journal.
         """
-        desk, suspenders = self.desk, self.suspenders
+        desk, suspenders, index = self.desk, self.suspenders, self._next()
+        awaited = () if index is None else self.campaign.tests[index].wait_for
+        own = Suspenders(awaited, self.bench.reading)
         began, held, paused = time.monotonic(), False, False
         while not self.stop.requested:
             suspenders.look()
-            reasons = suspenders.reasons if self._next() is not None else ()
+            own.look()
+            # An operator may have the test skipped, upon which nobody waits for it any more.
+            is_awaited = self._next() == index and index not in self.standing.skipped
+            waits_for = [f"{each} (awaited)" for each in own.reasons] if is_awaited else []
+            reasons = (*suspenders.reasons, *waits_for) if self._next() is not None else ()
             desk.held_by(reasons)
             if reasons and not held:
                 desk.record("held", reasons=list(reasons))
@@ -333,7 +345,7 @@ class _CampaignRun(Setting):
             held, paused = held or bool(reasons), paused or desk.paused
             if not reasons and not desk.paused:
                 break
-            if suspenders.given_up:
+            if suspenders.given_up or (waits_for and own.given_up):
                 self.stop.request(f"what held it for too long: {'; '.join(reasons)}")
             with suppress(StopRequestedError):
                 self.bench.idle()
@@ -358,6 +370,7 @@ class _CampaignRun(Setting):
             "phase", test=index, attempt=attempt, phase=Phase.SETUP, kept=kept, durable=False
         )
         outcome = run_test(self, test, recording)
+        self.counter.save()
         if outcome.is_finished and self.desk.interruption is Request.RETRY:
             message = "an operator has it run again"
             outcome = replace(outcome, status=Status.INTERRUPTED, message=message)

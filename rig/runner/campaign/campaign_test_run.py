@@ -13,13 +13,20 @@ from estimator.filters import start_memory
 from estimator.leaks import Detector, DetectorFactory, PatternDetector
 from faults import Campaign, CampaignTest, FaultSchedule
 from rig.configuration import Rig
-from rig.loop import FULL, Cause, StopRequestedError, TripError, explain
+from rig.loop import FULL, Action, Cause, StopRequestedError, TripError, explain
 from rig.plant import TICK
+from rig.runner.counters import RigCounter
 from rig.runner.outcomes import (
+    Array,
+    AwaitedEnd,
+    CriterionResult,
     DecisionRows,
+    Figure,
     FrictionWatch,
     HealthyInnovations,
     HealthyReferences,
+    LimitWatch,
+    Measures,
     Observer,
     Reactions,
     Status,
@@ -66,6 +73,7 @@ class Setting:
     Attributes:
         bench: the bench that the tests are run on; its context is entered before the first test.
         directory: folder of the run, for recordings and tracebacks.
+        counter: counts what the rig does.
         detector: makes the detector of each test, in place of the filter's own; None for the own.
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
@@ -86,6 +94,7 @@ class Setting:
     desk: Desk
     suspenders: Suspenders
     overdue: Callable[[], None]
+    counter: RigCounter
     detector: DetectorFactory | None = None
 
     present: int = 0
@@ -196,6 +205,7 @@ class _RunningTest:
         self._recording = recording
         self._writer: Writer
         self._recorded = False
+        setting.counter.begins(anew=not setting.bench.live)
         self._ticks = 0
         self._verdict = ""
         self._timing: Mapping[str, Any] | None = None
@@ -207,6 +217,10 @@ class _RunningTest:
         self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
         self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
         self._judge = Judge(self._friction, memory, self._loop.channels)
+        self._position = self._loop.channels.index("position_m")
+        self._measures = Measures(test, self._loop.channels)
+        self._limits = LimitWatch(test, self._loop.channels)
+        self._end = AwaitedEnd(test, self._loop.channels)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
@@ -245,12 +259,13 @@ class _RunningTest:
                     self._drive()
                     if isinstance(self._writer, Timed):
                         self._timing = self._writer.timing()
-        if self._loop.ticks_left:
+        if self._loop.ticks_left and not self._end.came:
             return Status.ABORTED
         if setting.references.is_reference(test):
             setting.references.add(test, self._detector.innovations)
         decision = self._judge.decision
         expected = decision is not None and decision.verdict == test.expect
+        expected = expected and all(each.met for each in self._criteria)
         return Status.PASSED if expected else Status.FAILED
 
     @contextmanager
@@ -289,7 +304,10 @@ class _RunningTest:
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return a copy of an outcome with the test's results so far, such as the decision."""
-        decision, curve = self._judge.decision, self._friction.curve
+        decision, figures = self._judge.decision, self._figures
+        if outcome.status is Status.TRIPPED:
+            self._limits.close()
+        own = self._measures.figures(figures, decision)
         return replace(
             outcome,
             injected=self._injection.injected,
@@ -300,9 +318,33 @@ class _RunningTest:
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,
             actions=tuple(self._reactions.actions),
-            friction=curve,
-            figures=figures_of(decision, self._detector.innovations, curve, self._timing),
+            friction=self._friction.curve,
+            figures={**figures, **own},
+            criteria=self._criteria,
+            limits=tuple(self._limits.passed),
+            counted=self._setting.counter.in_test if self._ticks else None,
+            message=self._message(outcome),
         )
+
+    def _message(self, outcome: TestOutcome) -> str:
+        """Return why the test ended early; a limit of the test is named with value and time."""
+        passed = self._limits.acted if outcome.status is Status.TRIPPED else None
+        if passed is None or str(passed) in outcome.message:
+            return outcome.message
+        return f"{passed}; {outcome.message}"
+
+    @property
+    def _figures(self) -> dict[str, Figure]:
+        innovations, curve = self._detector.innovations, self._friction.curve
+        return figures_of(self._judge.decision, innovations, curve, self._timing)
+
+    @property
+    def _criteria(self) -> tuple[CriterionResult, ...]:
+        """What came of the criteria in the rows so far; none before there are any."""
+        if not self._ticks or not (self._test.criteria or self._test.until):
+            return ()
+        results = self._measures.results(self._figures, self._judge.decision)
+        return (*self._end.results, *results)
 
     def _chosen_detector(self) -> Detector:
         campaign = self._setting.campaign
@@ -315,9 +357,13 @@ class _RunningTest:
     def _drive(self) -> None:
         self._event(0.0, "test_begin", self._test.name)
         try:
-            while self._loop.ticks_left and not self._setting.stop.requested:
+            while self._loop.ticks_left and not self._setting.stop.requested and not self._end.came:
                 self._go_on()
                 self._run_batch()
+            if self._end.came:
+                # The campaign goes on with the ram held, as at the end of any test.
+                self._loop.end_early()
+                self._event(self._last_s, "until", str(self._end))
             self._judge.finish()
             self._note_verdict()
         except (TripError, _InterruptedError) as error:
@@ -328,26 +374,48 @@ class _RunningTest:
             self._event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
         stopped = "abort", f"stopped by {self._setting.stop.reason}"
-        ended = stopped if self._loop.ticks_left else ("test_end", self._verdict)
+        is_cut = self._loop.ticks_left and not self._end.came
+        ended = stopped if is_cut else ("test_end", self._verdict)
         self._event(self._last_s, *ended)
 
     def _run_batch(self) -> None:
         pacer = self._setting.pacer
         ticks = self._judge.ticks_due
-        live = pacer.live or self._setting.bench.live
+        # A limit that this process acts on is looked at as often at any pace, for the same rows.
+        live = pacer.live or self._setting.bench.live or self._limits.acts
+        live = live or self._end.by_channel
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
         self._writer.write(rows)
+        self._measures.take(rows)
+        self._setting.counter.take(rows[:, self._position])
         self._setting.observer.test_rows(rows)
         for event in (*self._injection.take(rows), *self._reactions.take(rows)):
             self._event(*event)
         if self._judge.take(rows) and self._judge.decision is not None:
             self._loop.decided(self._decisions.row(self._last_s, self._judge.decision))
             self._note_verdict()
+        if len(rows):
+            self._watch(rows)
+            self._end.take(rows, self._judge.decision)
         for note in self._setting.desk.take_notes():
             self._event(self._last_s, "note", note)
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
+
+    def _watch(self, rows: Array) -> None:
+        """Follow the test's limits in the next rows, and act on those that the loop does not judge.
+
+        Raises:
+            TripError: such a limit was passed that asks for a hold or worse.
+        """
+        for passing in self._limits.take(rows, self._judge.decision):
+            self._event(passing.at_s, "limit", str(passing))
+            self._setting.desk.record("limit", what=str(passing), durable=False)
+            self._setting.observer.rig_tells(f"{self._test.name}: {passing}")
+        if self._limits.due is not None:
+            action = Action[self._limits.due.action.upper()]
+            self._loop.limited(action, str(self._limits.due))
 
     def _event(self, time_s: float, kind: str, text: str) -> None:
         """Write an event to the recording, and tell the observer of it."""

@@ -84,7 +84,8 @@ class Injection:
         begins = [
             (each.at_s, "fault_on", f"{each.kind}: {each.coefficient:.4g} (SI)") for each in faults
         ]
-        ends = [(each.until_s, "fault_off", str(each.kind)) for each in faults]
+        # Where another fault goes on at the same place, its begin says so.
+        ends = [(each.until_s, "fault_off", str(each.kind)) for each in faults if not each.goes_on]
         events = (event for event in begins + ends if event[0] != inf)
         self._coming = sorted(events, key=lambda event: event[0])
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from rig.loop import (
     explain,
     interlock,
     limit_table,
+    rungs_of,
     tolerances,
 )
 from rig.plant import TICK, Model
@@ -117,6 +118,16 @@ class SimulatedTest:
         self._found = confirmed_fault(row)
         self.loop.decided(row)
 
+    def limited(self, action: Action, text: str) -> NoReturn:
+        """Carry out the action of a limit that the loop itself does not judge.
+
+        Raises:
+            TripError: always.
+        """
+        self.say(text)
+        self.loop.stop(action, Cause.TEST_LIMIT)
+        raise self._stopped(self.loop.stopped)
+
     def safe_state(self) -> None:
         """Put the valve at null, and remove all injected faults."""
         self.loop.safe_state()
@@ -182,7 +193,8 @@ class SimulatedBench:
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
         """Return the loop of a test on a new simulated rig, which only this test uses."""
         loop = loop_of(self.rig, test, memory, assumed)
-        self.test = SimulatedTest(loop, self.directory, self.rig.ladder, self.say)
+        ladder = (*self.rig.ladder, *rungs_of(test.limits))
+        self.test = SimulatedTest(loop, self.directory, ladder, self.say)
         return self.test
 
     def reading(self, channel: str) -> float | None:
@@ -275,8 +287,9 @@ def loop_of(
         motion,
         memory,
         assumed.parameters,
-        gain=rig.gain_V_per_m,
+        gain=rig.gain_V_per_m if test.gain_V_per_m is None else test.gain_V_per_m,
         limit=rig.limits.command_V,
         on_fault=Reaction[test.on_fault.name],
         interlock=interlock_of(rig, assumed) if judged else None,
+        limits=rungs_of(test.limits) if judged else (),
     )

@@ -1,3 +1,4 @@
+from .awaiting import AwaitedEnd as AwaitedEnd
 from .figures import (
     Array as Array,
     Figure as Figure,
@@ -16,6 +17,8 @@ from .in_words import (
     percent as percent,
     reaction as reaction,
 )
+from .limits import LimitPassed as LimitPassed, LimitWatch as LimitWatch
+from .measures import CriterionResult as CriterionResult, Measures as Measures, Rows as Rows
 from .observer import Observer as Observer
 from .outcome import (
     EXIT_BAD_INPUT as EXIT_BAD_INPUT,

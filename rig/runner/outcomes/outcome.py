@@ -1,7 +1,7 @@
 """Defines the outcome of a test and of a campaign, as they are written to `results.json`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Final
 
@@ -9,13 +9,16 @@ from estimator.friction import FrictionCurve
 from estimator.leaks import Decision, Found
 from faults import OnFault
 from rig.plant import LEAKS
+from rig.runner.counters import Counted
 
 from .figures import Figure
+from .limits import LimitPassed
+from .measures import CriterionResult
 from .reactions import FaultAction
 
 
 class Status(StrEnum):
-    """How a test ended; PASSED and FAILED say whether the verdict was the expected one.
+    """How a test ended; PASSED and FAILED say whether verdict and figures were as expected.
 
     ERROR is a crash, ABORTED a stop, TRIPPED a trip; NOT_RUN is a test without an outcome so far.
     """
@@ -117,6 +120,9 @@ class TestOutcome:
         attempts: earlier runs of the test, which do not count.
         figures: the figures to follow from run to run, by name (`rig.runner.outcomes.figures`).
         found: all faults that the verdicts named during the test, also those that ended again.
+        counted: what the ram did; None if no sample came.
+        limits: the bands of the test's own limits that were passed.
+        criteria: what came of the criteria by which the test passes beside its verdict.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -140,6 +146,14 @@ class TestOutcome:
     attempts: tuple[Attempt, ...] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     found: tuple[Found, ...] = ()
+    criteria: tuple[CriterionResult, ...] = ()
+    limits: tuple[LimitPassed, ...] = ()
+    counted: Counted | None = None
+
+    @property
+    def missed(self) -> tuple[CriterionResult, ...]:
+        """The criteria that the test does not meet."""
+        return tuple(each for each in self.criteria if not each.met)
 
     @property
     def is_finished(self) -> bool:
@@ -154,10 +168,33 @@ class TestOutcome:
 
     @property
     def truth(self) -> InjectedFault | None:
-        """The first injected leak of the expected kind; None if there is none, or none expected."""
+        """The first injected leak of the expected kind; None if there is none, or none expected.
+
+        If it went on with other sizes, it is all of them together: from the first begin to the last
+        end, with the mean flow over all that time and the coefficient of the last.
+        """
         if self.expect not in LEAKS:
             return None
-        return next((fault for fault in self.injected if fault.kind == self.expect), None)
+        found: InjectedFault | None = None
+        for fault in self.injected:
+            if fault.kind != self.expect:
+                continue
+            if found is None:
+                found = fault
+            elif found.until_s == fault.at_s:
+                found = self._together(found, fault)
+            else:
+                break
+        return found
+
+    def _together(self, first: InjectedFault, second: InjectedFault) -> InjectedFault:
+        flows = first.mean_flow_m3_per_s, second.mean_flow_m3_per_s
+        end_s = self.recorded_s if second.until_s is None else min(second.until_s, self.recorded_s)
+        lasted = second.at_s - first.at_s, max(end_s - second.at_s, 0.0)
+        known = [(f, t) for f, t in zip(flows, lasted, strict=True) if f is not None and t > 0.0]
+        total = sum(t for _, t in known)
+        mean = sum(f * t for f, t in known) / total if total else first.mean_flow_m3_per_s
+        return replace(second, at_s=first.at_s, mean_flow_m3_per_s=mean)
 
     @property
     def onset_error_s(self) -> float | None:

@@ -57,7 +57,8 @@ def _injected_against_found(test: TestOutcome) -> str:
         onset_s = test.decision.onset_s
         since = "" if onset_s is None else f" since {onset_s:.2f} s"
         found = f"{test.decision.verdict}{_flow(test.decision.leak_m3_per_s)}{since}"
-    return f"expected {test.expect}; injected {injected}; found {found}"
+    missed = "".join(f"; not met: {each}" for each in test.missed)
+    return f"expected {test.expect}; injected {injected}; found {found}{missed}"
 
 
 def _flow(flow: float | None) -> str:

@@ -34,6 +34,13 @@ from .journal import JOURNAL, Entry, JournalError, read_journal
 CAMPAIGN: Final = "campaign"
 """Name in place of an operator's for events that no operator asked for."""
 _INNOVATIONS: Final = ("innovation_pressure_1_Pa", "innovation_pressure_2_Pa")
+_ALWAYS: Final = object()
+_LATER: Final[dict[str, Any]] = {
+    "gain_V_per_m": None, "own_figures": [], "criteria": [], "limits": [],
+    "wait_for": [], "until": None,
+}  # fmt: skip
+_LATER_OF_FAULTS: Final[dict[str, Any]] = {"follows": 0.0, "goes_on": False}
+"""Keys of tests and of faults that earlier versions did not have -> the value without effect."""
 _YAML: Final = (".yaml", ".yml")
 
 
@@ -95,6 +102,9 @@ class JournalState:
                 self._happened(entry, CAMPAIGN, f"refused a request: {entry['why']}")
             case "driven":
                 self._happened(entry, CAMPAIGN, entry["what"])
+            case "limit":
+                where = "" if self._present is None else f"{self.tests[self._present]}: "
+                self._happened(entry, CAMPAIGN, f"limit: {where}{entry['what']}")
             case "overdue":
                 name = "" if self._present is None else f" {self.tests[self._present]}"
                 what = f"cleaning up after{name} took too long; ended at once"
@@ -231,7 +241,7 @@ def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
     sources = campaign.source_files.items()
     meant = {
         "name": campaign.name,
-        "tests": plain(campaign.tests),
+        "tests": [_meant(test) for test in plain(campaign.tests)],
         "filter": campaign.filter_name,
         "false_alarms_per_day": campaign.false_alarms_per_day,
         "conditions": plain(campaign.conditions),
@@ -242,6 +252,19 @@ def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
         "rig": _sha256(plain(rig)),
         "model": model_sha256(campaign.model),
     }
+
+
+def _meant(test: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a test without the keys that came later and have no effect as they are.
+
+    So a campaign that an earlier version began can still be resumed.
+    """
+    kept = {key: value for key, value in test.items() if _LATER.get(key, _ALWAYS) != value}
+    kept["faults"] = [
+        {key: value for key, value in fault.items() if _LATER_OF_FAULTS.get(key, _ALWAYS) != value}
+        for fault in test["faults"]
+    ]
+    return kept
 
 
 def _sha256(content: Any) -> str:

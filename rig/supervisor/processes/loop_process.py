@@ -39,9 +39,12 @@ from rig.loop import (
     Word,
     course,
     interlock,
+    limit_table,
     pace,
+    passed_on,
     wire_memory,
     wire_ticks,
+    with_limits,
 )
 
 from .child import News, child_ends
@@ -196,11 +199,13 @@ class LoopProcess:
         self._offset_m = segment.offset_m
         if segment.homed is not None:
             self._words[Word.HOMED] = segment.homed
-        return Left(
+        period_s = 1e-9 * self._pace.period_ns
+        judging = with_limits(self._interlock, limit_table(segment.limits, period_s))
+        left = Left(
             wire_ticks(
                 course(replace(segment, number=number)),
                 compiled_filter(segment.memory, segment.assumed),
-                self._interlock,
+                judging,
                 self._pace,
                 self._driver.fileno(),
                 self._driver.plan(),
@@ -209,6 +214,8 @@ class LoopProcess:
                 self._board,
             )
         )
+        passed_on(judging, self._interlock)
+        return left
 
     def _rescue(self) -> Cause:
         """Trip, and keep the valve of a loop that ended by itself at null until the session ends.

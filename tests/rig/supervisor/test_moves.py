@@ -62,3 +62,15 @@ def test_a_blockage_is_the_throttle_s_share_of_its_greatest_resistance(rig: Rig)
         (1000, {"return_blockage_needle": 0.25}),
         (2000, {"return_blockage_needle": 0.0}),
     )
+
+
+def test_a_leak_that_goes_on_moves_the_needle_alone(rig: Rig) -> None:
+    first = Fault("internal_leakage", 2e-9, at_s=1.0, until_s=2.0, travel_s=0.5)
+    second = Fault("internal_leakage", 4e-9, at_s=2.0, until_s=3.0, travel_s=0.5)
+    made = moves(rig, (first, second))
+    needle = rig.bypass_valves["internal_leakage"].needle_opening_for(4e-9)
+    assert list(made) == [
+        (1000, {"internal_leakage_ball": 1.0}),
+        (2000, {"internal_leakage_needle": pytest.approx(needle)}),
+        (3000, {"internal_leakage_ball": 0.0}),
+    ]

@@ -217,3 +217,67 @@ def test_a_wrong_value_of_a_matrix_is_reported_once_where_it_stands(tmp_path: Pa
         load_campaign(path)
     (problem,) = caught.value.problems
     assert (problem.line, problem.field, problem.value) == (11, "flow", "0.3 L")
+
+
+# Profiles
+
+
+def profile(keys: str, *entries: str) -> str:
+    listed = "".join(f"      - {{{entry}}}\n" for entry in entries)
+    return f"faults:\n  - type: internal_leakage\n    {keys}\n    profile:\n{listed}"
+
+
+GROWING = profile(
+    "pressure: 6.9 MPa",
+    "at: 5 s, flow: 0.2 L/min",
+    "at: 10 s, flow: 0.4 L/min, ramp: 2 s",
+    "at: 20 s, needle_opening: 0.7, until: 30 s",
+)
+
+
+def test_a_profile_is_one_leak_that_changes_its_size_with_an_open_bypass(tmp_path: Path) -> None:
+    faults = only_test(tmp_path, GROWING).faults
+    assert [(each.at_s, each.until_s, each.goes_on) for each in faults] == [
+        (5.0, 10.0, True),
+        (10.0, 20.0, True),
+        (20.0, 30.0, False),
+    ]
+    assert [each.follows for each in faults] == [0.0, faults[0].coefficient, faults[1].coefficient]
+    assert faults[1].coefficient == pytest.approx(2.0 * faults[0].coefficient)
+
+
+def test_windows_back_to_back_are_one_bypass_that_stays_open(tmp_path: Path) -> None:
+    size = "type: internal_leakage, needle_opening: 0.5"
+    keys = f"faults:\n  - {{{size}, at: 5 s, until: 9 s}}\n  - {{{size}, at: 9 s}}\n"
+    assert [each.goes_on for each in only_test(tmp_path, keys).faults] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (profile("at: 3 s", "at: 5 s, needle_opening: 0.5"), "at: 3 s is given beside a profile"),
+        (profile("until: 30 s", "at: 5 s, needle_opening: 2"), "needle_opening: 2 is above 1"),
+        (profile("until: 30 s", "at: 5 s"), "has no size"),
+        (profile("until: 30 s", "needle_opening: 0.5"), "lacks the key at"),
+        (profile("until: 30 s", "at: 5 s, size: 0.5"), "size: is not a known key"),
+        (
+            profile("until: 30 s", "at: 9 s, needle_opening: 0.5", "at: 5 s, needle_opening: 0.6"),
+            "is not after at (9 s)",
+        ),
+        (
+            profile("until: 30 s", "at: 5 s, needle_opening: 0.5, until: 9 s",
+                    "at: 9.2 s, needle_opening: 0.6"),
+            "comes while the ball valve of the one before shuts, until 9.5 s; begin at 9 s",
+        ),
+        (
+            profile("until: 9 s", "at: 5 s, needle_opening: 0.5", "at: 5.2 s, needle_opening: 1"),
+            "begins before the ball valve has opened",
+        ),
+        ("faults:\n  - {type: internal_leakage, profile: 3}\n", "profile: 3 is not a list"),
+        ("faults:\n  - {type: internal_leakage, profile: []}\n", "has no entry"),
+    ],
+)  # fmt: skip
+def test_a_profile_that_no_bypass_can_follow_is_refused(
+    tmp_path: Path, keys: str, said: str
+) -> None:
+    assert said in "\n".join(problems_of(tmp_path, keys))

@@ -1,6 +1,6 @@
 """The interlock on samples made by hand: what each rule does, and which one wins."""
 
-from math import nan
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -16,9 +16,19 @@ from rig.loop.interlocks.judging import (
     allowed_command,
     check_sample,
     held_position,
+    interlock as interlock_of,
     interlock_memory,
+    passed_on,
+    with_limits,
 )
-from rig.loop.interlocks.ladder import EXPLANATIONS, Action, Cause, explain, limit_table
+from rig.loop.interlocks.ladder import (
+    EXPLANATIONS,
+    Action,
+    Cause,
+    channel_name,
+    explain,
+    limit_table,
+)
 from rig.plant import NOMINAL
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
@@ -247,3 +257,20 @@ def test_every_cause_has_a_sentence_and_a_remedy(cause: Cause) -> None:
     assert remedy
     assert "{" not in sentence
     assert ("load_N" in sentence) == ("{channel}" in EXPLANATIONS[cause].sentence)
+
+
+def test_limits_of_a_test_hold_beside_those_of_the_rig_and_are_gone_after_it() -> None:
+    known = interlock_of(limit_table(LADDER[:1], TICK), TOL)
+    more = limit_table([ChannelLimit("following_error_m", -inf, 5e-3, "ramp_down")], TICK)
+    widened = with_limits(known, more)
+    sample = np.full(len(FAST_INPUTS), nan)
+    sample[:3] = 0.3, 7e6, 7e6
+    tick = Tick(sample, True, 1, 0.15, 0, 0.0, 1, True, True, 6e-3)
+    action, cause, channel = check_sample(tick, widened)
+    assert (action, cause) == (Action.RAMP_DOWN, Cause.LIMIT_HIGH)
+    assert channel_name(channel) == "following_error_m"
+    assert check_sample(tick._replace(error=4e-3), widened)[0] < Action.HOLD
+    sample[0] = 0.52
+    check_sample(tick, widened)
+    passed_on(widened, known)
+    assert known.memory.outside.tolist() == [1]

@@ -154,7 +154,7 @@ def _interlocked(
             late = elapsed - 1
             elapsed, exchange, owed = 1 + owed, exchange + late, late
         action, cause, channel = check_sample(
-            Tick(inputs, fresh, elapsed, exchange, age, command, k, True, True),
+            Tick(inputs, fresh, elapsed, exchange, age, command, k, True, True, np.nan),
             Interlock(limits, tol, memory),
         )
         elapsed = 0

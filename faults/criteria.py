@@ -1,0 +1,102 @@
+"""What a test's figures must be, and the limits that its channels must keep, as data."""
+
+from dataclasses import dataclass
+from math import inf
+from typing import Final, Literal
+
+from .expressions import Expression
+
+FOLLOWING_ERROR: Final = "following_error_m"
+"""Name of the distance between setpoint and measured position, m; at least 0."""
+
+MEASURES: Final = {
+    "rms_error": "m",
+    "peak_error": "m",
+    "overshoot": "",
+    "settling": "s",
+    "peak": "",
+    "valley": "",
+    "leak": "m^3/s",
+}
+"""Figures that a criterion may ask for by name -> SI unit; peak and valley have their channel's."""
+
+
+@dataclass(frozen=True)
+class OwnFigure:
+    """A figure, or a quantity at each sample, that a campaign file defines by an expression.
+
+    Attributes:
+        name: its name.
+        expression: how it is computed from the channels, in SI.
+        unit: its SI unit; empty for a plain number.
+    """
+
+    name: str
+    expression: Expression
+    unit: str
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """Limits of a figure within which a test passes, in the figure's SI unit.
+
+    Attributes:
+        figure: name of the figure: one of `MEASURES`, of the test's own, or of those that every
+            test has.
+        low, high: least and greatest value with which the test passes; infinite for no limit.
+        unit: SI unit of the figure.
+        channel: channel of peak and valley; empty for other figures.
+        during: name of the segment over which the figure is taken; empty for the whole test.
+        from_s, until_s: the stretch over which it is taken, s of the test.
+    """
+
+    figure: str
+    low: float
+    high: float
+    unit: str
+    channel: str = ""
+    during: str = ""
+    from_s: float = 0.0
+    until_s: float = inf
+
+    @property
+    def label(self) -> str:
+        """The name under which the figure is kept: with its channel, and where it is taken."""
+        of = f" of {self.channel}" if self.channel else ""
+        where = f" in {self.during}" if self.during else ""
+        if not self.during and (self.from_s > 0.0 or self.until_s < inf):
+            end = "" if self.until_s == inf else f" to {self.until_s:g} s"
+            where = f" from {self.from_s:g} s{end}"
+        return f"{self.figure}{of}{where}"
+
+
+LimitAction = Literal["warn", "hold", "ramp_down", "trip"]
+
+
+@dataclass(frozen=True)
+class TestLimit:
+    """A limit that holds while a test runs: an inner band, warned of, and an outer one, acted on.
+
+    Attributes:
+        watched: name of a channel, `FOLLOWING_ERROR`, or the name of one of the test's own figures.
+        unit: SI unit of what is watched.
+        low, high: ends of the outer band, SI; infinite for none.
+        inner_low, inner_high: ends of the inner band, SI; infinite for none.
+        action: what is done beyond the outer band.
+        for_s: time in s for which the value must be beyond a band.
+        hysteresis: how far back within a band the value must come, SI, before it counts as within.
+        over_s: for a figure, the time in s before now over which it is computed; else 0.
+    """
+
+    __test__ = False  # not a pytest class, whatever its name
+
+    watched: str
+    unit: str
+    low: float = -inf
+    high: float = inf
+    inner_low: float = -inf
+    inner_high: float = inf
+    action: LimitAction = "trip"
+    for_s: float = 0.0
+    hysteresis: float = 0.0
+    over_s: float = 0.0

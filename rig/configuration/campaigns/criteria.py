@@ -1,0 +1,394 @@
+"""The `figures`, `criteria` and `limits` of a test are read here."""
+
+from collections.abc import Iterator, Mapping, Sequence as Listing
+from math import inf
+from typing import Annotated, Any, Final
+
+from pydantic import create_model
+
+from control import Sequence
+from faults import (
+    FOLLOWING_ERROR,
+    MEASURES,
+    Criterion,
+    Expression,
+    ExpressionError,
+    LimitAction,
+    OwnFigure,
+    TestLimit,
+)
+from rig.configuration.reading import (
+    DIMENSIONS,
+    Located,
+    Physical,
+    Schema,
+    elements_of,
+    read_mapping,
+    suggestion,
+)
+from rig.configuration.rigs import Rig
+from rig.io import FAST_INPUTS, SLOW_INPUTS
+from rig.plant import quantities
+from rig.recording import unit_of
+
+from .conditions import measured_by
+from .segments import Motion
+
+_EVERY_TEST: Final = {
+    "residual_pressure_1": "Pa",
+    "residual_pressure_2": "Pa",
+    "bulk_modulus": "Pa",
+    "loop_wakeup_p50": "s",
+    "loop_wakeup_p99": "s",
+    "loop_command_p99": "s",
+    "loop_missed": "",
+}
+"""Figures that tests have by themselves -> SI unit, beside `leak`."""
+_OF_CHANNEL: Final = ("peak", "valley")
+_COMMANDED: Final = ("time_s", "setpoint_m", "setpoint_V", "command_V", FOLLOWING_ERROR)
+_WINDOW_S: Final = Physical("s", 0.5, 60.0, 10.0)
+"""How far back a figure that is watched looks. It is computed anew every 50 ms, so that a minute of
+rows is what a test in real time can afford."""
+
+
+class OwnFigureFile(Schema):
+    """Keys of a figure of one's own, whose name is its key under `figures`."""
+
+    expression: str
+    unit: str = ""
+
+
+class CriterionFile(Schema):
+    """Keys of a criterion; the unit of its limits is that of its figure."""
+
+    figure: str
+    at_least: Any = None
+    at_most: Any = None
+    channel: str | None = None
+    during: str | None = None
+    from_time: Annotated[float | None, Physical("s", 0.0, 3600.0, 10.0)] = None
+    until_time: Annotated[float | None, Physical("s", 0.0, 3600.0, 10.0)] = None
+
+
+class _TestLimitKeys(Schema):
+    """Keys of a limit that holds while a test runs; its bounds have the unit of its channel."""
+
+    __test__ = False  # not a pytest class, whatever its name
+
+    channel: str | None = None
+    figure: str | None = None
+    low: Any = None
+    high: Any = None
+    inner_low: Any = None
+    inner_high: Any = None
+    action: LimitAction = "trip"
+    hysteresis: Any = None
+    over: Annotated[float | None, _WINDOW_S] = None
+
+
+_FOR: Final = Physical("s", 0.0, 600.0, 1.0)
+# `for` is a word of Python, so that the class above cannot have it.
+TestLimitFile = create_model(  # type: ignore[call-overload]
+    "TestLimitFile",
+    __base__=_TestLimitKeys,
+    __doc__=_TestLimitKeys.__doc__,
+    **{"for": (Annotated[float, _FOR], 0.0)},
+)
+
+
+def channels_of(rig: Rig | None) -> tuple[str, ...]:
+    """Return the channels that expressions, criteria and limits may name, for a rig or for any."""
+    measured = (*FAST_INPUTS, *SLOW_INPUTS) if rig is None else measured_by(rig)
+    return tuple(dict.fromkeys((*_COMMANDED, *measured)))
+
+
+def read_own_figures(item: Located | None, rig: Rig | None) -> tuple[OwnFigure, ...]:
+    """Return the usable figures under the key `figures`; record the problems of the others."""
+    if item is None:
+        return ()
+    if not isinstance(item.value, dict):
+        item.refuse("is not a mapping", "write `name: {expression: ..., unit: ...}`")
+        return ()
+    return tuple(each for name, entry in item.items() if (each := _own(name, entry, rig)))
+
+
+def _own(name: str, item: Located, rig: Rig | None) -> OwnFigure | None:
+    if name in MEASURES or name in _EVERY_TEST or name in channels_of(None):
+        item.refuse("has a meaning already", "choose another name", name, name="figures")
+        return None
+    file = read_mapping(OwnFigureFile, item)
+    if file is None:
+        return None
+    if file.unit not in DIMENSIONS:
+        remedy = (
+            f"expressions are in SI; give one of {', '.join(each for each in DIMENSIONS if each)}"
+        )
+        item.refuse("is no SI unit", remedy, file.unit, "unit")
+        return None
+    try:
+        expression = Expression(file.expression)
+    except ExpressionError as error:
+        item.refuse(error.limit, error.remedy, key="expression")
+        return None
+    known = channels_of(rig)
+    unknown = [channel for channel in expression.channels if channel not in known]
+    for channel in unknown:
+        remedy = suggestion(channel, known, "channels")
+        item.refuse("is no channel of this rig", remedy, channel, "expression")
+    if not expression.channels:
+        item.refuse("uses no channel", f"channels: {', '.join(known)}", key="expression")
+    return OwnFigure(name, expression, file.unit) if expression.channels and not unknown else None
+
+
+def read_criteria(
+    item: Located | None, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
+) -> tuple[Criterion, ...]:
+    """Return the usable criteria of a test; record the problems of the others.
+
+    Args:
+        item: the list under the key `criteria`; None if there is none.
+        own: the test's own figures.
+        motion: the test's motion; None if it is not known.
+        rig: the rig; None if it is unusable.
+    """
+    remedy = "write a list: - {figure: rms_error, at_most: 3 mm}"
+    return tuple(
+        each
+        for element in elements_of(item, remedy)
+        if (each := _criterion(element, own, motion, rig)) is not None
+    )
+
+
+def _criterion(
+    item: Located, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
+) -> Criterion | None:
+    problems = item.sources.problems
+    before = problems.reported
+    file = read_mapping(CriterionFile, item)
+    if file is None:
+        return None
+    unit = _unit_of_criterion(item, file, own, rig)
+    window = _window(item, file, motion)
+    if unit is None or window is None:
+        return None
+    if motion is not None and motion.setpoint.quantity != "position" and (
+        file.figure in ("rms_error", "peak_error", "overshoot", "settling")
+    ):  # fmt: skip
+        limit = "compares with a setpoint in m, and this test has none"
+        item.refuse(limit, "leave it out, or give a setpoint in m", key="figure")
+    ends = _bounds(item, ("at_least", "at_most"), unit)
+    if problems.reported > before:
+        return None
+    low, high = ends.get("at_least", -inf), ends.get("at_most", inf)
+    if (low, high) == (-inf, inf):
+        item.refuse("has no limit", "add `at_least: ...`, `at_most: ...` or both", file.figure)
+        return None
+    if low > high:
+        item.refuse("is above at_most", "swap them", key="at_least")
+        return None
+    channel = file.channel or ("position_m" if file.figure in _OF_CHANNEL else "")
+    return Criterion(file.figure, low, high, unit, channel, file.during or "", *window)
+
+
+def _unit_of_criterion(
+    item: Located, file: CriterionFile, own: Listing[OwnFigure], rig: Rig | None
+) -> str | None:
+    mine = {each.name: each for each in own}
+    if file.channel is not None and file.figure not in _OF_CHANNEL:
+        item.refuse("is given for a figure of no channel", "leave it out", key="channel")
+        return None
+    if file.figure in _OF_CHANNEL:
+        channel, channels = file.channel or "position_m", channels_of(rig)
+        if channel not in channels:
+            remedy = suggestion(channel, channels, "channels")
+            item.refuse("is no channel of this rig", remedy, channel, "channel")
+            return None
+        return unit_of(channel)
+    if file.figure in mine:
+        if not mine[file.figure].expression.is_number:
+            remedy = f"write max({mine[file.figure].expression.text}) or the like"
+            item.refuse("has a value at each sample, and no single one", remedy, key="figure")
+            return None
+        return mine[file.figure].unit
+    every = {**MEASURES, **_EVERY_TEST}
+    if file.figure.startswith("friction_"):
+        known = quantities()
+        found = known.get(file.figure) or known.get(file.figure.removeprefix("friction_"))
+        if found is not None:
+            return found.unit
+    if file.figure not in every:
+        remedy = suggestion(file.figure, [*every, *mine], "figures")
+        item.refuse("is no known figure", remedy, key="figure")
+        return None
+    return every[file.figure]
+
+
+def _window(
+    item: Located, file: CriterionFile, motion: Motion | None
+) -> tuple[float, float] | None:
+    """Return the stretch of a criterion, s of the test; if it is wrong, record why, and None."""
+    timed = file.from_time is not None or file.until_time is not None
+    if (timed or file.during) and file.figure in (*_EVERY_TEST, "leak"):
+        item.refuse("is a figure of the whole test", "leave the stretch out", key="figure")
+        return None
+    if file.during is None:
+        begin, end = file.from_time or 0.0, inf if file.until_time is None else file.until_time
+        if motion is not None and begin >= min(end, motion.duration_s):
+            lasts = f"{motion.duration_s:g} s"
+            item.refuse(f"leaves nothing of the test's {lasts}", "begin earlier", key="from_time")
+            return None
+        return begin, end
+    if timed:
+        item.refuse("is given with from_time or until_time", "give one of both", key="during")
+        return None
+    if motion is None:
+        return None
+    stretches = motion.setpoint.stretches if isinstance(motion.setpoint, Sequence) else ()
+    names = list(dict.fromkeys(each.name for each in stretches if each.name))
+    if not isinstance(motion.setpoint, Sequence) or file.during not in names:
+        remedy = suggestion(file.during, names, "named segments")
+        item.refuse("is no segment of this test", remedy, key="during")
+        return None
+    return motion.setpoint.window_s(file.during)
+
+
+def _bounds(item: Located, keys: Listing[str], unit: str) -> Mapping[str, float]:
+    """Return those of some keys that a mapping gives, as quantities; record their problems."""
+    kind = Annotated[float, Physical(unit)]
+    fields: Any = dict.fromkeys(keys, (kind, None))
+    given = {key: entry for key, entry in item.items() if key in keys and entry.value is not None}
+    file = read_mapping(
+        create_model("BoundsFile", __base__=Schema, **fields), item.with_value(given)
+    )
+    found = {} if file is None else file.model_dump()
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def read_test_limits(
+    item: Located | None, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
+) -> tuple[TestLimit, ...]:
+    """Return the usable limits of a test; record the problems of the others.
+
+    Args:
+        item: the list under the key `limits`; None if there is none.
+        own: the test's own figures.
+        motion: the test's motion; None if it is not known.
+        rig: the rig; None if it is unusable.
+    """
+    remedy = "write a list: - {channel: following_error_m, high: 5 mm, action: ramp_down}"
+    return tuple(_limits(elements_of(item, remedy), own, motion, rig))
+
+
+def _limits(
+    elements: Listing[Located],
+    own: Listing[OwnFigure],
+    motion: Motion | None,
+    rig: Rig | None,
+) -> Iterator[TestLimit]:
+    for element in elements:
+        limit = _limit(element, own, motion, rig)
+        if limit is not None:
+            yield limit
+
+
+def _limit(
+    item: Located, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
+) -> TestLimit | None:
+    problems = item.sources.problems
+    before = problems.reported
+    file = read_mapping(TestLimitFile, item)
+    if file is None:
+        return None
+    for_s = getattr(file, "for")
+    unit = _unit_of_limit(item, file, own, motion, rig)
+    if unit is None or problems.reported > before:
+        return None
+    keys = ("low", "high", "inner_low", "inner_high", "hysteresis")
+    ends = _bounds(item, keys, unit)
+    if problems.reported > before:
+        return None
+    mine = {each.name: each for each in own}
+    watched = str(file.channel or file.figure)
+    is_figure = watched in mine and mine[watched].expression.is_number
+    if file.over is not None and not is_figure:
+        item.refuse(
+            "is for figures; a channel has a value at each sample", "leave it out", key="over"
+        )
+        return None
+    usual = 10.0 if is_figure else 0.0
+    limit = TestLimit(
+        watched,
+        unit,
+        ends.get("low", -inf),
+        ends.get("high", inf),
+        ends.get("inner_low", -inf),
+        ends.get("inner_high", inf),
+        file.action,
+        for_s,
+        ends.get("hysteresis", 0.0),
+        file.over or usual,
+    )
+    return limit if _is_sound(item, limit) else None
+
+
+def _unit_of_limit(
+    item: Located,
+    file: _TestLimitKeys,
+    own: Listing[OwnFigure],
+    motion: Motion | None,
+    rig: Rig | None,
+) -> str | None:
+    if (file.channel is None) == (file.figure is None):
+        limit = "names both a channel and a figure" if file.channel else "names nothing to watch"
+        item.refuse(limit, "give `channel: ...` or `figure: ...`", "")
+        return None
+    if file.figure is not None:
+        mine = {each.name: each for each in own}
+        if file.figure == "leak":
+            return "m^3/s"
+        if file.figure not in mine:
+            remedy = suggestion(
+                file.figure, ["leak", *mine], "figures that are computed as it runs"
+            )
+            item.refuse("is no figure that is computed as the test runs", remedy, key="figure")
+            return None
+        return mine[file.figure].unit
+    known = [name for name in channels_of(rig) if unit_of(name) and name != "time_s"]
+    if file.channel not in known:
+        remedy = suggestion(str(file.channel), known, "channels")
+        item.refuse("is not measured by this rig", remedy, key="channel")
+        return None
+    if file.channel == FOLLOWING_ERROR and motion and motion.setpoint.quantity != "position":
+        limit = "compares with a setpoint in m, and this test has none"
+        item.refuse(limit, "leave it out, or give a setpoint in m", key="channel")
+        return None
+    return unit_of(str(file.channel))
+
+
+def _is_sound(item: Located, limit: TestLimit) -> bool:
+    """Return whether the bands of a limit make sense; if not, record why."""
+    outer, inner = (limit.low, limit.high), (limit.inner_low, limit.inner_high)
+    if (*outer, *inner) == (-inf, inf, -inf, inf):
+        item.refuse("has no limit", "add `low: ...`, `high: ...` or both", limit.watched)
+        return False
+    if outer == (-inf, inf) and limit.action != "warn":
+        item.refuse("has an inner band only", "add the outer one, or `action: warn`", limit.watched)
+        return False
+    for ends, key in ((outer, "low"), (inner, "inner_low")):
+        if not ends[0] < ends[1]:
+            item.refuse("is not below its upper end", "swap them", key=key)
+            return False
+    if limit.inner_low < limit.low or limit.inner_high > limit.high:
+        wide = (
+            "inner_low" if limit.inner_low > -inf and limit.inner_low < limit.low else "inner_high"
+        )
+        if (wide == "inner_low" and limit.inner_low > -inf) or limit.inner_high < inf:
+            item.refuse(
+                "lies outside of the outer band", "let the inner band be narrower", key=wide
+            )
+            return False
+    width = min(outer[1] - outer[0], inner[1] - inner[0])
+    if not 0.0 <= 2.0 * limit.hysteresis < width:
+        item.refuse("leaves nothing between the ends of a band", "reduce it", key="hysteresis")
+        return False
+    return True

@@ -1,0 +1,290 @@
+"""The motion of a test is read here: one setpoint, or several segments one after the other."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
+
+import numpy as np
+from pydantic import Field as SchemaField
+
+from control import Constant, Sequence, Setpoint, SetpointError, Stretch, period_of
+from rig.configuration.reading import (
+    Located,
+    Physical,
+    Schema,
+    Under,
+    elements_of,
+    read_mapping,
+    refuse_missing,
+    show,
+)
+from rig.configuration.rigs import Rig
+from rig.plant import TICK
+
+from .setpoints import SetpointContext, read_setpoint, setpoint_files
+
+DURATION: Final = Physical("s", 5.0, 3600.0, 40.0)
+"""How long a test may last. Below 5 s no filter has settled; beyond an hour the rows of one test
+would not fit beside others in memory, and `repeats` or a `loop` serve better."""
+Cycles = Annotated[int | None, SchemaField(ge=1, le=1_000_000)]
+Times = Annotated[int, SchemaField(ge=1, le=1000)]
+_MOST_SEGMENTS: Final = 1000
+_DEFAULT_S: Final = 60.0
+"""Duration by which a setpoint is read whose own is wrong, so that its keys are checked."""
+
+
+class SegmentFile(Schema):
+    """Keys of a segment: a setpoint with a duration or cycles, or `hold` for how long to rest."""
+
+    name: str | None = None
+    setpoint: Annotated[Any, Under(setpoint_files)] = None
+    duration: Annotated[float | None, Physical("s", 1e-3, 3600.0, 10.0)] = None
+    cycles: Cycles = None
+    hold: Annotated[float | None, Physical("s", 1e-3, 3600.0, 10.0)] = None
+    blend: Annotated[float, Physical("s", 0.0, 600.0, 2.0)] = 0.0
+
+
+class SegmentLoopFile(Schema):
+    """Keys of a loop of segments, which runs its segments as many times as `loop` says."""
+
+    loop: Times
+    segments: Annotated[Any, Under(lambda: (SegmentFile, SegmentLoopFile), many=True)]
+
+
+class Motion(NamedTuple):
+    """The setpoint of a test, and how long the test lasts, s."""
+
+    setpoint: Setpoint
+    duration_s: float
+
+
+def read_motion(
+    item: Located, context: SetpointContext, rig: Rig | None, known: Iterable[str]
+) -> Motion | None:
+    """Return the motion of a test; record all problems, and return None if it cannot be made.
+
+    A test has a `setpoint` with a `duration` or `cycles`, or it has `segments`. A setpoint that
+    goes beyond the rig's limits is a problem.
+
+    Args:
+        item: the test.
+        context: duration, seed and folder for its setpoint; the duration is the test's if the test
+            gives one.
+        rig: the rig whose limits are checked; None if it is unusable.
+        known: keys that a test may have.
+    """
+    problems = item.sources.problems
+    before = problems.reported
+    if item.get("segments") is not None:
+        motion = _segmented(item, context, rig)
+    else:
+        motion = _single(item, context, rig, known)
+    return motion if problems.reported == before else None
+
+
+def _single(
+    item: Located, context: SetpointContext, rig: Rig | None, known: Iterable[str]
+) -> Motion | None:
+    given = item.get("setpoint")
+    if item.get("duration") is None and item.get("cycles") is None:
+        refuse_missing(item, "duration", known)
+    if given is None:
+        refuse_missing(item, "setpoint", known)
+        return None
+    setpoint = read_setpoint(given, context)
+    if setpoint is None:
+        return None
+    duration_s = _duration(item, setpoint, context.duration_s)
+    if duration_s is None:
+        return None
+    entry = item.get("cycles")
+    if entry is not None and not DURATION.lower <= duration_s <= DURATION.upper:
+        stretch = f"{DURATION.lower:g} s to {DURATION.upper:g} s"
+        limit = f"last {duration_s:g} s, and a test lasts {stretch}"
+        entry.refuse(limit, "ask for another number of cycles, or for repeats of the test")
+        return None
+    if rig is not None:
+        check_against_limits(setpoint, duration_s, given, rig)
+    return Motion(setpoint, duration_s)
+
+
+def _duration(item: Located, setpoint: Setpoint, duration_s: float) -> float | None:
+    """Return how long a setpoint lasts by the keys `duration` and `cycles` beside it, s.
+
+    It is a whole number of ticks. If the keys contradict each other, or the setpoint has no cycles,
+    record a problem and return None.
+    """
+    entry = item.get("cycles")
+    if entry is None:
+        return duration_s
+    if item.get("duration") is not None:
+        limit = "is given with a duration, which it takes the place of"
+        entry.refuse(limit, "give one of both")
+        return None
+    if not isinstance(entry.value, int):
+        return None
+    period_s = period_of(setpoint)
+    if period_s is None:
+        kind = type(setpoint).__name__.lower()
+        limit = f"has no meaning for a setpoint of type {kind}, which does not repeat itself"
+        entry.refuse(limit, "give a duration; sine, triangle, trapezoid and multisine have cycles")
+        return None
+    return round(entry.value * period_s / TICK) * TICK
+
+
+@dataclass
+class _Reader:
+    """A reader of the segments of one test, which follow one another.
+
+    Attributes:
+        stretches: the usable segments so far, with the place of each in the file.
+        broken: whether a segment could not be read, so that where the next one begins is unknown.
+    """
+
+    context: SetpointContext
+    rig: Rig | None
+    start: float | None
+    stretches: list[tuple[Stretch, Located]] = field(default_factory=list)
+    broken: bool = False
+
+    def read(self, items: list[Located]) -> None:
+        for item in items:
+            if item.get("loop") is not None or item.get("segments") is not None:
+                self._read_loop(item)
+            else:
+                self._read_segment(item)
+
+    def _read_loop(self, item: Located) -> None:
+        file = read_mapping(SegmentLoopFile, item)
+        if file is None:
+            self.broken = True
+            return
+        inner = elements_of(item.get("segments"), "write a list of segments: - {setpoint: ...}")
+        problems = item.sources.problems
+        for _ in range(file.loop):
+            before = problems.reported
+            self.read(inner)
+            if problems.reported > before or len(self.stretches) > _MOST_SEGMENTS:
+                break
+        if len(self.stretches) > _MOST_SEGMENTS:
+            item.refuse(f"makes more than {_MOST_SEGMENTS} segments", "loop less often", key="loop")
+            self.broken = True
+
+    def _read_segment(self, item: Located) -> None:
+        problems = item.sources.problems
+        before = problems.reported
+        file = read_mapping(SegmentFile, item)
+        stretch = None
+        if file is not None and problems.reported == before:
+            stretch = self._hold(item, file) if file.hold else self._moving(item, file)
+        if stretch is None:
+            self.broken = True
+        else:
+            self.stretches.append((stretch, item))
+
+    def _hold(self, item: Located, file: SegmentFile) -> Stretch | None:
+        for key in ("setpoint", "duration", "cycles", "blend"):
+            if item.get(key) is not None:
+                limit = "is given with hold, which says all about a segment that rests"
+                item.refuse(limit, "leave one of both out", key=key)
+                return None
+        assert file.hold is not None
+        if self.broken:
+            return None
+        if not self.stretches:
+            if self.start is None:
+                remedy = "give the test a start_position, or begin with a setpoint"
+                item.refuse("has nothing to hold at the begin of a test", remedy, key="hold")
+                return None
+            return Stretch(Constant(self.start), file.hold, file.name or "")
+        before, _ = self.stretches[-1]
+        if before.setpoint.quantity != "position":
+            remedy = "write a constant setpoint of 0 V"
+            item.refuse("holds a position, and this test has no position loop", remedy, key="hold")
+            return None
+        end = float(before.setpoint.sample(np.array([before.duration_s]))[0])
+        return Stretch(Constant(end), file.hold, file.name or "")
+
+    def _moving(self, item: Located, file: SegmentFile) -> Stretch | None:
+        given = item.get("setpoint")
+        if given is None:
+            item.refuse("has no motion", "give it a setpoint, or `hold: 10 s`", "")
+            return None
+        if file.duration is None and file.cycles is None:
+            item.refuse("has no end", "give it a duration, or cycles of its setpoint", "")
+            return None
+        duration_s = file.duration or _DEFAULT_S
+        setpoint = read_setpoint(given, self.context._replace(duration_s=duration_s))
+        lasts_s = None if setpoint is None else _duration(item, setpoint, duration_s)
+        if setpoint is None or lasts_s is None:
+            return None
+        lasts_s = max(round(lasts_s / TICK), 1) * TICK
+        blend_s = round(file.blend / TICK) * TICK
+        if blend_s and not self.stretches and not self.broken:
+            remedy = "leave it out: the ram is at the start position when the test begins"
+            item.refuse("has no segment before it", remedy, key="blend")
+            return None
+        if self.rig is not None:
+            check_against_limits(setpoint, lasts_s, given, self.rig)
+        return Stretch(setpoint, lasts_s, file.name or "", blend_s)
+
+
+def _segmented(item: Located, context: SetpointContext, rig: Rig | None) -> Motion | None:
+    entry = item.find("segments")
+    for key in ("setpoint", "duration", "cycles"):
+        if item.get(key) is not None:
+            limit = "is given with segments, each of which has its own"
+            item.refuse(limit, "leave one of both out", key=key)
+    start = item.get("start_position")
+    reader = _Reader(context, rig, _position(start))
+    elements = elements_of(entry, "write a list: - {setpoint: ..., duration: ...}")
+    if not elements and isinstance(entry.value, list):
+        entry.refuse("is empty", "give at least one segment")
+    reader.read(elements)
+    if reader.broken or not reader.stretches:
+        return None
+    try:
+        sequence = Sequence(tuple(stretch for stretch, _ in reader.stretches))
+    except SetpointError as error:
+        for problem in error.problems:
+            index = int(problem.field.partition("[")[2].removesuffix("]"))
+            place = reader.stretches[index][1]
+            place.refuse(problem.limit, problem.remedy, problem.value, name="segment")
+        return None
+    if not DURATION.lower <= sequence.duration_s <= DURATION.upper:
+        limit = f"is not within {DURATION.lower:g} s to {DURATION.upper:g} s, as a test lasts"
+        entry.refuse(limit, "change the segments, or split the test", f"{sequence.duration_s:g} s")
+        return None
+    return Motion(sequence, sequence.duration_s)
+
+
+def _position(item: Located | None) -> float | None:
+    if item is None:
+        return None
+    try:
+        return Physical("m").parse(item.value)
+    except ValueError:
+        return None
+
+
+def check_against_limits(setpoint: Setpoint, duration_s: float, item: Located, rig: Rig) -> None:
+    """Record a problem if a setpoint goes beyond the limits of the rig within its duration."""
+    limits = rig.limits.of(setpoint.quantity)
+    times = np.arange(round(duration_s / TICK)) * TICK
+    values = setpoint.sample(times)
+    worst = int(np.argmax(np.maximum(values - limits.upper, limits.lower - values)))
+    value = float(values[worst])
+    if limits.lower <= value <= limits.upper:
+        return
+    above = value > limits.upper
+    end = show(limits.upper if above else limits.lower, limits.unit)
+    limit = f"is {'above' if above else 'below'} the {end} of the rig {rig.name}"
+    is_position = setpoint.quantity == "position"
+    remedy = "reduce or shift the motion" if is_position else "reduce the command"
+    item.refuse(limit, remedy, f"{show(value, limits.unit)} at {times[worst]:.3f} s")
+
+
+def context_of(duration_s: float | None, seed: int, folder: Path) -> SetpointContext:
+    """Return the context of a test's setpoint, with another duration if the test's is not known."""
+    return SetpointContext(duration_s or _DEFAULT_S, seed, folder)
