@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf
 
-from control import Setpoint
+from control import ControlSettings, Setpoint
 from estimator.leaks import Baseline, Detector, detector_for
 from rig.plant import Model
 
@@ -96,6 +96,8 @@ class CampaignTest:
     repeat: int
     seed: int
     on_fault: OnFault = OnFault.IGNORE
+    control: ControlSettings | None = field(default=None, metadata={"unless_usual": True})
+    """What the position loop adds to gain times error in this test; None for the rig's settings."""
 
 
 @dataclass(frozen=True)

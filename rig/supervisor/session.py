@@ -29,6 +29,7 @@ from rig.supervisor.processes import (
 
 from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
+from .guiding import guide_for
 from .moves import moves, preparing_moves
 from .states import Event, State
 
@@ -103,12 +104,14 @@ class Session:
             assumed: the model that the filter assumes.
         """
         ticks = round(test.duration_s / TICK)
+        setpoint = np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK))
         wire = self.rig.tracking(
             test.start_position_m,
             test.settle_s,
             memory=memory,
             assumed=assumed.parameters,
-            setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
+            setpoint=setpoint,
+            guide=guide_for(self.rig.configured, test, setpoint, assumed),
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
         )

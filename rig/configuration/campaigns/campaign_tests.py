@@ -12,10 +12,10 @@ from typing import Annotated, Any, Final
 import numpy as np
 from pydantic import Field as SchemaField
 
-from control import Setpoint
+from control import ControlSettings, Setpoint
 from faults import CampaignTest, Fault, OnFault, SpringLoad, Verdict
 from rig.configuration.reading import Located, Physical, Schema, expand, read_mapping, show
-from rig.configuration.rigs import Rig
+from rig.configuration.rigs import Rig, read_control
 from rig.plant import TICK, quantities
 
 from .faults import read_faults
@@ -39,6 +39,7 @@ class CampaignTestFile(Schema):
     on_fault: OnFault = OnFault.IGNORE
     repeats: Annotated[int, SchemaField(ge=1, le=1000)] = 1
     seed: Annotated[int | None, SchemaField(ge=0, lt=2**31)] = None
+    control: Any = None
     matrix: Any = None
 
 
@@ -102,6 +103,7 @@ class _TestReader:
     def read(self) -> Iterator[CampaignTest]:
         file = read_mapping(CampaignTestFile, self.item)
         load = self._load()
+        control = self._control()
         duration_s = file.duration if file else None
         faults = read_faults(self.item.get("faults"), duration_s, self.rig)
         # The seed follows from the name, so that adding a test changes no other test's noise.
@@ -129,6 +131,7 @@ class _TestReader:
                 repeat=index + 1,
                 seed=seed + index,
                 on_fault=file.on_fault,
+                control=control,
             )
 
     def _setpoint(self, duration_s: float, seed: int) -> Setpoint | None:
@@ -162,6 +165,11 @@ class _TestReader:
         limit = f"is not within {stretch}, the position limits of the rig {self.rig.name}"
         self.item.refuse(limit, "start within them", key="start_position")
         return None
+
+    def _control(self) -> ControlSettings | None:
+        """Return the test's own control settings; None if it has none, or they are unusable."""
+        item = self.item.get("control")
+        return None if item is None else read_control(item, self.rig.control if self.rig else None)
 
     def _load(self) -> SpringLoad | None:
         item = self.item.get("load")

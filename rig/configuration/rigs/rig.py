@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from control import POSITION_GAIN
+from control import POSITION_GAIN, ControlSettings
 from faults import BypassValve
 from rig.configuration.models import override, read_model
 from rig.configuration.reading import (
@@ -23,6 +23,7 @@ from rig.configuration.reading import (
 from rig.io import ChannelLimit, DriverSpec, HomingSettings, LoopSettings
 from rig.plant import Model, SensorParameters
 
+from .control import UNLESS_USUAL, read_control
 from .drivers import read_drivers
 from .hardware import check_hardware, check_rates, check_rungs, moved_faults
 from .limits import Limits, read_ladder, read_limits, usual_ladder
@@ -56,6 +57,7 @@ class Rig:
         drivers: drivers of a hardware rig, exactly one of them fast; () for a simulated rig.
         loop: how the loop of a hardware rig is paced and watched.
         homing: how the encoder finds its zero; None if the encoder always knows the position.
+        control: what the position loop adds to gain times error, unless a test has its own.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Rig:
     drivers: tuple[DriverSpec, ...] = ()
     loop: LoopSettings = field(default_factory=LoopSettings)
     homing: HomingSettings | None = None
+    control: ControlSettings = field(default_factory=ControlSettings, metadata=UNLESS_USUAL)
 
     @property
     def injectable(self) -> tuple[str, ...]:
@@ -106,6 +109,7 @@ class RigFile(Schema):
     drivers: Any = None
     loop: Any = None
     homing: Any = None
+    control: Any = None
 
 
 class PlantFile(Schema):
@@ -137,7 +141,10 @@ def read_rig(own: Located) -> Rig | None:
     homing = root.get("homing")
     settings = read_options(HomingSettings, homing) if homing is not None else None
     drivers = _read_drivers(root, file, loop, rungs)
+    control = read_control(root.get("control"))
     if file is None or plant is None or sensors is None or limits is None or loop is None:
+        return None
+    if control is None:
         return None
     return Rig(
         name=file.name,
@@ -157,6 +164,7 @@ def read_rig(own: Located) -> Rig | None:
         drivers=drivers,
         loop=loop,
         homing=settings,
+        control=control,
     )
 
 
