@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 _LEARNING_PERIODS: Final = 2.0
 """Least time constant of a tone's correction, in periods of the tone: the error's amplitude is a
 mean over a period, so that a faster correction would answer to the tone itself."""
+_RESTING_TIMES: Final = 3.0
+"""Integral times of rest after which the integral is held: what it would still do is 5 %."""
 _LEAST_WIDTH_V: Final = 1e-3
 """Least width of the smooth part about null, V, where there is no deadband to compensate."""
 
@@ -52,6 +54,7 @@ def law_of(
         integral_rate=gain / (settings.integral_time or inf),
         integral_limit_V=float(settings.integral_limit),
         hold_band_m=float(hold_band(par, sensors) if band is None else band),
+        rest_s=_RESTING_TIMES * (settings.integral_time or 0.0),
     )
 
 

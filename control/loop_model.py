@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 MOST_TONES: Final = 16
 """Greatest number of frequencies of a setpoint that are corrected, the lowest ones. Each costs a
 sine and a cosine twice in every tick, so that all of them stay below 1 us."""
+_HARMONICS: Final = (1, 2, 3)
 _LEAST_ROOT: Final = 0.05
 """Least part of the supply pressure that is assumed to be left for the valve, as in
 `control.tolerant`: a ram that stalls is not driven harder."""
@@ -94,7 +95,7 @@ def feedforward_command(
     sign = np.sign(velocity)
     spring = par.spring_stiffness * np.maximum(at - par.spring_contact, 0.0)
     friction = par.coulomb + par.viscous * np.abs(velocity) + sign * par.friction_asymmetry
-    load = (friction + sign * spring) / par.piston_area
+    load = (friction + sign * (spring + par.constant_force)) / par.piston_area
     supply = par.supply_pressure - par.return_pressure
     supply = supply - par.supply_droop * (par.piston_area * velocity) ** 2
     left = np.maximum(supply - load, _LEAST_ROOT * supply)
@@ -104,14 +105,16 @@ def feedforward_command(
 
 
 def frequencies_of(setpoint: Setpoint) -> tuple[float, ...]:
-    """Return the frequencies in Hz of a setpoint that repeats itself, ascending; () for others.
+    """Return the frequencies in Hz that are corrected for a setpoint that repeats itself.
 
-    Those of a sine and of a multisine are known; there are at most `MOST_TONES`, the lowest ones.
+    They ascend; there are none for other setpoints, and at most `MOST_TONES`, the lowest ones. For
+    a sine they are its own, its double and triple: friction and a deadband act twice a period, a
+    constant force and unlike edges once. For a multisine they are its own.
     """
     if setpoint.quantity != "position":
         return ()
     if isinstance(setpoint, Sine):
-        return (setpoint.frequency_hz,)
+        return tuple(k * setpoint.frequency_hz for k in _HARMONICS)
     if isinstance(setpoint, Multisine):
         return tuple(sorted(setpoint.frequencies_hz)[:MOST_TONES])
     return ()

@@ -25,7 +25,8 @@ class ControlSettings:
         deadband_width: command about null over which the deadband's compensation is smooth; the
             deadband itself if not given, with which the slope at null is at most doubled.
         integral_time: error is integrated with this time constant; no integral part if not given.
-        integral_limit: greatest integral part of the command, of either sign.
+        integral_limit: greatest integral part of the command, of either sign; the default is just
+            above what the largest null bias of a model asks for.
         hold_band: error within which the integral is held while the setpoint rests; if not given,
             a count of the encoder and half the jump of a ram that breaks away.
         cyclic: whether amplitude and phase of the setpoint's frequencies (sine, multisine) are
@@ -41,7 +42,7 @@ class ControlSettings:
     deadband: Annotated[float, _q("V", 0.0, 2.0)] = 0.0
     deadband_width: Annotated[float | None, _q("V", 1e-3, 5.0)] = None
     integral_time: Annotated[float | None, _q("s", 0.01, 100.0)] = None
-    integral_limit: Annotated[float, _q("V", 0.0, 10.0)] = 1.0
+    integral_limit: Annotated[float, _q("V", 0.0, 10.0)] = 2.0
     hold_band: Annotated[float | None, _q("m", 0.0, 0.01)] = None
     cyclic: bool = False
     cyclic_time: Annotated[float, _q("s", 0.5, 1e3)] = 4.0

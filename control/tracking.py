@@ -40,9 +40,11 @@ class ControlLaw(NamedTuple):
     """Greatest magnitude of the integral part, V."""
     hold_band_m: float
     """Error in m within which the integral is held while the setpoint rests."""
+    rest_s: float
+    """Time in s after which the integral is held whatever the error, if the setpoint rests."""
 
 
-PROPORTIONAL: Final = ControlLaw(True, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+PROPORTIONAL: Final = ControlLaw(True, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 """The law of the thesis, section 5.2: gain times error, limited."""
 
 
@@ -71,14 +73,15 @@ class ControlMemory(NamedTuple):
     """What the tracking law remembers from tick to tick."""
 
     kept: Array
-    """(2,): integral part of the command in V; setpoint of the last tick in m, NaN before."""
+    """(3,): integral part of the command in V; setpoint of the last tick in m, NaN before; time in
+    s for which the setpoint has rested."""
     learnt: Array
     """(MOST_TONES, 2): cosine and sine part of each tone's correction, m."""
 
 
 def control_memory() -> ControlMemory:
     """Return the memory before the first tick."""
-    memory = ControlMemory(np.zeros(2), np.zeros((MOST_TONES, 2)))
+    memory = ControlMemory(np.zeros(3), np.zeros((MOST_TONES, 2)))
     memory.kept[1] = np.nan
     return memory
 
@@ -95,6 +98,7 @@ def begin_motion(follows, memory):
         memory.learnt[i, 0] = 0.0
         memory.learnt[i, 1] = 0.0
     memory.kept[1] = np.nan
+    memory.kept[2] = 0.0
     if not follows:
         memory.kept[0] = 0.0
 
@@ -112,6 +116,8 @@ def tracking_command(setpoint, position, ahead, time_s, gain, limit, period, law
     the encoder does not make the spool chatter. The integral part grows only while the command is
     within its limit or returns there (no windup), never beyond its own limit, and is held while the
     setpoint rests and the error is within the band of a hold: a ram that sticks is then left alone.
+    After a while of rest it is held whatever the error is: with play in valve or encoder an
+    integral swings for ever, a proportional loop does not.
     A tone's correction is the part of the error at its frequency, divided by what the closed loop
     makes of a correction, and followed slowly; while the command is at its limit nothing is learnt.
 
@@ -149,7 +155,8 @@ def tracking_command(setpoint, position, ahead, time_s, gain, limit, period, law
     command = min(max(free, -limit), limit)
     moves = setpoint != kept[1] and not isnan(kept[1])
     kept[1] = setpoint
-    outside = abs(error) > law.hold_band_m
+    kept[2] = 0.0 if moves else kept[2] + period
+    outside = abs(error) > law.hold_band_m and kept[2] < law.rest_s
     if (command == free or error * free < 0.0) and (moves or outside):
         integral += law.integral_rate * error * period
         kept[0] = min(max(integral, -law.integral_limit_V), law.integral_limit_V)
