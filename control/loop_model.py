@@ -97,8 +97,8 @@ def feedforward_command(
     friction = par.coulomb + par.viscous * np.abs(velocity) + sign * par.friction_asymmetry
     load = (friction + sign * (spring + par.constant_force)) / par.piston_area
     supply = par.supply_pressure - par.return_pressure
-    supply = supply - par.supply_droop * (par.piston_area * velocity) ** 2
-    left = np.maximum(supply - load, _LEAST_ROOT * supply)
+    least = _LEAST_ROOT * supply
+    left = np.maximum(supply - par.supply_droop * (par.piston_area * velocity) ** 2 - load, least)
     opened = par.discharge_coefficient * par.area_gradient * par.valve_gain
     per_volt = opened * np.sqrt(left / par.density) / par.piston_area
     return np.clip(velocity / per_volt, -limit, limit)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,14 @@ from faults import (
 )
 from rig.configuration.reading import show
 from rig.configuration.rigs import Rig
-from rig.plant import TICK, Parameters, quantities
+from rig.plant import TICK, Model, Parameters, quantities
 
 from .faults import TYPICAL_PRESSURE
+from .following import Following, expected_following
+
+_NOTABLE: Final = 1.02
+"""Volts that a motion needs, over the limit, above which a warning is given: what is short by less,
+for the moment of the motion's greatest speed, is made up for at once."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,7 @@ class PlannedTest:
             the simulated ram in open loop.
         valve_speed_m_per_s: speed of an unloaded ram at the rig's largest command.
         faults: the faults of the test.
+        following: how the ram is expected to follow its setpoint; None in open loop.
         warnings: what will not go as commanded, and what the detector cannot find or size, each
             with its remedy.
     """
@@ -79,6 +86,7 @@ class PlannedTest:
     valve_speed_m_per_s: float
     faults: tuple[PlannedFault, ...]
     warnings: tuple[str, ...]
+    following: Following | None = None
 
     def lines(self) -> list[str]:
         """Return the test as lines of text, the first of which begins with its name."""
@@ -92,7 +100,10 @@ class PlannedTest:
             least, most = self.command_range_V
             motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
         head = f"{test.name}: {test.duration_s:g} s after {test.settle_s:g} s of settling"
-        lines = [head, f"  motion {motion}", f"  expect {test.expect}"]
+        lines = [head, f"  motion {motion}"]
+        if self.following is not None:
+            lines.append(f"  {self.following}")
+        lines.append(f"  expect {test.expect}")
         lines += [f"  fault {fault}" for fault in self.faults]
         if test.on_fault != OnFault.IGNORE:
             lines.append(f"  on a confirmed fault: {test.on_fault}")
@@ -103,9 +114,26 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     """Return the plan of every test of a campaign, as it will run on the rig.
 
     For an open-loop test the ram's motion is simulated with the rig's plant, which takes time; for
-    the others the motion is taken from the setpoint.
+    the others the motion is taken from the setpoint, and how it is followed is computed. Tests with
+    the same setpoint, load and control are computed once.
     """
-    return tuple(_plan(test, rig, campaign.filter_name) for test in campaign.tests)
+    known: dict[str, Following] = {}
+    return tuple(
+        _plan(test, rig, campaign.filter_name, _following(test, rig, campaign.model, known))
+        for test in campaign.tests
+    )
+
+
+def _following(
+    test: CampaignTest, rig: Rig, assumed: Model, known: dict[str, Following]
+) -> Following | None:
+    """Return how a test's ram is expected to follow, from `known` if it is there; None in open loop."""
+    if test.setpoint.quantity != "position":
+        return None
+    same = repr((test.setpoint, test.duration_s, test.load, test.control))
+    if same not in known:
+        known[same] = expected_following(test, rig, assumed)
+    return known[same]
 
 
 def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
@@ -119,7 +147,9 @@ def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
     return par.discharge_coefficient * par.area_gradient * opening * root / par.piston_area
 
 
-def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
+def _plan(
+    test: CampaignTest, rig: Rig, filter_name: str, following: Following | None
+) -> PlannedTest:
     times = np.arange(round(test.duration_s / TICK)) * TICK
     setpoint = test.setpoint.sample(times)
     commanded = None
@@ -139,8 +169,10 @@ def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
         faults=tuple(_plan_fault(fault, rig) for fault in test.faults),
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
+            *_volts_warnings(following, speed <= fastest, rig),
             *_detector_warnings(test, rig, filter_name),
         ),
+        following=following,
     )
 
 
@@ -186,6 +218,16 @@ def _warnings(
                 f"the spring pushes back with {show(force, 'N')}, the ram stalls at "
                 f"{show(stall, 'N')}; reduce the motion beyond {show(test.load.contact, 'm')}"
             )
+
+
+def _volts_warnings(following: Following | None, reachable: bool, rig: Rig) -> Iterator[str]:
+    """Yield a warning if a motion that an unloaded ram could follow asks for too many volts."""
+    limit = rig.limits.command_V
+    if following is not None and reachable and following.needed_V > _NOTABLE * limit:
+        yield (
+            f"the motion needs {following.needed_V:.3g} V at {following.needed_at_s:.2f} s against "
+            f"friction and load, the limit is {limit:g} V; the ram will lag, whatever the control"
+        )
 
 
 def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:
