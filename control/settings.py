@@ -15,6 +15,7 @@ class ControlSettings:
     """What the position loop adds to gain times error; by default nothing, as in the thesis.
 
     Attributes:
+        gain: gain of the position loop; the rig's `position_gain` if not given.
         feedforward: `model` adds the command by which the detector's model follows the setpoint's
             velocity, friction and a spring load included; `none` adds none.
         feedforward_gain: the same from a constant gain instead, command by velocity.
@@ -35,6 +36,7 @@ class ControlSettings:
         cyclic_limit: greatest correction of a frequency's amplitude.
     """
 
+    gain: Annotated[float | None, _q("V/m", 0.1, 1e4)] = None
     feedforward: Literal["none", "model"] = "none"
     feedforward_gain: Annotated[float | None, _q("V s/m", 0.0, 1e3)] = None
     lead: Annotated[float | None, _q("s", 0.0, 0.1)] = None

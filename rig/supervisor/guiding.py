@@ -3,10 +3,20 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Guide, guide_of
+from control import ControlSettings, Guide, guide_of
 from faults import CampaignTest
 from rig.configuration import Rig
 from rig.plant import Model
+
+
+def control_of(rig: Rig, test: CampaignTest) -> ControlSettings:
+    """Return the control settings of a test: its own, or else those of the rig."""
+    return rig.control if test.control is None else test.control
+
+
+def gain_for(rig: Rig, test: CampaignTest) -> float:
+    """Return the gain of the position loop in a test, V/m."""
+    return control_of(rig, test).gain or rig.gain_V_per_m
 
 
 def guide_for(rig: Rig, test: CampaignTest, samples: NDArray[np.float64], assumed: Model) -> Guide:
@@ -21,13 +31,12 @@ def guide_for(rig: Rig, test: CampaignTest, samples: NDArray[np.float64], assume
     if test.load is not None:
         stiffness, contact = test.load.stiffness, test.load.contact
         assumed = assumed.with_effect("spring_load", stiffness=stiffness, contact=contact)
-    settings = rig.control if test.control is None else test.control
     return guide_of(
         test.setpoint,
         samples,
-        settings,
+        control_of(rig, test),
         assumed.parameters,
         rig.sensors,
-        rig.gain_V_per_m,
+        gain_for(rig, test),
         rig.limits.command_V,
     )

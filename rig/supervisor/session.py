@@ -29,7 +29,7 @@ from rig.supervisor.processes import (
 
 from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
-from .guiding import guide_for
+from .guiding import gain_for, guide_for
 from .moves import moves, preparing_moves
 from .states import Event, State
 
@@ -111,6 +111,7 @@ class Session:
             memory=memory,
             assumed=assumed.parameters,
             setpoint=setpoint,
+            gain=gain_for(self.rig.configured, test),
             guide=guide_for(self.rig.configured, test, setpoint, assumed),
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],

@@ -82,7 +82,7 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         rms=float(np.sqrt(np.mean(error**2))),
         needed_V=float(needed[at]),
         needed_at_s=at * TICK,
-        law=law_in_words(settings, rig.gain_V_per_m, bool(frequencies_of(test.setpoint))),
+        law=law_in_words(settings, settings.gain or rig.gain_V_per_m, bool(frequencies_of(test.setpoint))),
     )
 
 
@@ -120,7 +120,7 @@ def _followed(
     # The import is here so that checking other files need not load the compiler.
     from control import PLAIN, control_memory, guide_of, tracking_command
 
-    gain, limit = rig.gain_V_per_m, rig.limits.command_V
+    gain, limit = settings.gain or rig.gain_V_per_m, rig.limits.command_V
     guide = guide_of(test.setpoint, setpoint, settings, believed, rig.sensors, gain, limit)
     law, ahead = guide.law, guide.feedforward.tolist() or [0.0] * setpoint.size
     command = getattr(tracking_command, "py_func", tracking_command)

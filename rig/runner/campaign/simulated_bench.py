@@ -31,7 +31,7 @@ from rig.loop import (
 from rig.plant import TICK, Model
 from rig.recording import McapWriter
 from rig.runner.outcomes import Array
-from rig.supervisor import News, TripReport, guide_for, kept_trip_report, trip_error
+from rig.supervisor import News, TripReport, gain_for, guide_for, kept_trip_report, trip_error
 
 _REPORTED: Final = round(2.0 / TICK)
 """Number of rows in a trip report: those of the last 2 s, as on hardware."""
@@ -275,7 +275,7 @@ def loop_of(
         motion,
         memory,
         assumed.parameters,
-        gain=rig.gain_V_per_m,
+        gain=gain_for(rig, test),
         limit=rig.limits.command_V,
         on_fault=Reaction[test.on_fault.name],
         interlock=interlock_of(rig, assumed) if judged else None,

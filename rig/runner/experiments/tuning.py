@@ -1,0 +1,409 @@
+"""Tunes the position loop of a rig: slow strokes with small tones upon them, a model, gains.
+
+The ram strokes slowly over most of its range, in closed loop and within the rig's limits, with
+tones upon the stroke that are too small to reverse it, so that it slides all the time. The linear
+model of each stretch gives the margins; from them the gains follow. Then the ram makes small steps
+and a sine under the present and under the proposed control, side by side.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import floor, log10, pi
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control import (
+    ControlSettings,
+    Multisine,
+    Polyline,
+    Quantity,
+    Setpoint,
+    Sine,
+    Steps,
+    velocity_gain,
+)
+from faults import Campaign, CampaignTest
+from rig.configuration import Rig, plain
+from rig.plant import TICK, Model, Parameters
+from rig.recording import Recording
+from rig.runner.campaign import Pace, StopFlag, bench_of, plain_test
+from rig.runner.outcomes import Observer, jsonable
+
+from .loop_fit import LoopModel, Margins, fitted_loop, margins
+from .parts import Parts, part_campaign, stroke_of
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "rig-tuning"
+"""Value of the key `schema`, by which `tuning.json` is recognized."""
+PLACES: Final = 3
+"""Number of stretches along the stroke, each of which is fitted by itself, both ways."""
+FREQUENCIES: Final = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0)
+"""Tones in Hz: whole numbers, so that a stretch of whole seconds holds whole periods; from about
+the crossover of the thesis's loop (0.6 Hz) to where the encoder still counts the ram's motion."""
+_TONE_V: Final = 0.25
+"""Greatest sum of the tones in the command, V: it moves a ram by 0.07 m/(s V) less than `_SPEED`."""
+_SPEED: Final = 0.05
+"""Speed of the strokes, m/s: slow enough for several seconds in a stretch, and beyond the Stribeck
+velocity of 0.04 m/s (table 2.1), where friction hardly depends on the speed."""
+_REST_S: Final = 2.0
+_SETTLE_S: Final = 3.0
+_STROKE: Final = "strokes with tones"
+
+GAIN_MARGIN_DB: Final = 12.0
+PHASE_MARGIN: Final = pi / 3.0
+"""Margins of a proposed gain: twice those that a loop must keep, as oil and friction change."""
+MOST_STEP_UP: Final = 2.0
+"""Greatest factor by which one tuning raises the gain: the next one measures again."""
+_INTEGRAL_TIMES: Final = 4.0
+"""Integral time in units of the reciprocal crossover: the integral lags the loop by 14 degrees."""
+_TRUSTED: Final = 0.1
+"""Part by which the measured speed for a volt may differ from the model's for the model's
+feedforward to be proposed; beyond it the measured gain takes its place."""
+_LEAST_V: Final = 0.01
+"""Null and deadband below this are left out, V: a thousandth of the range of a valve."""
+_LEAST_BAND_V: Final = 0.05
+"""Deadband below this is left out, V: it is the difference of two greater numbers."""
+
+
+@dataclass(frozen=True)
+class StrokeWithTones:
+    """A setpoint of slow strokes with small tones upon them.
+
+    Attributes:
+        stroke: the strokes, m.
+        tones: what is added to them, m.
+        quantity: a position.
+    """
+
+    stroke: Polyline
+    tones: Multisine
+    quantity: Quantity = "position"
+
+    def sample(self, time_s: NDArray[np.floating[Any]]) -> Array:
+        """Return the setpoint in m at each time in s, float64 in the shape of `time_s`."""
+        return self.stroke.sample(time_s) + self.tones.sample(time_s)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return an upper bound of the rate in m/s."""
+        return self.stroke.peak_rate(duration_s) + self.tones.peak_rate(duration_s)
+
+
+@dataclass(frozen=True)
+class Response:
+    """Error of the same motion under two controls.
+
+    Attributes:
+        name: name of the motion.
+        time_s: (n,), s.
+        setpoint: (n,), m.
+        before: position under the present control, (n,), m.
+        after: the same under the proposed one.
+    """
+
+    name: str
+    time_s: Array
+    setpoint: Array
+    before: Array
+    after: Array
+
+    def rms(self) -> tuple[float, float]:
+        """Return the rms error before and after, m."""
+        before, after = (
+            float(np.sqrt(np.nanmean((self.setpoint - each) ** 2)))
+            for each in (self.before, self.after)
+        )
+        return before, after
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The results of a tuning experiment.
+
+    Attributes:
+        rig: name of the rig.
+        models: the linear model of each stretch.
+        present, proposed: control settings, with their gains.
+        margins_before, margins_after: margins of each stretch's model under them.
+        responses: the same motions under both.
+        remarks: what a reader should know, a sentence each.
+        recordings: paths of the recordings, relative to the experiment's folder.
+    """
+
+    rig: str
+    models: tuple[LoopModel, ...]
+    present: ControlSettings
+    proposed: ControlSettings
+    margins_before: tuple[Margins, ...]
+    margins_after: tuple[Margins, ...]
+    responses: tuple[Response, ...]
+    remarks: tuple[str, ...]
+    recordings: tuple[str, ...]
+
+    @property
+    def safe(self) -> bool:
+        """Whether the proposed control keeps its margins everywhere."""
+        return all(each.kept for each in self.margins_after)
+
+
+def exciting_campaign(rig: Rig, assumed: Model, seed: int = 0) -> Campaign:
+    """Return the campaign of the strokes with tones."""
+    setpoint = _exciting(rig, assumed, seed)
+    duration_s = setpoint.stroke.times_s[-1]
+    test = plain_test(_STROKE, setpoint, duration_s, setpoint.stroke.values[0], _SETTLE_S, seed)
+    return part_campaign("tones", "Slow strokes with small tones.", rig, assumed, [test])
+
+
+def _exciting(rig: Rig, assumed: Model, seed: int) -> StrokeWithTones:
+    """Return the strokes, one out and one back, and tones whose part of the command is small."""
+    gain = rig.control.gain or rig.gain_V_per_m
+    amplitude = _TONE_V / gain
+    low, high = stroke_of(rig)
+    low, high = low + amplitude, high - amplitude
+    slow = min(_SPEED, 0.2 * velocity_gain(assumed.parameters) * rig.limits.command_V)
+    times = np.cumsum([0.0, _REST_S, (high - low) / slow, _REST_S, (high - low) / slow, _REST_S])
+    stroke = Polyline(tuple(times), (low, low, high, high, low, low))
+    return StrokeWithTones(stroke, Multisine(0.0, amplitude, FREQUENCIES, seed))
+
+
+def stretches_of(setpoint: StrokeWithTones) -> list[tuple[slice, bool]]:
+    """Return the ticks of each stretch that is fitted, and whether the ram extends in it.
+
+    A stretch has whole seconds; the first of each stroke, in which the loop settles, is left out.
+    """
+    found = []
+    times = setpoint.stroke.times_s
+    for begin, end, extending in ((times[1], times[2], True), (times[3], times[4], False)):
+        seconds = max(floor((end - begin - 1.0) / PLACES), 1)
+        for place in range(PLACES):
+            first = round((begin + 1.0 + place * seconds) / TICK)
+            found.append((slice(first, first + round(seconds / TICK)), extending))
+    return found
+
+
+def response_motions(rig: Rig, assumed: Model) -> dict[str, tuple[Setpoint, float]]:
+    """Return the motions that are compared, with their durations in s, by their names."""
+    low, high = stroke_of(rig)
+    middle = 0.5 * (low + high)
+    step = min(0.02, 0.1 * (high - low))
+    amplitude = min(0.15, 0.4 * (high - low))
+    fastest = velocity_gain(assumed.parameters) * rig.limits.command_V
+    frequency = min(0.5, 0.6 * fastest / (2.0 * pi * amplitude))
+    return {
+        "steps": (Steps((middle, middle + step, middle - step, middle), 2.0), 8.0),
+        "sine": (Sine(middle, amplitude, round(frequency, 3)), 16.0),
+    }
+
+
+def response_campaign(
+    rig: Rig, assumed: Model, proposed: ControlSettings, seed: int = 0
+) -> Campaign:
+    """Return the campaign of small steps and a sine, under the present and the proposed control."""
+    tests: list[CampaignTest] = []
+    for name, (setpoint, duration_s) in response_motions(rig, assumed).items():
+        start = float(setpoint.sample(np.zeros(1))[0])
+        test = plain_test(name, setpoint, duration_s, start, _SETTLE_S, seed)
+        tests += [
+            replace(test, name=f"{name} before", control=rig.control),
+            replace(test, name=f"{name} after", control=proposed),
+        ]
+    return part_campaign("response", "The present and the proposed control.", rig, assumed, tests)
+
+
+def run_tuning(
+    rig: Rig,
+    assumed: Model,
+    directory: Path,
+    *,
+    pace: Pace | None = None,
+    observer: Observer | None = None,
+    stop: StopFlag | None = None,
+    seed: int = 0,
+) -> Tuning:
+    """Run the tuning experiment on a rig and return its results.
+
+    Args:
+        rig: a simulated rig, or one on hardware.
+        assumed: the assumed model.
+        directory: an existing folder; each part of the experiment gets a folder in it.
+        pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
+            rig's file if not given.
+        observer: its methods are called as the experiment goes on.
+        stop: once a stop is requested on it, the experiment ends after the present batch.
+        seed: sets the tones' phases and the noise of a simulated rig.
+
+    Raises:
+        ExperimentStoppedError: the rig tripped in a test, the experiment was stopped, or a test
+            crashed.
+        DirectoryError: a folder of the experiment cannot be used.
+        DriverError: a device of the rig is missing, or is not the configured one.
+        TripError: the rig tripped before or between the tests.
+        OSError: the results cannot be written.
+    """
+    stop, observer = stop or StopFlag(), observer or Observer()
+    exciting = exciting_campaign(rig, assumed, seed)
+    bench = bench_of(exciting, rig, directory, observer, stop)
+    parts = Parts(rig, directory, bench, pace, observer, stop)
+    # On hardware a command follows from the sample before it (docs/decisions/0007).
+    delay_s = TICK if rig.backend == "hardware" else 0.0
+    with bench:
+        setpoint = _exciting(rig, assumed, seed)
+        models = fitted_models(parts.run(exciting)[_STROKE], setpoint)
+        proposed, remarks = proposal(models, rig, assumed.parameters, delay_s)
+        compared = parts.run(response_campaign(rig, assumed, proposed, seed))
+    gain = rig.control.gain or rig.gain_V_per_m
+    names = response_motions(rig, assumed)
+    return Tuning(
+        rig=rig.name,
+        models=models,
+        present=replace(rig.control, gain=gain),
+        proposed=proposed,
+        margins_before=tuple(
+            margins(each, rig.control, gain, assumed.parameters, delay_s) for each in models
+        ),
+        margins_after=tuple(
+            margins(each, proposed, proposed.gain or gain, assumed.parameters, delay_s)
+            for each in models
+        ),
+        responses=tuple(
+            _response(name, compared[f"{name} before"], compared[f"{name} after"])
+            for name in names
+        ),
+        remarks=remarks,
+        recordings=tuple(parts.recordings),
+    )
+
+
+def fitted_models(recording: Recording, setpoint: StrokeWithTones) -> tuple[LoopModel, ...]:
+    """Return the linear model of each stretch of a recording of the strokes with tones.
+
+    Samples that are missing are interpolated.
+    """
+    channels = recording.channels
+    ticks = np.arange(recording.time_s.size)
+    columns = []
+    for name in ("position_m", "command_V"):
+        known = np.isfinite(channels[name])
+        columns.append(np.interp(ticks, ticks[known], channels[name][known]))
+    return tuple(
+        fitted_loop(columns[0][part], columns[1][part], FREQUENCIES, extending)
+        for part, extending in stretches_of(setpoint)
+    )
+
+
+def proposal(
+    models: Sequence[LoopModel], rig: Rig, assumed: Parameters, delay_s: float
+) -> tuple[ControlSettings, tuple[str, ...]]:
+    """Return the proposed control settings, and remarks on them.
+
+    The gain is the largest that keeps `GAIN_MARGIN_DB` and `PHASE_MARGIN` at every place, integral
+    included, but at most `MOST_STEP_UP` times the present one. Null is the mean of the commands
+    out and back; what is left of half their difference, after the tones' own gain has explained the
+    speed, is the deadband.
+
+    Args:
+        models: of all stretches.
+        rig: the rig, with its present control.
+        assumed: the assumed parameters.
+        delay_s: time from a sample to the command that follows from it, s.
+    """
+    present = rig.control.gain or rig.gain_V_per_m
+    speed = float(np.median([each.speed_per_volt for each in models]))
+    remarks = []
+    out = [each for each in models if each.extending]
+    back = [each for each in models if not each.extending][::-1]
+    pairs = list(zip(out, back, strict=True))
+    null = float(np.median([0.5 * (a.mean_V + b.mean_V) for a, b in pairs]))
+    half = [0.5 * (a.mean_V - b.mean_V) for a, b in pairs]
+    needed = [0.5 * (a.speed / a.speed_per_volt - b.speed / b.speed_per_volt) for a, b in pairs]
+    deadband = float(np.median(np.subtract(half, needed)))
+    load = (assumed.coulomb + assumed.viscous * _SPEED) / assumed.piston_area
+    believed = velocity_gain(assumed, load)
+    trusted = abs(speed / believed - 1.0) <= _TRUSTED
+    if not trusted:
+        remarks.append(
+            f"the ram moves by {1e3 * speed:.3g} mm/s for a volt, the model by "
+            f"{1e3 * believed:.3g}; the feedforward is proposed as measured, and a model that fits "
+            "would know load and friction too"
+        )
+    spread = max(abs(0.5 * (a.mean_V + b.mean_V) - null) for a, b in pairs)
+    if spread > 0.1:
+        remarks.append(
+            f"null differs by {1e3 * spread:.0f} mV along the stroke, as with a load that grows; "
+            "the integral makes up for it"
+        )
+    settings = ControlSettings(
+        feedforward="model" if trusted else "none",
+        feedforward_gain=None if trusted else _rounded(1.0 / speed),
+        null=_rounded(null) if abs(null) >= _LEAST_V else 0.0,
+        deadband=_rounded(deadband) if deadband >= _LEAST_BAND_V else 0.0,
+        integral_time=1.0,
+        cyclic=True,
+    )
+    for gain in present * np.geomspace(MOST_STEP_UP, 0.1, 60):
+        settings = replace(
+            settings,
+            gain=_rounded(gain),
+            integral_time=_rounded(max(_INTEGRAL_TIMES / (speed * gain), 0.1)),
+        )
+        found = [margins(each, settings, gain, assumed, delay_s) for each in models]
+        if all(m.gain_dB >= GAIN_MARGIN_DB and m.phase >= PHASE_MARGIN for m in found):
+            break
+    else:
+        remarks.append("no gain keeps the margins; the least that was tried is proposed")
+    if gain < present:
+        remarks.append(f"the present gain of {present:g} V/m leaves less margin than is proposed")
+    return settings, tuple(remarks)
+
+
+def _rounded(value: float) -> float:
+    """Return a value with two significant digits."""
+    if value == 0.0:
+        return 0.0
+    return round(float(value), 1 - floor(log10(abs(value))))
+
+
+def _response(name: str, before: Recording, after: Recording) -> Response:
+    count = min(before.time_s.size, after.time_s.size)
+    return Response(
+        name=name,
+        time_s=before.time_s[:count],
+        setpoint=before.channels["setpoint_m"][:count],
+        before=before.channels["position_m"][:count],
+        after=after.channels["position_m"][:count],
+    )
+
+
+def tuning_figures(tuning: Tuning) -> dict[str, Any]:
+    """Return the results as JSON-able values in SI, angles in degrees; other programs rely on it."""
+
+    def of(found: Sequence[Margins]) -> list[dict[str, float]]:
+        return [
+            {
+                "gain_margin_dB": each.gain_dB,
+                "phase_margin_deg": float(np.degrees(each.phase)),
+                "crossover_Hz": each.crossover / (2.0 * pi),
+            }
+            for each in found
+        ]
+
+    content = {
+        "schema": SCHEMA,
+        "rig": tuning.rig,
+        "safe": tuning.safe,
+        "models": [plain(each) for each in tuning.models],
+        "present": plain(tuning.present),
+        "proposed": plain(tuning.proposed),
+        "margins_before": of(tuning.margins_before),
+        "margins_after": of(tuning.margins_after),
+        "rms_error_m": {
+            each.name: dict(zip(("before", "after"), each.rms(), strict=True))
+            for each in tuning.responses
+        },
+        "remarks": list(tuning.remarks),
+        "recordings": list(tuning.recordings),
+    }
+    return dict(jsonable(content))
