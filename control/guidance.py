@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 _LEARNING_PERIODS: Final = 2.0
 """Least time constant of a tone's correction, in periods of the tone: the error's amplitude is a
 mean over a period, so that a faster correction would answer to the tone itself."""
+_LEAST_ANSWER: Final = 0.3
+"""Least part of a correction that reaches the ram for a frequency to be corrected. Above the loop's
+crossover, 0.3 is at three times of it, a correction must be much larger than its error, and play
+may turn its phase so far that it would grow up to its limit."""
 _RESTING_TIMES: Final = 3.0
 """Integral times of rest after which the integral is held: what it would still do is 5 %."""
 _LEAST_WIDTH_V: Final = 1e-3
@@ -27,9 +31,12 @@ _LEAST_WIDTH_V: Final = 1e-3
 def _tones(setpoint: Setpoint, settings: ControlSettings, par: Parameters, gain: float) -> Array:
     tones = []
     for frequency in frequencies_of(setpoint) if settings.cyclic else ():
+        answer = loop_answer(frequency, par, gain, settings)
+        if abs(answer) < _LEAST_ANSWER:
+            continue
         time_s = max(settings.cyclic_time, _LEARNING_PERIODS / frequency)
         # The step is twice the error's part at the frequency, over what the loop makes of it.
-        factor = 2.0 * TICK / time_s / loop_answer(frequency, par, gain, settings)
+        factor = 2.0 * TICK / time_s / answer
         tones.append((2.0 * pi * frequency, factor.real, factor.imag, settings.cyclic_limit))
     return np.array(tones, np.float64).reshape(-1, TONE_NUMBERS)
 

@@ -66,6 +66,13 @@ def test_a_slow_correction_passes_the_loop_and_a_fast_one_does_not() -> None:
     assert abs(fast) < 0.2
 
 
+def test_what_a_weak_loop_hardly_passes_is_not_corrected() -> None:
+    sine, cyclic = Sine(0.3, 0.1, 0.5), ControlSettings(cyclic=True)
+    for gain, corrected in ((50.0, 3), (25.0, 1), (10.0, 0)):
+        guide = guide_of(sine, sine.sample(TIME), cyclic, NOMINAL, DATA_SHEET, gain, 10.0)
+        assert len(guide.tones) == corrected
+
+
 def test_settings_that_add_nothing_are_the_proportional_loop() -> None:
     sine = Sine(0.3, 0.1, 0.5)
     plain = guide_of(

@@ -1,9 +1,20 @@
 from .calibration_file import dump_calibration as dump_calibration
 from .hardware import valves_of as valves_of
-from .control import UNLESS_USUAL as UNLESS_USUAL, read_control as read_control
+from .control import (
+    UNLESS_USUAL as UNLESS_USUAL,
+    control_lines as control_lines,
+    read_control as read_control,
+    with_control as with_control,
+)
 from .limits import Limits as Limits, read_channel_limits as read_channel_limits
 from .register_maps import MAPS as MAPS, Map as Map, read_dbc as read_dbc, read_map as read_map
-from .rig import Rig as Rig, RigFile as RigFile, load_rig as load_rig, read_rig as read_rig
+from .rig import (
+    Rig as Rig,
+    RigFile as RigFile,
+    find_rig as find_rig,
+    load_rig as load_rig,
+    read_rig as read_rig,
+)
 from .stream import (
     DEFAULT as DEFAULT,
     OFF as OFF,

@@ -12,6 +12,8 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    Sources,
+    asked,
     load,
     read_in,
     read_mapping,
@@ -177,6 +179,16 @@ def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
         ConfigError: lists every problem of the file, its parents and its models.
     """
     return load("rig", reference, base, read_rig)
+
+
+def find_rig(reference: str | Path, base: Path | None = None) -> Path:
+    """Return the file that a path or a name of a rig means; see `load_rig`.
+
+    Raises:
+        ConfigError: there is no such file.
+    """
+    sources = Sources()
+    return sources.finished(resolve("rig", asked("rig", reference, sources), base or Path.cwd()))
 
 
 def _with_parents(root: Located, children: tuple[Path, ...]) -> Located | None:

@@ -30,6 +30,7 @@ from .tuning import (
     Response as Response,
     Tuning as Tuning,
     exciting_campaign as exciting_campaign,
+    hold_campaign as hold_campaign,
     proposal as proposal,
     response_campaign as response_campaign,
     run_tuning as run_tuning,

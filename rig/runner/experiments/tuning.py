@@ -2,8 +2,8 @@
 
 The ram strokes slowly over most of its range, in closed loop and within the rig's limits, with
 tones upon the stroke that are too small to reverse it, so that it slides all the time. The linear
-model of each stretch gives the margins; from them the gains follow. Then the ram makes small steps
-and a sine under the present and under the proposed control, side by side.
+model of each stretch gives the margins; from them the gains follow. Then the ram is held, to see that
+it does not hunt, and makes small steps and a sine under the present and under the proposed control, side by side.
 """
 
 from collections.abc import Sequence
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control import (
+    Constant,
     ControlSettings,
     Multisine,
     Polyline,
@@ -52,6 +53,7 @@ velocity of 0.04 m/s (table 2.1), where friction hardly depends on the speed."""
 _REST_S: Final = 2.0
 _SETTLE_S: Final = 3.0
 _STROKE: Final = "strokes with tones"
+_HOLD: Final = "hold"
 
 GAIN_MARGIN_DB: Final = 12.0
 PHASE_MARGIN: Final = pi / 3.0
@@ -63,6 +65,15 @@ _INTEGRAL_TIMES: Final = 4.0
 _TRUSTED: Final = 0.1
 """Part by which the measured speed for a volt may differ from the model's for the model's
 feedforward to be proposed; beyond it the measured gain takes its place."""
+HUNTING_M: Final = 1e-4
+"""Range in m of a held ram's position above which it hunts, beside a count of the encoder."""
+_HOLD_S: Final = 20.0
+_HELD_FROM_S: Final = 10.0
+_MOST_HOLDS: Final = 4
+"""Number of holds that are tried, under calmer and calmer control."""
+_PASSED: Final = 0.8
+"""Part of the tones' speed, by the stroke's speed for a volt, that must have passed for the valve to
+count as free of play. A null bias of 0.1 V costs 0.15 one way and adds as much the other."""
 _LEAST_V: Final = 0.01
 """Null and deadband below this are left out, V: a thousandth of the range of a valve."""
 _LEAST_BAND_V: Final = 0.05
@@ -131,6 +142,7 @@ class Tuning:
         responses: the same motions under both.
         remarks: what a reader should know, a sentence each.
         recordings: paths of the recordings, relative to the experiment's folder.
+        hunts: whether a held ram swings under the proposed control.
     """
 
     rig: str
@@ -142,11 +154,12 @@ class Tuning:
     responses: tuple[Response, ...]
     remarks: tuple[str, ...]
     recordings: tuple[str, ...]
+    hunts: bool = False
 
     @property
     def safe(self) -> bool:
-        """Whether the proposed control keeps its margins everywhere."""
-        return all(each.kept for each in self.margins_after)
+        """Whether the proposed control keeps its margins everywhere, and a held ram rests."""
+        return all(each.kept for each in self.margins_after) and not self.hunts
 
 
 def exciting_campaign(rig: Rig, assumed: Model, seed: int = 0) -> Campaign:
@@ -253,6 +266,15 @@ def run_tuning(
         setpoint = _exciting(rig, assumed, seed)
         models = fitted_models(parts.run(exciting)[_STROKE], setpoint)
         proposed, remarks = proposal(models, rig, assumed.parameters, delay_s)
+        models = tuple(map(_as_fast_as_the_stroke, models))
+        for attempt in range(1, _MOST_HOLDS + 1):
+            held = parts.run(hold_campaign(rig, assumed, proposed, attempt, seed))
+            swing = _swing(held[_HOLD])
+            if swing <= HUNTING_M + rig.sensors.position_resolution:
+                break
+            remarks = (*remarks, _hunting(swing, proposed, attempt))
+            if attempt < _MOST_HOLDS:
+                proposed = _calmer(proposed)
         compared = parts.run(response_campaign(rig, assumed, proposed, seed))
     gain = rig.control.gain or rig.gain_V_per_m
     names = response_motions(rig, assumed)
@@ -274,7 +296,53 @@ def run_tuning(
         ),
         remarks=remarks,
         recordings=tuple(parts.recordings),
+        hunts=swing > HUNTING_M + rig.sensors.position_resolution,
     )
+
+
+def hold_campaign(
+    rig: Rig, assumed: Model, proposed: ControlSettings, attempt: int, seed: int = 0
+) -> Campaign:
+    """Return the campaign of a hold at mid stroke under the proposed control.
+
+    It is named by `attempt`, counted from 1, as each has a folder of its own.
+    """
+    low, high = stroke_of(rig)
+    middle = 0.5 * (low + high)
+    test = plain_test(_HOLD, Constant(middle), _HOLD_S, middle, _SETTLE_S, seed)
+    name = f"hold-{attempt}"
+    return part_campaign(
+        name, "A hold, to see whether it hunts.", rig, assumed, [replace(test, control=proposed)]
+    )
+
+
+def _swing(recording: Recording) -> float:
+    """Return the range of the position in a hold, m, without the time in which it settles."""
+    late = recording.time_s - recording.time_s[0] >= _HELD_FROM_S
+    return float(np.ptp(recording.channels["position_m"][late]))
+
+
+def _hunting(swing: float, tried: ControlSettings, attempt: int) -> str:
+    what = "its half is tried" if attempt < _MOST_HOLDS else "no less is tried"
+    law = f"{tried.gain:g} V/m"
+    if tried.deadband:
+        law, what = f"{law} and a deadband bridged", "it is tried without"
+    return (
+        f"with {law} a held ram swings by {1e3 * swing:.2g} mm, as with play in valve "
+        f"or encoder; {what}"
+    )
+
+
+def _calmer(settings: ControlSettings) -> ControlSettings:
+    """Return the settings without the deadband's compensation; without one, with half the gain.
+
+    What looked like a deadband may have been play, which its compensation turns into a switch.
+    """
+    if settings.deadband:
+        return replace(settings, deadband=0.0)
+    time_s = 2.0 * (settings.integral_time or 1.0)
+    gain = 0.5 * (settings.gain or 0.0)
+    return replace(settings, gain=_rounded(gain), integral_time=_rounded(time_s))
 
 
 def fitted_models(recording: Recording, setpoint: StrokeWithTones) -> tuple[LoopModel, ...]:
@@ -311,8 +379,17 @@ def proposal(
         delay_s: time from a sample to the command that follows from it, s.
     """
     present = rig.control.gain or rig.gain_V_per_m
-    speed = float(np.median([each.speed_per_volt for each in models]))
     remarks = []
+    swallowed = float(np.median([each.speed_per_volt * each.mean_V / each.speed for each in models]))
+    models = tuple(map(_as_fast_as_the_stroke, models))
+    speed = float(np.median([each.speed_per_volt for each in models]))
+    most = MOST_STEP_UP
+    if swallowed < _PASSED:
+        most = 1.0
+        remarks.append(
+            f"of the tones only {100.0 * swallowed:.0f} % passed, as with play in the valve; speeds "
+            "are those of the strokes, and the gain is not raised"
+        )
     out = [each for each in models if each.extending]
     back = [each for each in models if not each.extending][::-1]
     pairs = list(zip(out, back, strict=True))
@@ -343,7 +420,7 @@ def proposal(
         integral_time=1.0,
         cyclic=True,
     )
-    for gain in present * np.geomspace(MOST_STEP_UP, 0.1, 60):
+    for gain in present * np.geomspace(most, 0.1, 60):
         settings = replace(
             settings,
             gain=_rounded(gain),
@@ -357,6 +434,15 @@ def proposal(
     if gain < present:
         remarks.append(f"the present gain of {present:g} V/m leaves less margin than is proposed")
     return settings, tuple(remarks)
+
+
+def _as_fast_as_the_stroke(model: LoopModel) -> LoopModel:
+    """Return a model whose speed for a volt is at least that of the stroke itself.
+
+    Play in the valve swallows small tones; a deadband makes the stroke look slower than it is.
+    """
+    stroke = model.speed / model.mean_V if model.speed * model.mean_V > 0.0 else 0.0
+    return replace(model, speed_per_volt=max(model.speed_per_volt, stroke))
 
 
 def _rounded(value: float) -> float:
@@ -394,6 +480,7 @@ def tuning_figures(tuning: Tuning) -> dict[str, Any]:
         "schema": SCHEMA,
         "rig": tuning.rig,
         "safe": tuning.safe,
+        "hunts": tuning.hunts,
         "models": [plain(each) for each in tuning.models],
         "present": plain(tuning.present),
         "proposed": plain(tuning.proposed),
