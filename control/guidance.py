@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from rig.plant import TICK, Parameters, SensorParameters
 
 from .loop_model import feedforward_command, frequencies_of, hold_band, loop_answer
-from .settings import ControlSettings
 from .setpoints import Setpoint
+from .settings import ControlSettings
 from .tracking import PLAIN, TONE_NUMBERS, ControlLaw, Guide
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rig.plant import TICK, Parameters, SensorParameters
 
-from .settings import ControlSettings
 from .setpoints import Multisine, Setpoint, Sine
+from .settings import ControlSettings
 
 Array = NDArray[np.float64]
 

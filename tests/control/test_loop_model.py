@@ -51,7 +51,9 @@ def test_a_given_gain_takes_the_place_of_the_model() -> None:
     assert feedforward_command(ramp, given, NOMINAL, 10.0) == pytest.approx(0.7)
 
 
-def test_a_sine_is_corrected_with_its_double_and_triple_and_other_motions_by_what_they_repeat() -> None:
+def test_a_sine_is_corrected_with_its_double_and_triple_and_other_motions_by_what_they_repeat() -> (
+    None
+):
     assert frequencies_of(Sine(0.3, 0.1, 0.5)) == (0.5, 1.0, 1.5)
     assert frequencies_of(Multisine(0.3, 0.1, (0.9, 0.2))) == (0.2, 0.9)
     assert frequencies_of(Sine(0.0, 3.0, 0.5, quantity="command")) == ()
@@ -75,9 +77,7 @@ def test_what_a_weak_loop_hardly_passes_is_not_corrected() -> None:
 
 def test_settings_that_add_nothing_are_the_proportional_loop() -> None:
     sine = Sine(0.3, 0.1, 0.5)
-    plain = guide_of(
-        sine, sine.sample(TIME), ControlSettings(), NOMINAL, DATA_SHEET, 50.0, 10.0
-    )
+    plain = guide_of(sine, sine.sample(TIME), ControlSettings(), NOMINAL, DATA_SHEET, 50.0, 10.0)
     assert plain is PLAIN
 
 

@@ -64,7 +64,9 @@ def test_command_integral_and_correction_stay_within_their_limits(
         assert np.hypot(*memory.learnt[0]) <= 0.01 * (1.0 + 1e-12)
 
 
-@pytest.mark.parametrize("setpoint, position, ahead", [(nan, 0.3, 0.0), (0.3, nan, 0.0), (0.3, 0.3, nan)])
+@pytest.mark.parametrize(
+    "setpoint, position, ahead", [(nan, 0.3, 0.0), (0.3, nan, 0.0), (0.3, 0.3, nan)]
+)
 def test_what_is_not_known_nulls_the_valve_and_empties_the_integral(
     setpoint: float, position: float, ahead: float
 ) -> None:

@@ -88,7 +88,9 @@ def command(
         return problems.report()
     file = find_rig(rig_reference)
     if out is None and not dry_run and file.is_relative_to(shipped_config_dir()):
-        problems.add(f"{rig_reference}: is a shipped rig; give --out FILE, or copy it: rig init DIR")
+        problems.add(
+            f"{rig_reference}: is a shipped rig; give --out FILE, or copy it: rig init DIR"
+        )
         return problems.report()
     if dry_run:
         return _show_motions(rig, assumed)
@@ -166,5 +168,7 @@ def _show_motions(rig: Rig, assumed: Model) -> int:
     click.echo(f"tuning of {rig.name}: {rig_time(campaigns)} of rig time")
     for campaign in campaigns:
         print_motions(campaign, rig)
-    click.echo("the hold and the motions `after` run with the gains that the first part lets propose")
+    click.echo(
+        "the hold and the motions `after` run with the gains that the first part lets propose"
+    )
     return 0

@@ -165,7 +165,9 @@ def plain(value: Any) -> Any:
     other object becomes its text.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        public = {f.name: plain(getattr(value, f.name)) for f in fields(value) if _is_told(f, value)}
+        public = {
+            f.name: plain(getattr(value, f.name)) for f in fields(value) if _is_told(f, value)
+        }
         return {"type": type(value).__name__, **public}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return plain(value._asdict())

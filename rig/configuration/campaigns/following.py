@@ -82,7 +82,9 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         rms=float(np.sqrt(np.mean(error**2))),
         needed_V=float(needed[at]),
         needed_at_s=at * TICK,
-        law=law_in_words(settings, settings.gain or rig.gain_V_per_m, bool(frequencies_of(test.setpoint))),
+        law=law_in_words(
+            settings, settings.gain or rig.gain_V_per_m, bool(frequencies_of(test.setpoint))
+        ),
     )
 
 

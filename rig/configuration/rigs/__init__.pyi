@@ -1,11 +1,11 @@
 from .calibration_file import dump_calibration as dump_calibration
-from .hardware import valves_of as valves_of
 from .control import (
     UNLESS_USUAL as UNLESS_USUAL,
     control_lines as control_lines,
     read_control as read_control,
     with_control as with_control,
 )
+from .hardware import valves_of as valves_of
 from .limits import Limits as Limits, read_channel_limits as read_channel_limits
 from .register_maps import MAPS as MAPS, Map as Map, read_dbc as read_dbc, read_map as read_map
 from .rig import (

@@ -15,7 +15,9 @@ UNLESS_USUAL: Final = MappingProxyType({"unless_usual": True})
 recordings and journals of rigs and tests without the section stay as they were."""
 
 
-def read_control(item: Located | None, rig: ControlSettings | None = None) -> ControlSettings | None:
+def read_control(
+    item: Located | None, rig: ControlSettings | None = None
+) -> ControlSettings | None:
     """Return the control settings that a section gives; None if they are unusable.
 
     Problems are recorded. A key that is not given has the value of the rig's settings `rig`, or its

@@ -98,9 +98,7 @@ def fitted_loop(
     integrated = answer * 1j * omega
     weight = np.abs(tones[:, 0])
     speed = float(np.average(np.abs(integrated), weights=weight))
-    lag = float(
-        -np.sum(weight * omega * np.angle(integrated)) / np.sum(weight * omega**2)
-    )
+    lag = float(-np.sum(weight * omega * np.angle(integrated)) / np.sum(weight * omega**2))
     model = speed * np.exp(-1j * omega * lag)
     misfit = float(sqrt(np.average(np.abs(integrated / model - 1.0) ** 2, weights=weight)))
     return LoopModel(

@@ -291,8 +291,7 @@ def run_tuning(
             for each in models
         ),
         responses=tuple(
-            _response(name, compared[f"{name} before"], compared[f"{name} after"])
-            for name in names
+            _response(name, compared[f"{name} before"], compared[f"{name} after"]) for name in names
         ),
         remarks=remarks,
         recordings=tuple(parts.recordings),
@@ -380,7 +379,9 @@ def proposal(
     """
     present = rig.control.gain or rig.gain_V_per_m
     remarks = []
-    swallowed = float(np.median([each.speed_per_volt * each.mean_V / each.speed for each in models]))
+    swallowed = float(
+        np.median([each.speed_per_volt * each.mean_V / each.speed for each in models])
+    )
     models = tuple(map(_as_fast_as_the_stroke, models))
     speed = float(np.median([each.speed_per_volt for each in models]))
     most = MOST_STEP_UP

@@ -22,7 +22,9 @@ def rig() -> Rig:
 
 
 @pytest.mark.parametrize("control", [ControlSettings(), AHEAD])
-def test_the_expected_error_is_that_of_the_simulated_rig(rig: Rig, control: ControlSettings) -> None:
+def test_the_expected_error_is_that_of_the_simulated_rig(
+    rig: Rig, control: ControlSettings
+) -> None:
     moved = run(rig, FAST, 10.0, control)
     test = plain_test("sine", FAST, 10.0, 0.3, 2.0)
     found = expected_following(test, replace(rig, control=control), Model())
@@ -33,7 +35,9 @@ def test_the_expected_error_is_that_of_the_simulated_rig(rig: Rig, control: Cont
 @pytest.mark.parametrize(
     "setpoint, needs", [(Sine(0.3, 0.15, 0.5), 7.2), (Sine(0.3, 0.15, 0.7), 10.2)]
 )
-def test_the_motion_itself_asks_for_so_many_volts(rig: Rig, setpoint: Setpoint, needs: float) -> None:
+def test_the_motion_itself_asks_for_so_many_volts(
+    rig: Rig, setpoint: Setpoint, needs: float
+) -> None:
     test = plain_test("sine", setpoint, 5.0, 0.3, 2.0)
     assert expected_following(test, rig, Model()).needed_V == pytest.approx(needs, rel=0.02)
 

@@ -72,9 +72,7 @@ def test_a_deadband_is_measured_and_bridged(rig: Rig, tmp_path: Path) -> None:
     assert after < 3e-3
 
 
-def test_play_in_the_valve_is_no_deadband_and_raises_no_gain(
-    rig: Rig, tmp_path: Path
-) -> None:
+def test_play_in_the_valve_is_no_deadband_and_raises_no_gain(rig: Rig, tmp_path: Path) -> None:
     worn = replace(rig, plant=rig.plant.with_effect("valve_hysteresis", value=1.5e-5))
     tuned = run_tuning(worn, Model(), tmp_path)
     assert tuned.safe
@@ -100,6 +98,12 @@ def test_no_motion_leaves_the_limits_of_the_rig(rig: Rig) -> None:
 
 
 def test_a_trip_ends_the_experiment_and_proposes_nothing(rig: Rig, tmp_path: Path) -> None:
-    narrow = replace(rig, ladder=tuple(replace(rung, low=0.2, action="trip") if rung.channel == "position_m" else rung for rung in rig.ladder))
+    narrow = replace(
+        rig,
+        ladder=tuple(
+            replace(rung, low=0.2, action="trip") if rung.channel == "position_m" else rung
+            for rung in rig.ladder
+        ),
+    )
     with pytest.raises(ExperimentStoppedError):
         run_tuning(narrow, Model(), tmp_path)
