@@ -45,7 +45,7 @@ COMMANDS: Final = {
     "recover": ("recordings.recover", "Save what is left of a cut or damaged recording."),
     "home": ("hardware.home", "Home a rig's encoder, to see that it can be homed."),
     "calibrate": ("hardware.calibrate", "Measure a rig's needle valves with its flow meters."),
-    "tune": ("hardware.tune", "Tune a rig's position loop by an experiment."),
+    "tune": ("models.tune", "Tune a rig's position loop by an experiment."),
     "doctor": ("hardware.doctor", "Show what this machine grants to a rig, and the remedies."),
     "init": ("init", "Copy the shipped rigs, models, campaigns, sweeps and maps to edit."),
 }

@@ -32,7 +32,7 @@ def tuning_page(tuning: Tuning, started: str) -> str:
 
 def margin_rows(tuning: Tuning) -> list[tuple[str, ...]]:
     """Return the cells of a table, one row for each stretch: model, margins before and after."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for model, before, after in zip(
         tuning.models, tuning.margins_before, tuning.margins_after, strict=True
     ):

@@ -21,7 +21,7 @@ from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate
 
 MODEL_AHEAD = ControlSettings(feedforward="model")
-TIME = np.arange(4000) * TICK
+TIME = np.arange(4000, dtype=np.float64) * TICK
 
 
 def test_the_speed_for_a_volt_is_that_of_the_valve() -> None:

@@ -65,7 +65,7 @@ def test_command_integral_and_correction_stay_within_their_limits(
 
 
 @pytest.mark.parametrize(
-    "setpoint, position, ahead", [(nan, 0.3, 0.0), (0.3, nan, 0.0), (0.3, 0.3, nan)]
+    ("setpoint", "position", "ahead"), [(nan, 0.3, 0.0), (0.3, nan, 0.0), (0.3, 0.3, nan)]
 )
 def test_what_is_not_known_nulls_the_valve_and_empties_the_integral(
     setpoint: float, position: float, ahead: float

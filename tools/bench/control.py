@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from control.loop_model import MOST_TONES
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
-from control.tracking import MOST_TONES, PLAIN, ControlLaw, control_memory, tracking_command
+from control.tracking import PLAIN, ControlLaw, control_memory, tracking_command
 from rig.jit import njit
 from rig.plant.integrator import TICK
 

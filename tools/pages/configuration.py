@@ -48,7 +48,8 @@ def keys_table(section: str) -> Iterator[str]:
     """Yield the lines of one table of keys in Markdown.
 
     Args:
-        section: a section of the rig file (`loop`, `homing`, `control`), `register_map`, or a type of driver.
+        section: a section of the rig file (`loop`, `homing`, `control`), `register_map`, or a type
+            of driver.
 
     Raises:
         DriverError: the section is none of these, or the driver is broken.

@@ -1,4 +1,4 @@
-"""Draws the picture of docs/tracking.md: a fast sine under the thesis's loop and the tracking law."""
+"""Draws the picture of docs/tracking.md: a sine under the thesis's loop and the tracking law."""
 
 from pathlib import Path
 from typing import Final
@@ -25,7 +25,7 @@ def sine_picture(file: Path) -> dict[str, float]:
     rig = load_rig("simulated")
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    found = {}
+    found: dict[str, float] = {}
     for name, colour, control in _LAWS:
         moved = run(rig, SINE, SECONDS, control)
         if not found:

@@ -127,7 +127,10 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
 def _following(
     test: CampaignTest, rig: Rig, assumed: Model, known: dict[str, Following]
 ) -> Following | None:
-    """Return how a test's ram is expected to follow, from `known` if it is there; None in open loop."""
+    """Return how a test's ram is expected to follow, from `known` if it is there.
+
+    It is None in open loop.
+    """
     if test.setpoint.quantity != "position":
         return None
     same = repr((test.setpoint, test.duration_s, test.load, test.control))

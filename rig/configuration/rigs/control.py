@@ -1,4 +1,4 @@
-"""The section `control` of a rig file or a test: what the position loop adds to gain times error."""
+"""The section `control` of rigs and tests: what the position loop adds to gain times error."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -25,7 +25,7 @@ _GRID: Final = 2.0 * pi * np.geomspace(0.02, 0.5 / TICK, 6000)
 """Angular frequencies of the margins, rad/s, up to half the loop's rate."""
 _LEAST_DAMPING: Final = 0.05
 """Least damping of the oil's resonance that is assumed. Servo-actuators have 0.05 to 0.2, by the
-valve's flow coefficients and seals (Merritt 1967, ch. 6), where models have viscous friction only."""
+valve's flow coefficients and seals (Merritt 1967, ch. 6); models have viscous friction only."""
 
 
 @dataclass(frozen=True)

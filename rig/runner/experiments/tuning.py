@@ -2,8 +2,9 @@
 
 The ram strokes slowly over most of its range, in closed loop and within the rig's limits, with
 tones upon the stroke that are too small to reverse it, so that it slides all the time. The linear
-model of each stretch gives the margins; from them the gains follow. Then the ram is held, to see that
-it does not hunt, and makes small steps and a sine under the present and under the proposed control, side by side.
+model of each stretch gives the margins; from them the gains follow. Then the ram is held, to see
+that it does not hunt, and makes small steps and a sine under the present and under the proposed
+control, side by side.
 """
 
 from collections.abc import Sequence
@@ -46,7 +47,8 @@ FREQUENCIES: Final = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0)
 """Tones in Hz: whole numbers, so that a stretch of whole seconds holds whole periods; from about
 the crossover of the thesis's loop (0.6 Hz) to where the encoder still counts the ram's motion."""
 _TONE_V: Final = 0.25
-"""Greatest sum of the tones in the command, V: it moves a ram by 0.07 m/(s V) less than `_SPEED`."""
+"""Greatest sum of the tones in the command, V. By 0.07 m/(s V) it moves a ram at a third of
+`_SPEED`, so that the stroke never reverses."""
 _SPEED: Final = 0.05
 """Speed of the strokes, m/s: slow enough for several seconds in a stretch, and beyond the Stribeck
 velocity of 0.04 m/s (table 2.1), where friction hardly depends on the speed."""
@@ -72,8 +74,8 @@ _HELD_FROM_S: Final = 10.0
 _MOST_HOLDS: Final = 4
 """Number of holds that are tried, under calmer and calmer control."""
 _PASSED: Final = 0.8
-"""Part of the tones' speed, by the stroke's speed for a volt, that must have passed for the valve to
-count as free of play. A null bias of 0.1 V costs 0.15 one way and adds as much the other."""
+"""Part of the tones' speed, by the stroke's speed for a volt, that must have passed for the valve
+to count as free of play. A null bias of 0.1 V costs 0.15 one way and adds as much the other."""
 _LEAST_V: Final = 0.01
 """Null and deadband below this are left out, V: a thousandth of the range of a valve."""
 _LEAST_BAND_V: Final = 0.05
@@ -388,8 +390,8 @@ def proposal(
     if swallowed < _PASSED:
         most = 1.0
         remarks.append(
-            f"of the tones only {100.0 * swallowed:.0f} % passed, as with play in the valve; speeds "
-            "are those of the strokes, and the gain is not raised"
+            f"of the tones only {100.0 * swallowed:.0f} % passed, as with play in the valve; "
+            "speeds are those of the strokes, and the gain is not raised"
         )
     out = [each for each in models if each.extending]
     back = [each for each in models if not each.extending][::-1]
@@ -465,7 +467,7 @@ def _response(name: str, before: Recording, after: Recording) -> Response:
 
 
 def tuning_figures(tuning: Tuning) -> dict[str, Any]:
-    """Return the results as JSON-able values in SI, angles in degrees; other programs rely on it."""
+    """Return the results as JSON-able values in SI; other programs rely on the keys."""
 
     def of(found: Sequence[Margins]) -> list[dict[str, float]]:
         return [

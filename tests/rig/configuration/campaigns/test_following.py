@@ -33,7 +33,7 @@ def test_the_expected_error_is_that_of_the_simulated_rig(
 
 
 @pytest.mark.parametrize(
-    "setpoint, needs", [(Sine(0.3, 0.15, 0.5), 7.2), (Sine(0.3, 0.15, 0.7), 10.2)]
+    ("setpoint", "needs"), [(Sine(0.3, 0.15, 0.5), 7.2), (Sine(0.3, 0.15, 0.7), 10.2)]
 )
 def test_the_motion_itself_asks_for_so_many_volts(
     rig: Rig, setpoint: Setpoint, needs: float

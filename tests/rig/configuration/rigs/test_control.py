@@ -33,7 +33,8 @@ def test_a_test_changes_the_keys_that_it_gives(tmp_path: Path) -> None:
     rig.write_text("name: mine\nparent: simulated\ncontrol: {feedforward: model, cyclic: true}\n")
     campaign = tmp_path / "c.yaml"
     campaign.write_text(
-        "name: c\nrig: mine.yaml\ndefaults: {duration: 10 s, setpoint: {type: constant, value: 0.3 m}}\n"
+        "name: c\nrig: mine.yaml\n"
+        "defaults: {duration: 10 s, setpoint: {type: constant, value: 0.3 m}}\n"
         "tests:\n  - name: own\n    control: {cyclic: false}\n  - name: rig's\n"
         "  - name: thesis\n    control: proportional\n"
     )
@@ -51,7 +52,7 @@ def test_what_has_no_control_of_its_own_is_recorded_as_before(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "keys, words",
+    ("keys", "words"),
     [
         ("control: {feedforwrd: model}", "feedforward"),
         ("control: {feedforward: models}", "model"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli.hardware import tune
+from rig.cli.models import tune
 from rig.configuration import load_rig
 from rig.runner.experiments import Tuning
 from tests.rig.cli.conftest import Invoke

@@ -1,4 +1,4 @@
-"""`rig tune` tunes the position loop of a rig by an experiment, and writes the gains it proposes."""
+"""`rig tune` tunes a rig's position loop by an experiment, and writes the gains it proposes."""
 
 import json
 from dataclasses import replace
@@ -10,7 +10,6 @@ from typing import Final
 import click
 
 from rig.cli.application import Problems
-from rig.cli.models.experiments import experiment, print_motions, rig_time
 from rig.cli.option_types import paced
 from rig.configuration import (
     ConfigError,
@@ -35,6 +34,8 @@ from rig.runner.experiments import (
     tuning_figures,
 )
 from rig.runner.run_folder import default_directory
+
+from .experiments import experiment, print_motions, rig_time
 
 EXIT_UNSAFE: Final = 1
 
@@ -70,10 +71,12 @@ def command(
 
     The ram, unloaded, strokes slowly over most of its range with small tones upon the strokes, is
     held under the proposed control, and makes small steps and a sine under the present and the
-    proposed one: two minutes, within the rig's limits. The section `control` of the rig file is written anew, and the old file is kept
-    beside it as FILE.TIME.bak; a shipped rig, given by name, needs --out. Nothing is written if
-    the proposed control would leave less than 6 dB or 30 degrees anywhere, or hunts. Also writes tuning.html
-    and tuning.json. Exit code 0 tuned, 1 not, 2 bad input, 3 stopped or tripped.
+    proposed one: two minutes, within the rig's limits.
+
+    The section `control` of the rig file is written anew, and the old file is kept beside it as
+    FILE.TIME.bak; a shipped rig, given by name, needs --out. Nothing is written if the proposed
+    control would leave less than 6 dB or 30 degrees anywhere, or hunts. Also writes tuning.html and
+    tuning.json. Exit code 0 tuned, 1 not, 2 bad input, 3 stopped or tripped.
     """
     problems = Problems()
     with problems.collected():
