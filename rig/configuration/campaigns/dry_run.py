@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +24,6 @@ from rig.plant import TICK, Model, Parameters, quantities
 
 from .faults import TYPICAL_PRESSURE
 from .following import Following, expected_following
-
-_NOTABLE: Final = 1.02
-"""Volts that a motion needs, over the limit, above which a warning is given: what is short by less,
-for the moment of the motion's greatest speed, is made up for at once."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +167,7 @@ def _plan(
         faults=tuple(_plan_fault(fault, rig) for fault in test.faults),
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
-            *_volts_warnings(following, speed <= fastest, rig),
+            *_volts_warnings(following, speed <= fastest),
             *_detector_warnings(test, rig, filter_name),
         ),
         following=following,
@@ -223,14 +218,13 @@ def _warnings(
             )
 
 
-def _volts_warnings(following: Following | None, reachable: bool, rig: Rig) -> Iterator[str]:
-    """Yield a warning if a motion that an unloaded ram could follow asks for too many volts."""
-    limit = rig.limits.command_V
-    if following is not None and reachable and following.needed_V > _NOTABLE * limit:
-        yield (
-            f"the motion needs {following.needed_V:.3g} V at {following.needed_at_s:.2f} s against "
-            f"friction and load, the limit is {limit:g} V; the ram will lag, whatever the control"
-        )
+def _volts_warnings(following: Following | None, reachable: bool) -> Iterator[str]:
+    """Yield a warning if a motion that an unloaded ram could follow asks for too many volts.
+
+    Under the proportional loop the ram lags far more than that anyway, and no warning is given.
+    """
+    if following is not None and reachable and following.tracks and following.out_of_reach:
+        yield f"{following.out_of_reach}; the ram will lag, whatever the control"
 
 
 def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:

@@ -25,6 +25,9 @@ LONGEST_S: Final = 20.0
 _LEAST_ROOT: Final = 0.05
 """Least part of the supply pressure that is left for the valve, as in `control.loop_model`."""
 
+_NOTABLE: Final = 1.02
+"""Volts that a motion needs, over the limit, from which this is told: what is short by less, for
+the moment of the motion's greatest speed, is made up for at once."""
 _TOO_FAST: Final = 10.0
 """Speed in m/s, ten times that of a fast servo-actuator, above which a setpoint jumps."""
 
@@ -39,6 +42,8 @@ class Following:
         needed_V: greatest command that the motion itself asks for, without its jumps, V.
         needed_at_s: when that is, s.
         law: the control law in words.
+        limit_V: greatest command of the rig, V.
+        tracks: whether the law adds anything to gain times error.
     """
 
     worst: float
@@ -46,12 +51,25 @@ class Following:
     needed_V: float  # noqa: N815
     needed_at_s: float
     law: str
+    limit_V: float  # noqa: N815
+    tracks: bool
+
+    @property
+    def out_of_reach(self) -> str:
+        """What a motion needs that the rig does not have, in words; "" if it has enough."""
+        if self.needed_V <= _NOTABLE * self.limit_V:
+            return ""
+        return (
+            f"the motion needs {self.needed_V:.3g} V at {self.needed_at_s:.2f} s against friction "
+            f"and load, the limit is {self.limit_V:g} V"
+        )
 
     def __str__(self) -> str:
         """Return the expected error as one line of text."""
+        reach = f"; {self.out_of_reach}" if self.out_of_reach else ""
         return (
             f"following error at most {1e3 * self.worst:.3g} mm, {1e3 * self.rms:.2g} mm rms, "
-            f"expected with {self.law}"
+            f"expected with {self.law}{reach}"
         )
 
 
@@ -85,6 +103,8 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         law=law_in_words(
             settings, settings.gain or rig.gain_V_per_m, bool(frequencies_of(test.setpoint))
         ),
+        limit_V=rig.limits.command_V,
+        tracks=not settings.is_proportional,
     )
 
 

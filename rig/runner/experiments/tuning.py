@@ -9,7 +9,7 @@ control, side by side.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import floor, log10, pi
+from math import floor, inf, log10, pi
 from pathlib import Path
 from typing import Any, Final
 
@@ -318,9 +318,14 @@ def hold_campaign(
 
 
 def _swing(recording: Recording) -> float:
-    """Return the range of the position in a hold, m, without the time in which it settles."""
+    """Return the range of the position in a hold, m, without the time in which it settles.
+
+    Ticks that were missed have no position. If none has one, the range is infinite.
+    """
     late = recording.time_s - recording.time_s[0] >= _HELD_FROM_S
-    return float(np.ptp(recording.channels["position_m"][late]))
+    found = recording.channels["position_m"][late]
+    found = found[np.isfinite(found)]
+    return float(np.ptp(found)) if found.size else inf
 
 
 def _hunting(swing: float, tried: ControlSettings, attempt: int) -> str:

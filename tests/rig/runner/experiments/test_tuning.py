@@ -10,9 +10,11 @@ import pytest
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.plant import Model
 from rig.plant.integrator import TICK
+from rig.recording import Recording
 from rig.runner.experiments.parts import ExperimentStoppedError, stroke_of
 from rig.runner.experiments.tuning import (
     Tuning,
+    _swing,
     exciting_campaign,
     response_campaign,
     run_tuning,
@@ -87,6 +89,13 @@ def test_a_gain_at_which_a_held_ram_swings_is_halved(rig: Rig, tmp_path: Path) -
     assert any("swings" in remark for remark in tuned.remarks)
     assert tuned.proposed.gain is not None
     assert tuned.proposed.gain < 100.0
+
+
+def test_missed_ticks_are_no_swing_and_a_hold_without_samples_proves_nothing() -> None:
+    time_s = np.arange(20_000) * TICK
+    position = np.where(np.arange(20_000) % 100 == 7, np.nan, 0.3)
+    assert _swing(Recording({"time_s": time_s, "position_m": position})) == 0.0
+    assert _swing(Recording({"time_s": time_s, "position_m": position * np.nan})) == np.inf
 
 
 def test_no_motion_leaves_the_limits_of_the_rig(rig: Rig) -> None:
