@@ -83,12 +83,16 @@ def test_play_in_the_valve_is_no_deadband_and_raises_no_gain(rig: Rig, tmp_path:
     assert any("play" in remark for remark in tuned.remarks)
 
 
-def test_a_gain_at_which_a_held_ram_swings_is_halved(rig: Rig, tmp_path: Path) -> None:
-    worn = replace(rig, plant=rig.plant.with_effect("position_backlash", value=1.5e-3))
-    tuned = run_tuning(worn, Model(), tmp_path)
-    assert any("swings" in remark for remark in tuned.remarks)
-    assert tuned.proposed.gain is not None
-    assert tuned.proposed.gain < 100.0
+def test_a_gain_at_which_a_held_ram_swings_is_halved_and_at_last_not_proposed(
+    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Every hold counts as one that swings.
+    monkeypatch.setattr("rig.runner.experiments.tuning.HUNTING_M", -1.0)
+    tuned = run_tuning(rig, Model(), tmp_path)
+    assert sum("swings" in remark for remark in tuned.remarks) == 4
+    assert tuned.proposed.gain == 12.0
+    assert tuned.hunts
+    assert not tuned.safe
 
 
 def test_missed_ticks_are_no_swing_and_a_hold_without_samples_proves_nothing() -> None:
