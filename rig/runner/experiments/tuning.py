@@ -169,6 +169,8 @@ def exciting_campaign(rig: Rig, assumed: Model, seed: int = 0) -> Campaign:
     setpoint = _exciting(rig, assumed, seed)
     duration_s = setpoint.stroke.times_s[-1]
     test = plain_test(_STROKE, setpoint, duration_s, setpoint.stroke.values[0], _SETTLE_S, seed)
+    if rig.control.gain is not None:
+        test = replace(test, control=ControlSettings(gain=rig.control.gain))
     return part_campaign("tones", "Slow strokes with small tones.", rig, assumed, [test])
 
 
