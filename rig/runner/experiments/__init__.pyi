@@ -31,7 +31,6 @@ from .tuning import (
     Tuning as Tuning,
     exciting_campaign as exciting_campaign,
     hold_campaign as hold_campaign,
-    proposal as proposal,
     response_campaign as response_campaign,
     run_tuning as run_tuning,
     tuning_figures as tuning_figures,

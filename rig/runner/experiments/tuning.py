@@ -9,7 +9,7 @@ control, side by side.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import floor, inf, log10, pi
+from math import floor, inf, pi
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,13 +29,14 @@ from control import (
 )
 from faults import Campaign, CampaignTest
 from rig.configuration import Rig, plain
-from rig.plant import TICK, Model, Parameters
+from rig.plant import TICK, Model
 from rig.recording import Recording
 from rig.runner.campaign import Pace, StopFlag, bench_of, plain_test
 from rig.runner.outcomes import Observer, jsonable
 
 from .loop_fit import LoopModel, Margins, fitted_loop, margins
 from .parts import Parts, part_campaign, stroke_of
+from .tuning_proposal import as_fast_as_the_stroke, calmer, fast_motion, proposal
 
 Array = NDArray[np.float64]
 
@@ -56,30 +57,14 @@ _REST_S: Final = 2.0
 _SETTLE_S: Final = 3.0
 _STROKE: Final = "strokes with tones"
 _HOLD: Final = "hold"
+_SINE: Final = "sine"
 
-GAIN_MARGIN_DB: Final = 12.0
-PHASE_MARGIN: Final = pi / 3.0
-"""Margins of a proposed gain: twice those that a loop must keep, as oil and friction change."""
-MOST_STEP_UP: Final = 2.0
-"""Greatest factor by which one tuning raises the gain: the next one measures again."""
-_INTEGRAL_TIMES: Final = 4.0
-"""Integral time in units of the reciprocal crossover: the integral lags the loop by 14 degrees."""
-_TRUSTED: Final = 0.1
-"""Part by which the measured speed for a volt may differ from the model's for the model's
-feedforward to be proposed; beyond it the measured gain takes its place."""
 HUNTING_M: Final = 1e-4
 """Range in m of a held ram's position above which it hunts, beside a count of the encoder."""
 _HOLD_S: Final = 20.0
 _HELD_FROM_S: Final = 10.0
 _MOST_HOLDS: Final = 4
 """Number of holds that are tried, under calmer and calmer control."""
-_PASSED: Final = 0.8
-"""Part of the tones' speed, by the stroke's speed for a volt, that must have passed for the valve
-to count as free of play. A null bias of 0.1 V costs 0.15 one way and adds as much the other."""
-_LEAST_V: Final = 0.01
-"""Null and deadband below this are left out, V: a thousandth of the range of a valve."""
-_LEAST_BAND_V: Final = 0.05
-"""Deadband below this is left out, V: it is the difference of two greater numbers."""
 
 
 @dataclass(frozen=True)
@@ -165,13 +150,17 @@ class Tuning:
 
 
 def exciting_campaign(rig: Rig, assumed: Model, seed: int = 0) -> Campaign:
-    """Return the campaign of the strokes with tones."""
+    """Return the campaign of the strokes with tones, and of a sine under the present control."""
     setpoint = _exciting(rig, assumed, seed)
     duration_s = setpoint.stroke.times_s[-1]
     test = plain_test(_STROKE, setpoint, duration_s, setpoint.stroke.values[0], _SETTLE_S, seed)
     if rig.control.gain is not None:
         test = replace(test, control=ControlSettings(gain=rig.control.gain))
-    return part_campaign("tones", "Slow strokes with small tones.", rig, assumed, [test])
+    motion, sine_s = response_motions(rig, assumed)[_SINE]
+    start = float(motion.sample(np.zeros(1))[0])
+    sine = plain_test(f"{_SINE} before", motion, sine_s, start, _SETTLE_S, seed)
+    tests = [test, replace(sine, control=rig.control)]
+    return part_campaign("tones", "Slow strokes with small tones, a sine.", rig, assumed, tests)
 
 
 def _exciting(rig: Rig, assumed: Model, seed: int) -> StrokeWithTones:
@@ -211,22 +200,24 @@ def response_motions(rig: Rig, assumed: Model) -> dict[str, tuple[Setpoint, floa
     frequency = min(0.5, 0.6 * fastest / (2.0 * pi * amplitude))
     return {
         "steps": (Steps((middle, middle + step, middle - step, middle), 2.0), 8.0),
-        "sine": (Sine(middle, amplitude, round(frequency, 3)), 16.0),
+        _SINE: (Sine(middle, amplitude, round(frequency, 3)), 16.0),
     }
 
 
 def response_campaign(
     rig: Rig, assumed: Model, proposed: ControlSettings, seed: int = 0
 ) -> Campaign:
-    """Return the campaign of small steps and a sine, under the present and the proposed control."""
+    """Return the campaign of small steps under both controls, and a sine under the proposed one.
+
+    The sine under the present control belongs to `exciting_campaign`.
+    """
     tests: list[CampaignTest] = []
     for name, (setpoint, duration_s) in response_motions(rig, assumed).items():
         start = float(setpoint.sample(np.zeros(1))[0])
         test = plain_test(name, setpoint, duration_s, start, _SETTLE_S, seed)
-        tests += [
-            replace(test, name=f"{name} before", control=rig.control),
-            replace(test, name=f"{name} after", control=proposed),
-        ]
+        if name != _SINE:
+            tests.append(replace(test, name=f"{name} before", control=rig.control))
+        tests.append(replace(test, name=f"{name} after", control=proposed))
     return part_campaign("response", "The present and the proposed control.", rig, assumed, tests)
 
 
@@ -268,9 +259,11 @@ def run_tuning(
     delay_s = TICK if rig.backend == "hardware" else 0.0
     with bench:
         setpoint = _exciting(rig, assumed, seed)
-        models = fitted_models(parts.run(exciting)[_STROKE], setpoint)
-        proposed, remarks = proposal(models, rig, assumed.parameters, delay_s)
-        models = tuple(map(_as_fast_as_the_stroke, models))
+        compared = parts.run(exciting)
+        models = fitted_models(compared[_STROKE], setpoint)
+        fast = fast_motion(compared[f"{_SINE} before"])
+        proposed, remarks = proposal(models, fast, rig, assumed.parameters, delay_s)
+        models = tuple(map(as_fast_as_the_stroke, models))
         for attempt in range(1, _MOST_HOLDS + 1):
             held = parts.run(hold_campaign(rig, assumed, proposed, attempt, seed))
             swing = _swing(held[_HOLD])
@@ -278,8 +271,8 @@ def run_tuning(
                 break
             remarks = (*remarks, _hunting(swing, proposed, attempt))
             if attempt < _MOST_HOLDS:
-                proposed = _calmer(proposed)
-        compared = parts.run(response_campaign(rig, assumed, proposed, seed))
+                proposed = calmer(proposed)
+        compared |= parts.run(response_campaign(rig, assumed, proposed, seed))
     gain = rig.control.gain or rig.gain_V_per_m
     names = response_motions(rig, assumed)
     return Tuning(
@@ -341,18 +334,6 @@ def _hunting(swing: float, tried: ControlSettings, attempt: int) -> str:
     )
 
 
-def _calmer(settings: ControlSettings) -> ControlSettings:
-    """Return the settings without the deadband's compensation; without one, with half the gain.
-
-    What looked like a deadband may have been play, which its compensation turns into a switch.
-    """
-    if settings.deadband:
-        return replace(settings, deadband=0.0)
-    time_s = 2.0 * (settings.integral_time or 1.0)
-    gain = 0.5 * (settings.gain or 0.0)
-    return replace(settings, gain=_rounded(gain), integral_time=_rounded(time_s))
-
-
 def fitted_models(recording: Recording, setpoint: StrokeWithTones) -> tuple[LoopModel, ...]:
     """Return the linear model of each stretch of a recording of the strokes with tones.
 
@@ -368,98 +349,6 @@ def fitted_models(recording: Recording, setpoint: StrokeWithTones) -> tuple[Loop
         fitted_loop(columns[0][part], columns[1][part], FREQUENCIES, extending)
         for part, extending in stretches_of(setpoint)
     )
-
-
-def proposal(
-    models: Sequence[LoopModel], rig: Rig, assumed: Parameters, delay_s: float
-) -> tuple[ControlSettings, tuple[str, ...]]:
-    """Return the proposed control settings, and remarks on them.
-
-    The gain is the largest that keeps `GAIN_MARGIN_DB` and `PHASE_MARGIN` at every place, integral
-    included, but at most `MOST_STEP_UP` times the present one. Null is the mean of the commands
-    out and back; what is left of half their difference, after the tones' own gain has explained the
-    speed, is the deadband.
-
-    Args:
-        models: of all stretches.
-        rig: the rig, with its present control.
-        assumed: the assumed parameters.
-        delay_s: time from a sample to the command that follows from it, s.
-    """
-    present = rig.control.gain or rig.gain_V_per_m
-    remarks = []
-    swallowed = float(
-        np.median([each.speed_per_volt * each.mean_V / each.speed for each in models])
-    )
-    models = tuple(map(_as_fast_as_the_stroke, models))
-    speed = float(np.median([each.speed_per_volt for each in models]))
-    most = MOST_STEP_UP
-    if swallowed < _PASSED:
-        most = 1.0
-        remarks.append(
-            f"of the tones only {100.0 * swallowed:.0f} % passed, as with play in the valve; "
-            "speeds are those of the strokes, and the gain is not raised"
-        )
-    out = [each for each in models if each.extending]
-    back = [each for each in models if not each.extending][::-1]
-    pairs = list(zip(out, back, strict=True))
-    null = float(np.median([0.5 * (a.mean_V + b.mean_V) for a, b in pairs]))
-    half = [0.5 * (a.mean_V - b.mean_V) for a, b in pairs]
-    needed = [0.5 * (a.speed / a.speed_per_volt - b.speed / b.speed_per_volt) for a, b in pairs]
-    deadband = float(np.median(np.subtract(half, needed)))
-    load = (assumed.coulomb + assumed.viscous * _SPEED) / assumed.piston_area
-    believed = velocity_gain(assumed, load)
-    trusted = abs(speed / believed - 1.0) <= _TRUSTED
-    if not trusted:
-        remarks.append(
-            f"the ram moves by {1e3 * speed:.3g} mm/s for a volt, the model by "
-            f"{1e3 * believed:.3g}; the feedforward is proposed as measured, and a model that fits "
-            "would know load and friction too"
-        )
-    spread = max(abs(0.5 * (a.mean_V + b.mean_V) - null) for a, b in pairs)
-    if spread > 0.1:
-        remarks.append(
-            f"null differs by {1e3 * spread:.0f} mV along the stroke, as with a load that grows; "
-            "the integral makes up for it"
-        )
-    settings = ControlSettings(
-        feedforward="model" if trusted else "none",
-        feedforward_gain=None if trusted else _rounded(1.0 / speed),
-        null=_rounded(null) if abs(null) >= _LEAST_V else 0.0,
-        deadband=_rounded(deadband) if deadband >= _LEAST_BAND_V else 0.0,
-        integral_time=1.0,
-        cyclic=True,
-    )
-    for gain in present * np.geomspace(most, 0.1, 60):
-        settings = replace(
-            settings,
-            gain=_rounded(gain),
-            integral_time=_rounded(max(_INTEGRAL_TIMES / (speed * gain), 0.1)),
-        )
-        found = [margins(each, settings, gain, assumed, delay_s) for each in models]
-        if all(m.gain_dB >= GAIN_MARGIN_DB and m.phase >= PHASE_MARGIN for m in found):
-            break
-    else:
-        remarks.append("no gain keeps the margins; the least that was tried is proposed")
-    if gain < present:
-        remarks.append(f"the present gain of {present:g} V/m leaves less margin than is proposed")
-    return settings, tuple(remarks)
-
-
-def _as_fast_as_the_stroke(model: LoopModel) -> LoopModel:
-    """Return a model whose speed for a volt is at least that of the stroke itself.
-
-    Play in the valve swallows small tones; a deadband makes the stroke look slower than it is.
-    """
-    stroke = model.speed / model.mean_V if model.speed * model.mean_V > 0.0 else 0.0
-    return replace(model, speed_per_volt=max(model.speed_per_volt, stroke))
-
-
-def _rounded(value: float) -> float:
-    """Return a value with two significant digits."""
-    if value == 0.0:
-        return 0.0
-    return round(float(value), 1 - floor(log10(abs(value))))
 
 
 def _response(name: str, before: Recording, after: Recording) -> Response:
