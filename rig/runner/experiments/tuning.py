@@ -36,7 +36,7 @@ from rig.runner.outcomes import Observer, jsonable
 
 from .loop_fit import LoopModel, Margins, fitted_loop, margins
 from .parts import Parts, part_campaign, stroke_of
-from .tuning_proposal import as_fast_as_the_stroke, calmer, fast_motion, proposal
+from .tuning_proposal import as_fast_as_the_strokes, calmer, fast_motion, proposal
 
 Array = NDArray[np.float64]
 
@@ -263,7 +263,7 @@ def run_tuning(
         models = fitted_models(compared[_STROKE], setpoint)
         fast = fast_motion(compared[f"{_SINE} before"])
         proposed, remarks = proposal(models, fast, rig, assumed.parameters, delay_s)
-        models = tuple(map(as_fast_as_the_stroke, models))
+        models = as_fast_as_the_strokes(models)
         for attempt in range(1, _MOST_HOLDS + 1):
             held = parts.run(hold_campaign(rig, assumed, proposed, attempt, seed))
             swing = _swing(held[_HOLD])
