@@ -1,3 +1,12 @@
+from .guidance import guide_of as guide_of, law_of as law_of
+from .loop_model import (
+    feedforward_command as feedforward_command,
+    frequencies_of as frequencies_of,
+    hold_band as hold_band,
+    loop_answer as loop_answer,
+    valve_lag as valve_lag,
+    velocity_gain as velocity_gain,
+)
 from .position_loop import (
     COMMAND_LIMIT as COMMAND_LIMIT,
     POSITION_GAIN as POSITION_GAIN,
@@ -28,4 +37,16 @@ from .setpoints import (
     Triangle as Triangle,
     period_of as period_of,
 )
+from .settings import ControlSettings as ControlSettings
 from .tolerant import TOLERANT_STATE as TOLERANT_STATE, tolerant_command as tolerant_command
+from .tracking import (
+    PLAIN as PLAIN,
+    PROPORTIONAL as PROPORTIONAL,
+    TONE_NUMBERS as TONE_NUMBERS,
+    ControlLaw as ControlLaw,
+    ControlMemory as ControlMemory,
+    Guide as Guide,
+    begin_motion as begin_motion,
+    control_memory as control_memory,
+    tracking_command as tracking_command,
+)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf
 
-from control import Setpoint
+from control import ControlSettings, Setpoint
 from estimator.leaks import Baseline, Detector, detector_for
 from rig.plant import Model
 
@@ -132,6 +132,8 @@ class CampaignTest:
     """What must hold of the rig before the test begins; `give_up_s` is the longest wait."""
     until: Until | None = None
     """What ends the test; if it has not come after `duration_s`, the test fails."""
+    control: ControlSettings | None = field(default=None, metadata={"unless_usual": True})
+    """What the position loop adds to gain times error in this test; None for the rig's settings."""
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ COMMANDS: Final = {
     "home": ("hardware.home", "Home a rig's encoder, to see that it can be homed."),
     "counters": ("hardware.counters", "Show what a rig has done: cycles, metres, hours."),
     "calibrate": ("hardware.calibrate", "Measure a rig's needle valves with its flow meters."),
+    "tune": ("models.tune", "Tune a rig's position loop by an experiment."),
     "doctor": ("hardware.doctor", "Show what this machine grants to a rig, and the remedies."),
     "schema": ("schema", "Write the JSON schema by which an editor completes a file's keys."),
     "init": ("init", "Copy the shipped rigs, models, campaigns, sweeps and maps to edit."),

@@ -38,10 +38,13 @@ from .rigs import (
     DEFAULT as DEFAULT,
     OFF as OFF,
     Rig as Rig,
+    control_lines as control_lines,
     dump_calibration as dump_calibration,
+    find_rig as find_rig,
     load_rig as load_rig,
     load_stream as load_stream,
     load_tolerances as load_tolerances,
+    with_control as with_control,
 )
 from .sweeps import (
     HEALTHY as HEALTHY,

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import proportional_command
+from control import ControlLaw, ControlMemory, proportional_command, tracking_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
 from rig.channels import READINGS
 from rig.io import FAST_INPUTS
@@ -155,6 +155,8 @@ class Ticks(NamedTuple):
     """(ticks,) in m, or in V in open loop."""
     faults: Array
     """(ticks, 8) coefficients (`rig.plant.faults.FaultInput`)."""
+    feedforward: Array
+    """(ticks,) feedforward of the position loop in V; (0,) for none."""
     noise: Array
     """(ticks, 9) standard normal numbers, for the noise of the transducers."""
 
@@ -170,6 +172,12 @@ class Steering(NamedTuple):
     """Greatest command of either sign, V."""
     on_fault: int
     """`Reaction` that the test asks for after a confirmed fault."""
+    law: ControlLaw
+    """What the position loop adds to gain times error."""
+    tones: Array
+    """(n, TONE_NUMBERS) frequencies of the setpoint that are corrected."""
+    memory: ControlMemory
+    """Memory of the position loop; updated."""
 
 
 class TrueRig(NamedTuple):
@@ -252,8 +260,14 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
             command = limited_command(False, reaction.held_at[0], reading[0], gain, limit)
             wanted = nan if how.open_loop else reaction.held_at[0]
         else:
-            command = limited_command(how.open_loop, wanted, reading[0], gain, limit)
-            if not how.open_loop:
+            if how.open_loop:
+                command = limited_command(True, wanted, reading[0], gain, limit)
+            else:
+                ahead = ticks.feedforward[k] if k < ticks.feedforward.size else 0.0
+                command = tracking_command(
+                    wanted, reading[0], ahead, time_s, gain, limit, TICK, how.law, how.tones,
+                    how.memory,
+                )  # fmt: skip
                 command = tolerating(
                     command, on_fault, decided, filt.x, filt.parameters, limit, TICK, reaction
                 )

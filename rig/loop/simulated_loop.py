@@ -5,7 +5,15 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, POSITION_GAIN, raised_cosine
+from control import (
+    COMMAND_LIMIT,
+    PLAIN,
+    POSITION_GAIN,
+    Guide,
+    begin_motion,
+    control_memory,
+    raised_cosine,
+)
 from estimator.accounts import BLOCK_TICKS
 from estimator.filters import FilterMemory, FilterRun, compiled_filter
 from rig.channels import READINGS
@@ -66,6 +74,7 @@ class SimulatedLoop:
         on_fault: the reaction to a confirmed fault.
         interlock: judges every sample, as on hardware; if it is None, no sample is judged.
         limits: limits that hold while the test itself runs, and not on the way to its start.
+        guide: what the position loop adds to gain times error.
 
     Attributes:
         channels: names of the rows' columns (`row_channels`).
@@ -84,6 +93,7 @@ class SimulatedLoop:
     on_fault: Reaction = Reaction.IGNORE
     interlock: Interlock | None = None
     limits: tuple[ChannelLimit, ...] = ()
+    guide: Guide = PLAIN
 
     def __post_init__(self) -> None:
         motion, rig, assumed = self.motion, self.rig, self.assumed
@@ -95,6 +105,7 @@ class SimulatedLoop:
         self._tick = 0
         self._decided = no_decision()
         self._reaction = reaction_memory()
+        self._control = control_memory()
         judged = self.interlock is not None
         self._guard = guard(self.interlock or _no_interlock(rig, assumed), judged)
         self.channels = row_channels(self.memory.filter.states, motion.open_loop)
@@ -137,7 +148,8 @@ class SimulatedLoop:
         setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
-        self._run(setpoint, False, no_faults, apart=True)
+        self._run(setpoint, False, no_faults, self.guide.moving(), apart=True)
+        begin_motion(True, self._control)
         rig.start_clock(0.0)
         if self._is_stopped:
             self._held[0] = 0.0
@@ -160,7 +172,8 @@ class SimulatedLoop:
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
         motion = self.motion
-        rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part])
+        guide = self.guide._replace(feedforward=self.guide.feedforward[part])
+        rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part], guide)
         self._tick += len(rows)
         if self._is_stopped and not len(rows):
             raise self.stopped
@@ -197,7 +210,14 @@ class SimulatedLoop:
         row[0, READINGS_AT : READINGS_AT + len(READINGS)] = self._guard.inputs[: len(READINGS)]
         return row
 
-    def _run(self, setpoint: Array, open_loop: bool, faults: Array, apart: bool = False) -> Array:
+    def _run(
+        self,
+        setpoint: Array,
+        open_loop: bool,
+        faults: Array,
+        guide: Guide = PLAIN,
+        apart: bool = False,
+    ) -> Array:
         """Run ticks until something ends them, and return their rows; see `simulated_ticks`.
 
         Ticks that are `apart` come before the test: they have noise, meters and a filter of their
@@ -210,8 +230,10 @@ class SimulatedLoop:
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
             self._tick,
-            Ticks(setpoint, faults, noise),
-            Steering(open_loop, self.gain, self.limit, on_fault),
+            Ticks(setpoint, faults, guide.feedforward, noise),
+            Steering(
+                open_loop, self.gain, self.limit, on_fault, guide.law, guide.tones, self._control,
+            ),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
                 rig.parameters, rig.sensors,

@@ -40,6 +40,7 @@ from rig.supervisor.processes import (
 
 from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
+from .guiding import gain_for, guide_for
 from .moves import moves, preparing_moves
 from .states import Event, State
 
@@ -114,17 +115,18 @@ class Session:
             assumed: the model that the filter assumes.
         """
         ticks = round(test.duration_s / TICK)
-        own: dict[str, float] = {} if test.gain_V_per_m is None else {"gain": test.gain_V_per_m}
+        setpoint = np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK))
         wire = self.rig.tracking(
             test.start_position_m,
             test.settle_s,
             memory=memory,
             assumed=assumed.parameters,
-            setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
+            setpoint=setpoint,
+            gain=gain_for(self.rig.configured, test),
+            guide=guide_for(self.rig.configured, test, setpoint, assumed),
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
             limits=rungs_of(test.limits),
-            **own,
         )
         self._test = HardwareTest(self.rig, wire, test)
         return self._test

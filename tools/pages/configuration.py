@@ -11,6 +11,7 @@ from pathlib import Path
 from types import EllipsisType
 from typing import Any, Final, Literal, get_args, get_origin
 
+from control import ControlSettings
 from rig.configuration.reading.options import Option, kind_of, options_of
 from rig.configuration.reading.quantities import show
 from rig.io.modbus_daq.register_map import RegisterMap
@@ -21,7 +22,12 @@ PAGE: Final = Path(__file__).parents[2] / "docs" / "configuration.md"
 
 _TABLE: Final = re.compile(r"(<!-- keys of (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _MEANING: Final = re.compile(r"^ {4}(\w+): (.*?)(?=^ {4}\w+: |\Z|^\S)", re.DOTALL | re.MULTILINE)
-_SECTIONS: Final = {"loop": LoopSettings, "homing": HomingSettings, "register_map": RegisterMap}
+_SECTIONS: Final = {
+    "loop": LoopSettings,
+    "homing": HomingSettings,
+    "control": ControlSettings,
+    "register_map": RegisterMap,
+}
 
 
 def main() -> None:
@@ -42,7 +48,8 @@ def keys_table(section: str) -> Iterator[str]:
     """Yield the lines of one table of keys in Markdown.
 
     Args:
-        section: a section of the rig file (`loop`, `homing`), `register_map`, or a type of driver.
+        section: a section of the rig file (`loop`, `homing`, `control`), `register_map`, or a type
+            of driver.
 
     Raises:
         DriverError: the section is none of these, or the driver is broken.

@@ -1,7 +1,7 @@
 """Campaign files: tests, the rig they run on, and the model and detector that judge them."""
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from math import isinf
 from pathlib import Path
 from typing import Annotated, Any
@@ -160,12 +160,15 @@ def plain(value: Any) -> Any:
     """Return a value as dicts, lists, strings, numbers and None, which JSON can hold.
 
     A dataclass becomes a dict of its fields, with the name of its class under "type", so that a
-    sine differs from a chirp; fields that its repr hides are left out. A named tuple becomes a dict
-    of its fields. Infinity, which means "never" or "no limit", becomes None; NaN stays, and any
+    sine differs from a chirp; fields that its repr hides are left out, and so are those with the
+    metadata `UNLESS_USUAL` while they have their default. A named tuple becomes a dict of its
+    fields. Infinity, which means "never" or "no limit", becomes None; NaN stays, and any
     other object becomes its text.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        public = {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.repr}
+        public = {
+            f.name: plain(getattr(value, f.name)) for f in fields(value) if _is_told(f, value)
+        }
         return {"type": type(value).__name__, **public}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return plain(value._asdict())
@@ -178,3 +181,10 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and isinf(value):
         return None
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+def _is_told(item: Field[Any], of: object) -> bool:
+    """Return whether `plain` has a field of the object `of`."""
+    usual = item.default if item.default_factory is MISSING else item.default_factory()
+    is_usual = "unless_usual" in item.metadata and getattr(of, item.name) == usual
+    return item.repr and not is_usual

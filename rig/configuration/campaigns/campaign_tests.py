@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, NamedTuple
 import numpy as np
 from pydantic import Field as SchemaField
 
-from control import Setpoint
+from control import ControlSettings, Setpoint
 from faults import CampaignTest, Fault, OnFault, SpringLoad, Until, Verdict
 from rig.configuration.reading import (
     MAX_TESTS,
@@ -22,10 +22,11 @@ from rig.configuration.reading import (
     Under,
     elements_of,
     expand,
+    options_schema,
     read_mapping,
     show,
 )
-from rig.configuration.rigs import GAIN, Rig
+from rig.configuration.rigs import GAIN, Rig, read_control
 from rig.plant import quantities
 
 from .conditions import awaited_files, read_awaited, read_until, until_files
@@ -75,6 +76,7 @@ class CampaignTestFile(Schema):
     figures: Annotated[Any, Under(lambda: (OwnFigureFile,), named=True)] = None
     criteria: Annotated[Any, Under(lambda: (CriterionFile,), many=True)] = None
     limits: Annotated[Any, Under(lambda: (TestLimitFile,), many=True)] = None
+    control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     matrix: Any = None
 
 
@@ -181,6 +183,7 @@ class _TestReader:
     def read(self) -> Iterator[CampaignTest]:
         file = read_mapping(CampaignTestFile, self.item)
         load = self._load()
+        control = self._control()
         # The seed follows from the name, so that adding a test changes no other test's noise.
         seed = zlib.crc32(str(file.name).encode()) >> 1 if file else 0
         if file is not None and file.seed is not None:
@@ -206,6 +209,7 @@ class _TestReader:
                 continue
             setpoint = motion.setpoint
             self._check_closed_loop(file, setpoint)
+            self._check_one_gain(file)
             start = self._start_position(file, setpoint)
             if start is None:
                 continue
@@ -229,6 +233,7 @@ class _TestReader:
                 limits=limits,
                 wait_for=awaited,
                 until=None if until is None else until[0],
+                control=control,
             )
 
     def _until(self) -> tuple[Until, float] | None:
@@ -256,6 +261,14 @@ class _TestReader:
         if file.position_gain is not None:
             self.item.refuse(limit, "leave it out, or give a setpoint in m", key="position_gain")
 
+    def _check_one_gain(self, file: CampaignTestFile) -> None:
+        control = self.item.get("control")
+        if file.position_gain is None or control is None or not isinstance(control.value, dict):
+            return
+        if "gain" in control.value:
+            limit = "is given beside a gain under control"
+            self.item.refuse(limit, "leave one of them out", key="position_gain")
+
     def _start_position(self, file: CampaignTestFile, setpoint: Setpoint) -> float | None:
         start, limits = file.start_position, self.rig.limits if self.rig else None
         if start is None:
@@ -271,6 +284,11 @@ class _TestReader:
         limit = f"is not within {stretch}, the position limits of the rig {self.rig.name}"
         self.item.refuse(limit, "start within them", key="start_position")
         return None
+
+    def _control(self) -> ControlSettings | None:
+        """Return the test's own control settings; None if it has none, or they are unusable."""
+        item = self.item.get("control")
+        return None if item is None else read_control(item, self.rig.control if self.rig else None)
 
     def _load(self) -> SpringLoad | None:
         item = self.item.get("load")

@@ -25,10 +25,11 @@ from faults import (
 )
 from rig.configuration.reading import show
 from rig.configuration.rigs import Rig
-from rig.plant import TICK, Parameters, quantities
+from rig.plant import TICK, Model, Parameters, quantities
 from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
+from .following import Following, expected_following
 
 _SEGMENTS_SHOWN: Final = 12
 
@@ -77,6 +78,7 @@ class PlannedTest:
             the simulated ram in open loop.
         valve_speed_m_per_s: speed of an unloaded ram at the rig's largest command.
         faults: the faults of the test.
+        following: how the ram is expected to follow its setpoint; None in open loop.
         warnings: what will not go as commanded, and what the detector cannot find or size, each
             with its remedy.
     """
@@ -88,6 +90,7 @@ class PlannedTest:
     valve_speed_m_per_s: float
     faults: tuple[PlannedFault, ...]
     warnings: tuple[str, ...]
+    following: Following | None = None
 
     def lines(self) -> list[str]:
         """Return the test as lines of text, the first of which begins with its name."""
@@ -102,6 +105,8 @@ class PlannedTest:
             motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
         head = f"{test.name}: {test.duration_s:g} s after {test.settle_s:g} s of settling"
         lines = [head, f"  motion {motion}", *_segment_lines(test.setpoint)]
+        if self.following is not None:
+            lines.append(f"  {self.following}")
         lines.append(f"  expect {test.expect}")
         lines += [f"  fault {fault}" for fault in self.faults]
         lines += [f"  wait for {_condition(each)}" for each in test.wait_for]
@@ -167,9 +172,29 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     """Return the plan of every test of a campaign, as it will run on the rig.
 
     For an open-loop test the ram's motion is simulated with the rig's plant, which takes time; for
-    the others the motion is taken from the setpoint.
+    the others the motion is taken from the setpoint, and how it is followed is computed. Tests with
+    the same setpoint, load and control are computed once.
     """
-    return tuple(_plan(test, rig, campaign.filter_name) for test in campaign.tests)
+    known: dict[str, Following] = {}
+    return tuple(
+        _plan(test, rig, campaign.filter_name, _following(test, rig, campaign.model, known))
+        for test in campaign.tests
+    )
+
+
+def _following(
+    test: CampaignTest, rig: Rig, assumed: Model, known: dict[str, Following]
+) -> Following | None:
+    """Return how a test's ram is expected to follow, from `known` if it is there.
+
+    It is None in open loop.
+    """
+    if test.setpoint.quantity != "position":
+        return None
+    same = repr((test.setpoint, test.duration_s, test.load, test.control))
+    if same not in known:
+        known[same] = expected_following(test, rig, assumed)
+    return known[same]
 
 
 def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
@@ -183,7 +208,9 @@ def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
     return par.discharge_coefficient * par.area_gradient * opening * root / par.piston_area
 
 
-def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
+def _plan(
+    test: CampaignTest, rig: Rig, filter_name: str, following: Following | None
+) -> PlannedTest:
     times = np.arange(round(test.duration_s / TICK)) * TICK
     setpoint = test.setpoint.sample(times)
     commanded = None
@@ -203,9 +230,11 @@ def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
         faults=tuple(_plan_fault(fault, rig) for fault in test.faults),
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
+            *_volts_warnings(following, speed <= fastest),
             *_detector_warnings(test, rig, filter_name),
             *_waiting_warnings(test, rig),
         ),
+        following=following,
     )
 
 
@@ -256,6 +285,15 @@ def _warnings(
                 f"the spring pushes back with {show(force, 'N')}, the ram stalls at "
                 f"{show(stall, 'N')}; reduce the motion beyond {show(test.load.contact, 'm')}"
             )
+
+
+def _volts_warnings(following: Following | None, reachable: bool) -> Iterator[str]:
+    """Yield a warning if a motion that an unloaded ram could follow asks for too many volts.
+
+    Under the proportional loop the ram lags far more than that anyway, and no warning is given.
+    """
+    if following is not None and reachable and following.tracks and following.out_of_reach:
+        yield f"{following.out_of_reach}; the ram will lag, whatever the control"
 
 
 def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:

@@ -39,6 +39,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
     "Hz": Dimension("a frequency", "0.5 Hz", ("Hz", "mHz", "kHz", "rad/s")),
     "V": Dimension("a voltage", "3 V", ("V", "mV")),
     "m/V": Dimension("a valve gain", "2.794e-5 m/V", ("m/V", "mm/V", "um/V")),
+    "V s/m": Dimension("a gain from velocity to voltage", "14 V s/m", ("V s/m",)),
     "V/m": Dimension("a position gain", "50 V/m", ("V/m", "V/mm")),
     "Pa": Dimension("a pressure", "13.8 MPa", ("Pa", "kPa", "MPa", "bar", "psi")),
     "N": Dimension("a force", "2.4e3 N", ("N", "kN")),

@@ -1,4 +1,10 @@
 from .calibration_file import dump_calibration as dump_calibration
+from .control import (
+    UNLESS_USUAL as UNLESS_USUAL,
+    control_lines as control_lines,
+    read_control as read_control,
+    with_control as with_control,
+)
 from .hardware import valves_of as valves_of
 from .limits import (
     Limits as Limits,
@@ -10,6 +16,7 @@ from .rig import (
     GAIN as GAIN,
     Rig as Rig,
     RigFile as RigFile,
+    find_rig as find_rig,
     load_rig as load_rig,
     read_rig as read_rig,
 )

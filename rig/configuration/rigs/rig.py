@@ -5,14 +5,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from control import POSITION_GAIN
+from control import POSITION_GAIN, ControlSettings
 from faults import BypassValve
 from rig.configuration.models import override, read_model
 from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    Sources,
     Under,
+    asked,
     load,
     options_schema,
     read_in,
@@ -25,6 +27,7 @@ from rig.configuration.reading import (
 from rig.io import ChannelLimit, DriverSpec, HomingSettings, LoopSettings
 from rig.plant import Model, SensorParameters
 
+from .control import UNLESS_USUAL, read_control
 from .drivers import driver_files, read_drivers
 from .hardware import check_hardware, check_rates, check_rungs, moved_faults
 from .limits import Limits, LimitsFile, read_ladder, read_limits, usual_ladder
@@ -68,6 +71,7 @@ class Rig:
         drivers: drivers of a hardware rig, exactly one of them fast; () for a simulated rig.
         loop: how the loop of a hardware rig is paced and watched.
         homing: how the encoder finds its zero; None if the encoder always knows the position.
+        control: what the position loop adds to gain times error, unless a test has its own.
     """
 
     name: str
@@ -87,6 +91,7 @@ class Rig:
     drivers: tuple[DriverSpec, ...] = ()
     loop: LoopSettings = field(default_factory=LoopSettings)
     homing: HomingSettings | None = None
+    control: ControlSettings = field(default_factory=ControlSettings, metadata=UNLESS_USUAL)
 
     @property
     def injectable(self) -> tuple[str, ...]:
@@ -120,6 +125,7 @@ class RigFile(Schema):
     drivers: Annotated[Any, Under(driver_files, named=True)] = None
     loop: Annotated[Any, Under(lambda: (options_schema(LoopSettings),))] = None
     homing: Annotated[Any, Under(lambda: (options_schema(HomingSettings),))] = None
+    control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
 
 
 class PlantFile(Schema):
@@ -151,7 +157,10 @@ def read_rig(own: Located) -> Rig | None:
     homing = root.get("homing")
     settings = read_options(HomingSettings, homing) if homing is not None else None
     drivers = _read_drivers(root, file, loop, rungs)
+    control = read_control(root.get("control"))
     if file is None or plant is None or sensors is None or limits is None or loop is None:
+        return None
+    if control is None:
         return None
     return Rig(
         name=file.name,
@@ -171,6 +180,7 @@ def read_rig(own: Located) -> Rig | None:
         drivers=drivers,
         loop=loop,
         homing=settings,
+        control=control,
     )
 
 
@@ -183,6 +193,16 @@ def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
         ConfigError: lists every problem of the file, its parents and its models.
     """
     return load("rig", reference, base, read_rig)
+
+
+def find_rig(reference: str | Path, base: Path | None = None) -> Path:
+    """Return the file that a path or a name of a rig means; see `load_rig`.
+
+    Raises:
+        ConfigError: there is no such file.
+    """
+    sources = Sources()
+    return sources.finished(resolve("rig", asked("rig", reference, sources), base or Path.cwd()))
 
 
 def _with_parents(root: Located, children: tuple[Path, ...]) -> Located | None:

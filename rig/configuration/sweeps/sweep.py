@@ -149,6 +149,9 @@ def _read_rig(entry: Located | None) -> Rig | None:
         if getattr(rig.plant.parameters, field) != getattr(NOMINAL, field):
             limit = f"has {field}, which remembers more than the plant's states"
             entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
+    if not rig.control.is_proportional or rig.control.gain is not None:
+        limit = "has a section control, and sweeps run the proportional loop alone"
+        entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
     return rig
 
 

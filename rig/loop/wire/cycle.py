@@ -8,6 +8,7 @@ loop waits for nothing but the clock and the device.
 from math import isnan, nan
 from typing import Final
 
+from control import begin_motion, tracking_command
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, ExchangeStatus, exchange, monotonic_ns
 from rig.jit import njit
 from rig.loop.atomic import load_acquire, store_release
@@ -76,6 +77,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
     memory.handling[:] = nan
     memory.decided[:] = nan
     forget(memory.reaction)
+    begin_motion(course.drive == Drive.TRACK and not course.open_loop, memory.control)
     at = STATES_AT + filt.x.size + DECISION_COLUMNS
     tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
     words[Word.TICK] = 0
@@ -306,9 +308,13 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
     handling, position = memory.handling, memory.encoder[0] + course.offset
     if drive == Drive.TRACK:
         setpoint, limit = course.setpoint[tick], course.limit
-        command = limited_command(course.open_loop, setpoint, position, course.gain, limit)
         if course.open_loop:
-            return command
+            return limited_command(True, setpoint, position, course.gain, limit)
+        ahead = course.feedforward[tick] if tick < course.feedforward.size else 0.0
+        command = tracking_command(
+            setpoint, position, ahead, tick * pace.period_s, course.gain, limit, pace.period_s,
+            course.law, course.tones, memory.control,
+        )  # fmt: skip
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
                           pace.period_s, memory.reaction)  # fmt: skip
     if drive == Drive.HOLD:

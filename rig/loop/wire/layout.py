@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from control import ControlLaw, ControlMemory, control_memory
 from rig.channels import READINGS, Kind, names_of
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, LoopSettings
 from rig.loop.cycle import sample_channels
@@ -160,6 +161,12 @@ class Course(NamedTuple):
     """Gain of the position loop, V/m."""
     limit: float
     """Greatest command of either sign, V."""
+    law: ControlLaw
+    """What the position loop adds to gain times error while it tracks."""
+    feedforward: Array
+    """(ticks,) feedforward of the position loop in V; (0,) for none."""
+    tones: Array
+    """(n, TONE_NUMBERS) frequencies of the setpoint that are corrected."""
     on_fault: int
     """`Reaction` to a confirmed fault."""
     offset: float
@@ -252,6 +259,8 @@ class WireMemory(NamedTuple):
     """(len(DECIDED),): the newest decision on this segment; NaN before the first."""
     reaction: ReactionMemory
     """Memory of the reaction to a confirmed fault."""
+    control: ControlMemory
+    """Memory of the position loop."""
 
 
 def wire_memory() -> WireMemory:
@@ -269,4 +278,5 @@ def wire_memory() -> WireMemory:
         np.full(1 + no_decision().size, nan),
         no_decision(),
         reaction_memory(),
+        control_memory(),
     )

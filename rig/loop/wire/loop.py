@@ -114,7 +114,12 @@ class WireLoop:
         here = self._measured_position()
         setpoint = raised_cosine(here, self.start_position, self.settle_ticks)
         moving = replace(
-            self.test, drive=Drive.TRACK, open_loop=False, setpoint=setpoint, limits=()
+            self.test,
+            drive=Drive.TRACK,
+            open_loop=False,
+            setpoint=setpoint,
+            guide=self.test.guide.moving(),
+            limits=(),
         )
         self._switch_to(moving)
         while self._words[Word.TICK] < setpoint.size:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, POSITION_GAIN
+from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide
 from estimator.filters import FilterMemory
 from rig.io import ChannelLimit, DriverSpec, LoopSettings
 from rig.loop.interlocks import LimitTable, Tolerances
@@ -35,6 +35,7 @@ class Segment:
         open_loop: whether the setpoint is the valve command.
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
+        guide: what the position loop adds to gain times error while it tracks a setpoint.
         on_fault: the reaction to a confirmed fault.
         offset_m: offset that is added to the encoder's position.
         homed: whether the position is known with that offset; None leaves this as it is.
@@ -53,6 +54,7 @@ class Segment:
     open_loop: bool = False
     gain: float = POSITION_GAIN
     limit: float = COMMAND_LIMIT
+    guide: Guide = PLAIN
     on_fault: Reaction = Reaction.IGNORE
     offset_m: float = 0.0
     homed: bool | None = None
@@ -65,9 +67,12 @@ class Segment:
 
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
+    law, feedforward, tones = segment.guide
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
+        ControlLaw(bool(law[0]), *map(float, law[1:])),
+        np.ascontiguousarray(feedforward, np.float64), np.ascontiguousarray(tones, np.float64),
         int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
         float(segment.reset_lamp), float(segment.rearm),
     )  # fmt: skip

@@ -24,5 +24,15 @@ from .gap_results import (
     provenance_of as provenance_of,
     rig_plant as rig_plant,
 )
+from .loop_fit import LoopModel as LoopModel, Margins as Margins
 from .parts import ExperimentStoppedError as ExperimentStoppedError
+from .tuning import (
+    Response as Response,
+    Tuning as Tuning,
+    exciting_campaign as exciting_campaign,
+    hold_campaign as hold_campaign,
+    response_campaign as response_campaign,
+    run_tuning as run_tuning,
+    tuning_figures as tuning_figures,
+)
 from .worker_process import ApartError as ApartError, apart as apart

@@ -1,10 +1,11 @@
 """Runs the campaigns of an experiment one after the other, with a rig that is armed only once."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from control import ControlSettings
 from estimator.filters import DEFAULT_FILTER, FilterRun
 from estimator.leaks import Decision, Samples
 from faults import Campaign, CampaignTest, Verdict
@@ -28,6 +29,9 @@ def part_campaign(
 ) -> Campaign:
     """Return the campaign of one part of an experiment.
 
+    Its tests run under the proportional loop with the rig's `position_gain`, by which experiments
+    plan their motions, whatever control the rig has, unless a test has a control of its own.
+
     Args:
         name: name of the campaign, and of its folder.
         description: one line for the reports.
@@ -35,6 +39,9 @@ def part_campaign(
         assumed: the model that the filter assumes.
         tests: the tests in the order of running.
     """
+    if rig.control != ControlSettings():
+        plainly = ControlSettings()
+        tests = [each if each.control else replace(each, control=plainly) for each in tests]
     return Campaign(
         name=name,
         description=description,

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from control import PLAIN, PROPORTIONAL, Guide
 from estimator.filters.registry import OUTPUTS, compiled_filter, run_filter, start_memory
 from rig.io.driver import ExchangeStatus
 from rig.io.settings import HomingSettings, LoopSettings
@@ -245,6 +246,7 @@ def _leaving() -> dict[str, Any]:
     return world.run(tracking(), 30)
 
 
+GUIDE = Guide(PROPORTIONAL._replace(proportional=False, null_V=0.25), np.full(8, 1.5), PLAIN.tones)
 SETTINGS = LoopSettings(stale_limit=0.1, exchange_timeout=2e-3)
 TRIP = (int(Action.TRIP), int(Cause.LIMIT_HIGH), 1)
 HOLD = (int(Action.HOLD), int(Cause.LIMIT_LOW), 0)
@@ -254,6 +256,7 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "on time": lambda: World().run(tracking(), 12),
     "after the table": lambda: World().run(tracking(5), 12),
     "open loop": lambda: World().run(following(np.full(30, 3.0), open_loop=True, limit=2.0), 8),
+    "tracking law": lambda: World().run(tracking(guide=GUIDE), 12),
     "skip": lambda: World(late={5: 3_200_000}).run(tracking(), 12),
     "nearly the next tick": lambda: World(late={5: 700_000}).run(tracking(), 12),
     "a little late": lambda: World(late={5: 400_000}).run(tracking(), 12),

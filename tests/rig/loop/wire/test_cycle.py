@@ -69,6 +69,16 @@ def test_a_frame_carries_the_command_from_the_sample_before_it(scenario: Scenari
         assert rows["command_V"][tick] == pytest.approx(expected)
 
 
+def test_the_tracking_law_adds_its_null_and_its_feedforward_to_the_same_loop(
+    scenario: Scenario,
+) -> None:
+    rows = scenario("tracking law")["rows"]
+    for tick in range(1, 13):
+        ahead = 1.5 if tick < 8 else 0.0
+        error = rows["setpoint_m"][tick] - rows["position_m"][tick - 1]
+        assert rows["command_V"][tick] == pytest.approx(0.25 + ahead + 50.0 * error)
+
+
 def test_before_any_sample_the_valve_is_commanded_to_null(scenario: Scenario) -> None:
     assert commands(scenario("on time"))[0] == 0.0
 

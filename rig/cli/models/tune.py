@@ -1,0 +1,177 @@
+"""`rig tune` tunes a rig's position loop by an experiment, and writes the gains it proposes."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+from math import degrees
+from pathlib import Path
+from typing import Final
+
+import click
+
+from rig.cli.application import Problems
+from rig.cli.option_types import paced
+from rig.configuration import (
+    ConfigError,
+    Rig,
+    control_lines,
+    find_rig,
+    load_model,
+    load_rig,
+    shipped_config_dir,
+    with_control,
+)
+from rig.plant import Model
+from rig.recording import replace_text
+from rig.report.tuning import margin_rows, tuning_page
+from rig.runner.campaign import Pace
+from rig.runner.experiments import (
+    Tuning,
+    exciting_campaign,
+    hold_campaign,
+    response_campaign,
+    run_tuning,
+    tuning_figures,
+)
+from rig.runner.run_folder import default_directory
+
+from .experiments import experiment, print_motions, rig_time
+
+EXIT_UNSAFE: Final = 1
+
+
+@click.command()
+@click.argument("rig_reference", metavar="RIG")
+@click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
+@paced("Of the experiment: at")
+@click.option("--dry-run", is_flag=True, help="Show the experiment's motions, and move nothing.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the tuned rig to this new file, and leave RIG as it is.",
+)
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="A new or empty folder for page and recordings; runs/tune-RIG-TIME if not given.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One object instead of tables.")
+def command(
+    rig_reference: str,
+    model: str,
+    pace: Pace | None,
+    dry_run: bool,
+    out: Path | None,
+    folder: Path | None,
+    as_json: bool,
+) -> int:
+    """Tune the position loop of RIG, a file or a shipped name, by a safe experiment.
+
+    The ram, unloaded, strokes slowly over most of its range with small tones upon the strokes, is
+    held under the proposed control, and makes small steps and a sine under the present and the
+    proposed one: two minutes, within the rig's limits.
+
+    The section `control` of the rig file is written anew, and the old file is kept beside it as
+    FILE.TIME.bak; a shipped rig, given by name, needs --out. Nothing is written if the proposed
+    control would leave less than 6 dB or 30 degrees anywhere, or hunts. Also writes tuning.html and
+    tuning.json. Exit code 0 tuned, 1 not, 2 bad input, 3 stopped or tripped.
+    """
+    problems = Problems()
+    with problems.collected():
+        rig = load_rig(rig_reference)
+    with problems.collected():
+        assumed = load_model(model)
+    if out is not None and out.exists():
+        problems.add(f"--out: {out} exists; name a new file")
+    if out is not None and not out.parent.is_dir():
+        problems.add(f"--out: {out.parent} is no folder; make it first")
+    if problems.found:
+        return problems.report()
+    file = find_rig(rig_reference)
+    if out is None and not dry_run and file.is_relative_to(shipped_config_dir()):
+        problems.add(
+            f"{rig_reference}: is a shipped rig; give --out FILE, or copy it: rig init DIR"
+        )
+        return problems.report()
+    if dry_run:
+        return _show_motions(rig, assumed)
+    begun = datetime.now(UTC)
+    directory = folder or default_directory(f"tune-{rig.name}", begun)
+    with experiment(rig, pace, directory, as_json=as_json) as (screen, stop, progress):
+        found = run_tuning(rig, assumed, directory, pace=pace, observer=progress, stop=stop)
+    started = f"{begun:%Y-%m-%d %H:%M}"
+    figures = tuning_figures(found)
+    replace_text(directory / "tuning.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
+    replace_text(directory / "tuning.html", tuning_page(found, started))
+    written = _write(file, out, found, begun) if found.safe else []
+    if as_json:
+        click.echo(json.dumps(figures | {"written": written}, allow_nan=False))
+        return 0 if found.safe else EXIT_UNSAFE
+    right = (
+        "mm/s for 1 V", "lag, ms", "misfit", "dB before", "° before", "Hz before", "dB after",
+        "° after", "Hz after",
+    )  # fmt: skip
+    screen.print_table(("position, mm", *right), margin_rows(found), right=right)
+    for each in found.responses:
+        before, after = each.rms()
+        screen.print(f"{each.name}: {1e3 * before:.2f} mm rms before, {1e3 * after:.2f} mm after")
+    for remark in found.remarks:
+        screen.print(f"note: {remark}", soft_wrap=True)
+    for line in list(control_lines(found.proposed, ""))[1:]:
+        screen.print(line)
+    for line in written or ["rig file: unchanged, the proposed control is not safe; see the notes"]:
+        screen.print(line, soft_wrap=True)
+    screen.print(f"plots: {directory / 'tuning.html'}", soft_wrap=True)
+    return 0 if found.safe else EXIT_UNSAFE
+
+
+def _write(file: Path, out: Path | None, found: Tuning, begun: datetime) -> list[str]:
+    """Write the proposed control into the rig file, or to `out`; return what was written, in lines.
+
+    Before a rig file is replaced, it is copied to FILE.TIME.bak. A file that the new text cannot be
+    read back from as meant is not kept.
+
+    Raises:
+        ConfigError: the written file is unusable; the old one is in place again.
+        OSError: a file cannot be written.
+    """
+    text = file.read_text(encoding="utf-8")
+    margins = found.margins_after
+    comment = (
+        f"by rig tune, {begun:%Y-%m-%d %H:%M} UTC: at least "
+        f"{min(each.gain_dB for each in margins):.0f} dB and "
+        f"{degrees(min(each.phase for each in margins)):.0f} degrees"
+    )
+    target, lines = out or file, []
+    if out is None:
+        backup = file.with_name(f"{file.name}.{begun:%Y%m%dT%H%M%SZ}.bak")
+        replace_text(backup, text)
+        lines.append(f"backup: {backup}")
+    replace_text(target, with_control(text, found.proposed, comment))
+    try:
+        if load_rig(target).control != found.proposed:
+            raise click.ClickException(f"{target}: does not read back as written")
+    except (ConfigError, click.ClickException):
+        if out is None:
+            replace_text(file, text)
+        raise
+    return [*lines, f"rig file: {target}"]
+
+
+def _show_motions(rig: Rig, assumed: Model) -> int:
+    """Print every motion of the experiment as it would run, and move nothing; return 0."""
+    ahead = replace(rig.control, feedforward="model", feedforward_gain=None)
+    campaigns = (
+        exciting_campaign(rig, assumed),
+        hold_campaign(rig, assumed, ahead, 1),
+        response_campaign(rig, assumed, ahead),
+    )
+    click.echo(f"tuning of {rig.name}: {rig_time(campaigns)} of rig time")
+    for campaign in campaigns:
+        print_motions(campaign, rig)
+    click.echo(
+        "the hold and the motions `after` run with the gains that the first part lets propose"
+    )
+    return 0

@@ -1,0 +1,180 @@
+"""How far the ram of a closed-loop test will be from its setpoint, computed before it runs.
+
+The rig is reduced to what decides that below the oil's resonance: a valve that lags, its null bias
+and overlap, its limit, and a ram whose speed follows from the opening and from friction and spring
+(`control.loop_model`). The loop itself is the one that runs, uncompiled, so that nobody waits for
+the compiler.
+"""
+
+from dataclasses import dataclass
+from math import copysign, inf, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control import ControlSettings, feedforward_command, frequencies_of, valve_lag
+from faults import CampaignTest
+from rig.configuration.rigs import Rig
+from rig.plant import TICK, Model, Parameters
+
+Array = NDArray[np.float64]
+
+LONGEST_S: Final = 20.0
+"""Time in s from a test's start that is computed: many times what a loop takes to settle."""
+_LEAST_ROOT: Final = 0.05
+"""Least part of the supply pressure that is left for the valve, as in `control.loop_model`."""
+
+_NOTABLE: Final = 1.02
+"""Volts that a motion needs, over the limit, from which this is told: what is short by less, for
+the moment of the motion's greatest speed, is made up for at once."""
+_TOO_FAST: Final = 10.0
+"""Speed in m/s, ten times that of a fast servo-actuator, above which a setpoint jumps."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """How a test's ram is expected to follow its setpoint.
+
+    Attributes:
+        worst: greatest error, m.
+        rms: root mean square of the error, m.
+        needed_V: greatest command that the motion itself asks for, without its jumps, V.
+        needed_at_s: when that is, s.
+        law: the control law in words.
+        limit_V: greatest command of the rig, V.
+        tracks: whether the law adds anything to gain times error.
+    """
+
+    worst: float
+    rms: float
+    needed_V: float  # noqa: N815
+    needed_at_s: float
+    law: str
+    limit_V: float  # noqa: N815
+    tracks: bool
+
+    @property
+    def out_of_reach(self) -> str:
+        """What a motion needs that the rig does not have, in words; "" if it has enough."""
+        if self.needed_V <= _NOTABLE * self.limit_V:
+            return ""
+        return (
+            f"the motion needs {self.needed_V:.3g} V at {self.needed_at_s:.2f} s against friction "
+            f"and load, the limit is {self.limit_V:g} V"
+        )
+
+    def __str__(self) -> str:
+        """Return the expected error as one line of text."""
+        reach = f"; {self.out_of_reach}" if self.out_of_reach else ""
+        return (
+            f"following error at most {1e3 * self.worst:.3g} mm, {1e3 * self.rms:.2g} mm rms, "
+            f"expected with {self.law}{reach}"
+        )
+
+
+def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Following:
+    """Return how the ram of a closed-loop test is expected to follow, over its first `LONGEST_S`.
+
+    The corrections of a cyclic setpoint, which take time to be learnt, are left out, and so are
+    faults.
+
+    Args:
+        test: a test whose setpoint is a position.
+        rig: the rig; its plant is taken for the truth.
+        assumed: the model that the loop's feedforward assumes.
+    """
+    settings = rig.control if test.control is None else test.control
+    ticks = round(min(test.duration_s, LONGEST_S) / TICK)
+    setpoint = test.setpoint.sample(np.arange(ticks) * TICK)
+    true, believed = (_loaded(model, test).parameters for model in (rig.plant, assumed))
+    error = setpoint - _followed(test, setpoint, settings, rig, true, believed)
+    whole = test.setpoint.sample(np.arange(round(test.duration_s / TICK)) * TICK)
+    # A tick in which the setpoint jumps farther than any ram goes is no motion to follow.
+    smooth = np.abs(np.gradient(whole, TICK)) < _TOO_FAST
+    model_ahead = ControlSettings(feedforward="model", lead=0.0)
+    needed = np.where(smooth, np.abs(feedforward_command(whole, model_ahead, true, inf)), 0.0)
+    at = int(np.argmax(needed))
+    return Following(
+        worst=float(np.abs(error).max()),
+        rms=float(np.sqrt(np.mean(error**2))),
+        needed_V=float(needed[at]),
+        needed_at_s=at * TICK,
+        law=law_in_words(
+            settings, settings.gain or rig.gain_V_per_m, bool(frequencies_of(test.setpoint))
+        ),
+        limit_V=rig.limits.command_V,
+        tracks=not settings.is_proportional,
+    )
+
+
+def law_in_words(settings: ControlSettings, gain: float, cyclic: bool) -> str:
+    """Return a control law as a list in words; `cyclic`: whether the setpoint repeats itself."""
+    parts = [f"{gain:g} V/m"]
+    if settings.feedforward == "model" or settings.feedforward_gain:
+        parts.append("feedforward")
+    if settings.null or settings.deadband:
+        parts.append("null and deadband")
+    if settings.integral_time is not None:
+        parts.append(f"integral of {settings.integral_time:g} s")
+    if len(parts) == 1 and not settings.cyclic:
+        return f"{parts[0]} alone"
+    learnt = ", before its frequencies are corrected" if settings.cyclic and cyclic else ""
+    return ", ".join(parts) + learnt
+
+
+def _loaded(model: Model, test: CampaignTest) -> Model:
+    if test.load is None:
+        return model
+    stiffness, contact = test.load.stiffness, test.load.contact
+    return model.with_effect("spring_load", stiffness=stiffness, contact=contact)
+
+
+def _followed(
+    test: CampaignTest,
+    setpoint: Array,
+    settings: ControlSettings,
+    rig: Rig,
+    par: Parameters,
+    believed: Parameters,
+) -> Array:
+    """Return the position (ticks,) in m of the reduced rig under the loop of a test."""
+    # The import is here so that checking other files need not load the compiler.
+    from control import PLAIN, control_memory, guide_of, tracking_command
+
+    gain, limit = settings.gain or rig.gain_V_per_m, rig.limits.command_V
+    guide = guide_of(test.setpoint, setpoint, settings, believed, rig.sensors, gain, limit)
+    law, ahead = guide.law, guide.feedforward.tolist() or [0.0] * setpoint.size
+    command = getattr(tracking_command, "py_func", tracking_command)
+    memory, lag = control_memory(), min(TICK / valve_lag(par), 1.0)
+    proportional, no_tones = law.proportional, PLAIN.tones
+    position = float(setpoint[0])
+    sent = velocity = 0.0
+    found = np.empty(setpoint.size)
+    for k, wanted in enumerate(setpoint.tolist()):
+        found[k] = position
+        if proportional:
+            asked = min(max(gain * (wanted - position), -limit), limit)
+        else:
+            asked = command(
+                wanted, position, ahead[k], k * TICK, gain, limit, TICK, law, no_tones, memory
+            )
+        sent += lag * (asked - sent)
+        velocity = _velocity(sent, position, velocity, par)
+        position += velocity * TICK
+    return found
+
+
+def _velocity(command: float, position: float, before: float, par: Parameters) -> float:
+    """Return the speed in m/s of the reduced ram; `before` is that of the tick before."""
+    opening = par.valve_gain * command + par.spool_null_bias
+    opening = copysign(max(abs(opening) - par.valve_deadband, 0.0), opening)
+    sign = copysign(1.0, opening)
+    friction = par.coulomb + par.viscous * abs(before) + sign * par.friction_asymmetry
+    load = par.constant_force + par.spring_stiffness * max(position - par.spring_contact, 0.0)
+    supply = par.supply_pressure - par.return_pressure
+    least = _LEAST_ROOT * supply
+    supply -= par.supply_droop * (par.piston_area * before) ** 2
+    left = max(supply - (friction + sign * load) / par.piston_area, least)
+    coefficient = par.discharge_coefficient * par.area_gradient
+    return coefficient * opening * sqrt(left / par.density) / par.piston_area

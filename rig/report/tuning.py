@@ -1,0 +1,71 @@
+"""The page of `rig tune`: margins at every place, and the response before and after."""
+
+from math import degrees, pi
+from typing import Any, Final
+
+from rig.configuration import control_lines
+from rig.report.panel import Trace, line
+from rig.report.templating import rendered
+from rig.runner.experiments import Margins, Response, Tuning
+
+MM: Final = 1e3
+
+
+def tuning_page(tuning: Tuning, started: str) -> str:
+    """Return the HTML page of a tuning experiment.
+
+    Args:
+        tuning: the results.
+        started: when the experiment began, UTC, as text.
+    """
+    return rendered(
+        "tuning.html.j2",
+        "tuning.js",
+        tuning=tuning,
+        started=started,
+        rows=list(margin_rows(tuning)),
+        section="\n".join(list(control_lines(tuning.proposed, ""))[1:]),
+        responses=[(each.name, *(MM * rms for rms in each.rms())) for each in tuning.responses],
+        figures=[_figure(each, error) for each in tuning.responses for error in (False, True)],
+    )
+
+
+def margin_rows(tuning: Tuning) -> list[tuple[str, ...]]:
+    """Return the cells of a table, one row for each stretch: model, margins before and after."""
+    rows: list[tuple[str, ...]] = []
+    for model, before, after in zip(
+        tuning.models, tuning.margins_before, tuning.margins_after, strict=True
+    ):
+        rows.append(
+            (
+                f"{MM * model.position:.0f} {'out' if model.extending else 'back'}",
+                f"{MM * model.speed_per_volt:.1f}",
+                f"{MM * model.lag_s:.1f}",
+                f"{model.misfit:.1%}",
+                *_margins(before),
+                *_margins(after),
+            )
+        )
+    return rows
+
+
+def _margins(found: Margins) -> tuple[str, str, str]:
+    crossover = f"{found.crossover / (2.0 * pi):.2f}"
+    return f"{found.gain_dB:.1f}", f"{degrees(found.phase):.0f}", crossover
+
+
+def _figure(response: Response, error: bool) -> dict[str, Any]:
+    """Return the plot of a motion: positions, or errors, before and after."""
+    time_s, asked = response.time_s, response.setpoint
+    traces: list[Trace] = []
+    if not error:
+        traces.append(line("setpoint", "reference", time_s, MM * asked, width=2.5))
+    for name, role, found in (
+        ("before", "chamber_2", response.before),
+        ("after", "found", response.after),
+    ):
+        traces.append(line(name, role, time_s, MM * (asked - found if error else found)))
+    return {
+        "title": f"{response.name}, {'error' if error else 'position'}",
+        "traces": [each.plotly for each in traces],
+    }

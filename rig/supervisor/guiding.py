@@ -1,0 +1,44 @@
+"""The control law of a test, from the settings of the rig or of the test and the assumed model."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control import ControlSettings, Guide, guide_of
+from faults import CampaignTest
+from rig.configuration import Rig
+from rig.plant import Model
+
+
+def control_of(rig: Rig, test: CampaignTest) -> ControlSettings:
+    """Return the control settings of a test: its own, or else those of the rig."""
+    return rig.control if test.control is None else test.control
+
+
+def gain_for(rig: Rig, test: CampaignTest) -> float:
+    """Return the gain of the position loop in a test, V/m: its own, or else that of its control."""
+    if test.gain_V_per_m is not None:
+        return test.gain_V_per_m
+    return control_of(rig, test).gain or rig.gain_V_per_m
+
+
+def guide_for(rig: Rig, test: CampaignTest, samples: NDArray[np.float64], assumed: Model) -> Guide:
+    """Return what the position loop adds to gain times error in a test.
+
+    Args:
+        rig: the rig, whose settings count unless the test has its own.
+        test: the test; a spring load of its own is known to the feedforward.
+        samples: (ticks,) the test's setpoint, one a tick, m or V.
+        assumed: the model that filter and loop assume.
+    """
+    if test.load is not None:
+        stiffness, contact = test.load.stiffness, test.load.contact
+        assumed = assumed.with_effect("spring_load", stiffness=stiffness, contact=contact)
+    return guide_of(
+        test.setpoint,
+        samples,
+        control_of(rig, test),
+        assumed.parameters,
+        rig.sensors,
+        gain_for(rig, test),
+        rig.limits.command_V,
+    )

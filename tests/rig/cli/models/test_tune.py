@@ -1,0 +1,78 @@
+"""`rig tune` writes gains that it has proven into a rig file, and keeps the old file."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rig.cli.models import tune
+from rig.configuration import load_rig
+from rig.runner.experiments import Tuning
+from tests.rig.cli.conftest import Invoke
+
+RIG = """\
+name: mine
+parent: simulated
+
+# by rig tune, long ago
+control:
+  null: 0.1 V     # measured once
+
+position_gain: 40 V/m   # kept
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "mine.yaml"
+    file.write_text(RIG)
+    return file
+
+
+def test_the_section_is_written_anew_and_the_old_file_is_kept(invoke: Invoke, mine: Path) -> None:
+    done = invoke("tune", "mine.yaml", "--folder", "out")
+    assert done.code == 0, done.err
+    assert "mm rms before" in done.out
+    (backup,) = mine.parent.glob("mine.yaml.*.bak")
+    assert backup.read_text() == RIG
+    text = mine.read_text()
+    assert "long ago" not in text
+    assert "position_gain: 40 V/m   # kept" in text
+    assert text.count("control:") == 1
+    assert load_rig(mine).control.feedforward == "model"
+    figures = json.loads((mine.parent / "out" / "tuning.json").read_text())
+    assert figures["safe"]
+    assert "Proposed control" in (mine.parent / "out" / "tuning.html").read_text()
+
+
+def test_what_is_not_safe_is_not_written(
+    invoke: Invoke, mine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Tuning, "safe", False)
+    done = invoke("tune", "mine.yaml", "--folder", "out", "--json")
+    assert done.code == tune.EXIT_UNSAFE
+    assert json.loads(done.out)["written"] == []
+    assert mine.read_text() == RIG
+
+
+def test_a_shipped_rig_stays_as_it_is(invoke: Invoke, mine: Path) -> None:
+    done = invoke("tune", "simulated")
+    assert done.code == 2
+    assert "--out" in done.err
+
+
+def test_all_bad_input_is_told_at_once(invoke: Invoke, mine: Path) -> None:
+    done = invoke("tune", "nowhere.yaml", "--model", "none", "--out", "mine.yaml")
+    assert done.code == 2
+    assert "nowhere.yaml" in done.err
+    assert "none" in done.err
+    assert "mine.yaml exists" in done.err
+
+
+def test_a_dry_run_shows_every_motion_and_moves_nothing(invoke: Invoke, mine: Path) -> None:
+    done = invoke("tune", "mine.yaml", "--dry-run")
+    assert done.code == 0
+    for name in ("strokes with tones", "hold", "steps before", "sine after"):
+        assert f"{name}: " in done.out
+    assert list(mine.parent.iterdir()) == [mine]

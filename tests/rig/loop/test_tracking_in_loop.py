@@ -1,0 +1,44 @@
+"""The tracking law on the simulated loop: what was asked is followed, and what is held stays."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import pytest
+
+from control import Constant, ControlSettings
+from rig.configuration.rigs.rig import Rig, load_rig
+from tools.tracking.runs import SINE, TRACKING, run
+
+PROPORTIONAL: Final = ControlSettings()
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_rig("simulated")
+
+
+def test_the_thesis_s_loop_lags_a_fast_sine_by_half_its_amplitude(rig: Rig) -> None:
+    assert run(rig, SINE, 6.0, PROPORTIONAL).rms(2.0) == pytest.approx(0.073, abs=2e-3)
+
+
+def test_the_tracking_law_follows_it_within_a_millimetre(rig: Rig) -> None:
+    moved = run(rig, SINE, 8.0, TRACKING)
+    assert moved.rms() < 1e-3
+
+
+def test_a_ram_that_is_held_does_not_hunt(rig: Rig) -> None:
+    held = run(rig, Constant(0.3), 15.0, TRACKING)
+    assert held.swing(5.0) < 1e-4
+
+
+def test_a_valve_with_play_does_not_hunt_once_the_setpoint_has_rested(rig: Rig) -> None:
+    worn = replace(rig, plant=rig.plant.with_effect("valve_hysteresis", value=1e-5))
+    assert run(worn, Constant(0.3), 25.0, TRACKING).swing(20.0) < 1e-4
+
+
+def test_the_integral_takes_up_a_null_bias(rig: Rig) -> None:
+    off = replace(rig, plant=rig.plant.with_effect("spool_null_bias", value=2e-5))
+    left = np.abs(run(off, SINE, 10.0, PROPORTIONAL).error(8.0)).max()
+    assert left > 0.1
+    assert run(off, SINE, 12.0, TRACKING).rms(8.0) < 3e-3

@@ -1,0 +1,19 @@
+"""The rigs on which tracking is judged are drawn alike, and judged by what they can do."""
+
+from rig.configuration import load_rig
+from rig.plant import Model
+from tools.tracking.drawn import drawn_plant, is_reachable
+
+
+def test_a_rig_follows_from_its_number_and_every_second_hides_an_effect() -> None:
+    assert drawn_plant(4) == drawn_plant(4)
+    assert drawn_plant(4)[0] != drawn_plant(6)[0]
+    assert drawn_plant(4)[1] == ""
+    assert all(drawn_plant(number)[1] for number in range(1, 20, 2))
+
+
+def test_a_sine_against_a_stiff_spring_is_out_of_reach() -> None:
+    rig = load_rig("simulated")
+    assert is_reachable(rig, Model())
+    stiff = Model().with_effect("spring_load", stiffness=6e4, contact=0.22)
+    assert not is_reachable(rig, stiff)
