@@ -87,6 +87,12 @@ def tree_of(file: Path) -> ast.Module:
 
 
 @cache
+def nodes_of(file: Path) -> list[ast.AST]:
+    """Return all nodes of a module, each before those below it."""
+    return list(ast.walk(tree_of(file)))
+
+
+@cache
 def providers() -> Mapping[str, list[str]]:
     return packages_distributions()
 
@@ -95,7 +101,7 @@ def imported_packages(folder: str) -> set[str]:
     """Return the top-level names that the modules of a folder import from elsewhere."""
     found: set[str] = set()
     for file in (ROOT / folder).rglob("*.py"):
-        for node in ast.walk(tree_of(file)):
+        for node in nodes_of(file):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -209,10 +215,10 @@ def called_uncompiled(node: ast.AST, parts: set[str]) -> Iterator[str]:
         yield from called_uncompiled(child, parts)
 
 
-def parts_known_to(file: Path, tree: ast.AST, parts: dict[str, set[Path]]) -> set[str]:
+def parts_known_to(file: Path, parts: dict[str, set[Path]]) -> set[str]:
     """Return the names of parts that a module defines or imports, by way of a face or not."""
     known = {name for name, places in parts.items() if file in places}
-    for node in ast.walk(tree):
+    for node in nodes_of(file):
         if isinstance(node, ast.ImportFrom):
             start = file.parents[node.level - 1] if node.level else ROOT
             source = start.joinpath(*(node.module or "").split("."))
@@ -233,7 +239,7 @@ def test_what_only_compiled_code_may_call_is_called_by_nothing_else() -> None:
     }
     parts: dict[str, set[Path]] = {}
     for file in (file for file, text in files.items() if re.search(r"@(inner|inlined)\b", text)):
-        for node in ast.walk(tree_of(file)):
+        for node in nodes_of(file):
             if isinstance(node, ast.FunctionDef):
                 decorators = {ast.unparse(each) for each in node.decorator_list}
                 if decorators & {"inner", "inlined"}:
@@ -242,9 +248,7 @@ def test_what_only_compiled_code_may_call_is_called_by_nothing_else() -> None:
     # Called from Python, a part ends the process: it has nothing that Python could call it by.
     named = re.compile(rf"\b({'|'.join(parts)})\b")
     known = {
-        file: parts_known_to(file, tree_of(file), parts)
-        for file, text in files.items()
-        if named.search(text)
+        file: parts_known_to(file, parts) for file, text in files.items() if named.search(text)
     }
     found = {
         f"{file.relative_to(ROOT)}: {name}"

@@ -32,7 +32,7 @@ def growing(count: int, seed: int, fault: int, rate: float) -> LeakTest:
         pytest.param(0, 3e-3, marks=pytest.mark.long),
         pytest.param(1, 2e-4, marks=pytest.mark.long),
         (1, 3e-3),
-        (2, 2e-4),
+        pytest.param(2, 2e-4, marks=pytest.mark.long),
         (2, 3e-3),
     ],
 )

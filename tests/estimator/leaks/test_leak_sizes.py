@@ -43,7 +43,7 @@ def judged(leak: str, flow: float, onset_s: float) -> tuple[float, ReplayResult]
         (0.05, "external_leakage_1"),
         (0.5, "external_leakage_2"),
         (0.05, "internal_leakage"),
-        (0.5, "internal_leakage"),
+        pytest.param(0.5, "internal_leakage", marks=pytest.mark.long),
         pytest.param(0.5, "external_leakage_1", marks=pytest.mark.long),
         pytest.param(0.05, "external_leakage_2", marks=pytest.mark.long),
         *(pytest.param(0.25, leak, marks=pytest.mark.long) for leak in LEAKS),

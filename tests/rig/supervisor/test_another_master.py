@@ -15,6 +15,7 @@ from rig.configuration.rigs.rig import load_rig
 from rig.io.can.ds408 import DriveState
 from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
+from rig.loop.interlocks.trip import TripError
 from rig.supervisor.processes.driven import Driven, Tally, departures
 from rig.supervisor.trip_report import EventLog, TripReport, write_trip_report
 from tests.rig.supervisor.processes.test_loop_process import Rig, connected
@@ -82,11 +83,19 @@ def test_a_valve_that_another_master_enables_after_a_trip_is_nulled_again_and_re
         assert rig.is_null
 
 
-def test_the_loop_that_was_rescued_goes_on_to_null_the_valve(tmp_path: Path) -> None:
+def test_a_lost_connection_is_rescued_by_another_one_which_goes_on_to_null_the_valve(
+    tmp_path: Path,
+) -> None:
     with connected(tmp_path) as rig:
         rig.open()
         rig.arm()
         rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
+        until(lambda: bool(rig.news), "the loss was reported")
+        assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
+        assert "by another one" in rig.news[0].text
+        # It says at once that it cannot be armed any more, and is not waited for in vain.
+        with pytest.raises(TripError, match="start another"):
+            rig.arm()
         until(lambda: rig.emulator.status()["daq"]["null_requested"], "null was latched")
         master = Master(int(rig.emulator.ports["daq"]))
 

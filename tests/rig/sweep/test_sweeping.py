@@ -152,15 +152,26 @@ def test_a_folder_is_not_shared_and_nothing_foreign_is_replaced(
     assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
 
 
-def test_two_processes_make_the_same_table_though_one_is_killed(
+def test_the_order_in_which_chunks_are_ready_does_not_matter(
     sweep: Sweep, table: bytes, tmp_path: Path
+) -> None:
+    def backwards(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
+        yield from reversed(list(run_here(chunks, setting, lambda: False)))
+
+    run(sweep, tmp_path / "run", backwards)
+    assert (tmp_path / "run" / "sweep.parquet").read_bytes() == table
+
+
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
+def test_processes_make_the_same_table_though_one_is_killed(
+    sweep: Sweep, table: bytes, tmp_path: Path, jobs: int
 ) -> None:
     killed: list[int] = []
 
     def with_a_death(
         chunks: Iterator[Cases], setting: Setting, stopped: object
     ) -> Iterator[Judged]:
-        for judged in run_pool(chunks, setting, 2, lambda: False):
+        for judged in run_pool(chunks, setting, jobs, lambda: False):
             if not killed:
                 killed.append(int(judged.worker.rpartition(":")[2]))
                 os.kill(killed[0], signal.SIGKILL)

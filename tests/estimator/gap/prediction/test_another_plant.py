@@ -59,6 +59,7 @@ def test_an_axis_that_the_model_describes_is_refitted_and_lacks_nothing(axis: Pl
         pytest.param(
             {"cogging": 4.0, "pitch": 0.0212, "phase": 0.5}, 5.0,
             ["force balance"], "position", 4.0, id="cogging of another pitch",
+            marks=pytest.mark.long,
         ),
         pytest.param(
             {"quadratic": 300.0}, 8.0, ["force balance", "viscous"], "velocity", 300.0,

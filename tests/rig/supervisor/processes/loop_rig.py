@@ -9,7 +9,7 @@ from estimator.filters.registry import start_memory
 from rig.io.limits import ChannelLimit
 from rig.io.registry import DriverSpec
 from rig.io.settings import HomingSettings, LoopSettings
-from rig.loop.board import Board, Word
+from rig.loop.board import RING_ROWS, Board, Word
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.ladder import limit_table
 from rig.loop.wire.layout import Drive, wire_channels
@@ -74,7 +74,7 @@ class LoopRig:
         until(lambda: self.newest("valve_enabled") == 1.0, "the valve was enabled")
 
     def newest(self, channel: str) -> float:
-        row = self.board.ring[int(self.board.words[Word.ROWS]) - 1]
+        row = self.board.ring[(int(self.board.words[Word.ROWS]) - 1) % RING_ROWS]
         return float(row[self.channels.index(channel)])
 
     def test(self, ticks: int) -> WireLoop:

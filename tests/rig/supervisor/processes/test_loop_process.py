@@ -21,7 +21,7 @@ from rig.io.modbus_daq.register_map import Register
 from rig.io.signals import FAST_INPUTS
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Action, Cause
-from rig.loop.interlocks.trip import LoopStoppedError, TripError
+from rig.loop.interlocks.trip import LoopStoppedError
 from rig.loop.wire.orders import Close, Closed, Opened
 from rig.recording import McapWriter, read_recording
 from rig.supervisor.processes.child import Child, News
@@ -122,18 +122,6 @@ def test_a_trip_of_another_process_nulls_the_valve_and_ends_the_test(opened: Rig
     until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
     assert rig.is_null
     rig.board.words[Word.FIELD_TRIP] = Cause.NONE
-
-
-def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
-    rig.open()
-    rig.arm()
-    rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
-    until(lambda: bool(rig.news), "the loss was reported")
-    assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
-    assert "by another one" in rig.news[0].text
-    # It says at once that it cannot be armed any more, and is not waited for in vain.
-    with pytest.raises(TripError, match="start another"):
-        rig.arm()
 
 
 def test_a_lost_count_trips_and_the_position_is_no_longer_known(opened: Rig) -> None:
