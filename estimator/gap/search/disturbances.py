@@ -187,6 +187,17 @@ class Attribution:
         region = self.plant.regions[name]
         return [region.value(course.states, course.inputs) for course in self.courses]
 
+    def is_held(self, name: str) -> bool:
+        """Return whether the quantity of a region depends on inputs alone, which stay in a sample.
+
+        The time does not.
+        """
+        if name == TIME.name:
+            return False
+        course, value = self.courses[0], self.plant.regions[name].value
+        rest = np.zeros_like(course.states)
+        return bool(np.array_equal(value(course.states, course.inputs), value(rest, course.inputs)))
+
     def middles(self, name: str, count: int = HATS) -> Array:
         """Return the middles (count,) of the hats along a region's quantity, SI.
 

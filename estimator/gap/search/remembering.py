@@ -1,0 +1,130 @@
+"""This module selects lags and resonances of a quantity that are worth an exact look.
+
+Something on a path may remember: a filter before the valve, a pilot stage, a mass on a spring, oil
+in a dead end. What it does to an equation then depends on the course of a quantity
+(`estimator.gap.plant.memories`). By how much each of some time constants, frequencies and dampings
+would lower the cost follows from two figures, to second order: the slope of the cost by the
+disturbance (`Attribution.pull`), and the curvature, which is that by white noise weighted with the
+disturbance's spectrum.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import TIME_NAME, Array
+
+from .disturbances import Attribution, Place
+from .findings import CHANCE
+from .shapes import STARTS, Shape
+from .spectra import curvature_of
+
+_LAGS: Final = (2.0, 0.5)
+"""Least time constant in sampling periods, and greatest in s: a longer one than a block of half a
+second has no end within it."""
+_STEP: Final = 1.5
+"""Ratio of one time constant to the next one that is tried."""
+_FREQUENCIES: Final = (2.0, 8.0)
+"""Least frequency of a resonance, Hz, and least number of samples in its period: the swing must be
+over, or go round, in a block of half a second."""
+_CLOSE: Final = 1.12
+"""Ratio of one frequency to the next one: a damping ratio of 0.1 makes a peak twice as wide."""
+_DAMPINGS: Final = (0.05, 0.15, 0.45)
+_BEST: Final = 2
+"""Number of resonances that are selected, apart from each other by more than `_CLOSE`."""
+_PIECE: Final = 512
+"""Number of samples in the pieces of a spectrum."""
+
+
+def memories(
+    attribution: Attribution, place: Place, of: str, along: Sequence[Mapping[str, Array]]
+) -> list[Shape]:
+    """Return the lag and the resonances that promise the most, at most three.
+
+    Each must promise to lower the cost by `CHANCE`.
+
+    Args:
+        attribution: linearised courses, with what is to be explained.
+        place: equation that the disturbance enters.
+        of: name of the quantity that it follows.
+        along: quantities by name at each sample of each course, (m,) each, as `Shape.columns` takes
+            them.
+    """
+    period = float(along[0][TIME_NAME][1] - along[0][TIME_NAME][0])
+    pulls = attribution.pull(place)
+    frequencies, curvature = curvature_of(attribution, place)
+    at = np.fft.rfftfreq(_PIECE, period)
+    # White noise has twice the mean square of a tone.
+    weights = 2.0 * np.interp(at, frequencies, curvature)
+    ranked = sorted(
+        (
+            (_promised(shape, along, pulls, weights), shape)
+            for shape in _tried(of, period, attribution.is_held(of))
+        ),
+        key=lambda each: -each[0],
+    )
+    found: list[Shape] = []
+    for gain, shape in ranked:
+        same = [each for each in found if each.form == shape.form]
+        most = 1 if shape.form == "lag" else _BEST
+        if gain < CHANCE or len(same) >= most:
+            continue
+        if all(abs(np.log(each.at[0] / shape.at[0])) > 2.0 * np.log(_CLOSE) for each in same):
+            found.append(shape)
+    return found
+
+
+def _tried(of: str, period: float, held: bool) -> list[Shape]:
+    """Return all lags and resonances of a quantity that are tried at a sampling period, s.
+
+    `held` says whether the quantity stays as it is from sample to sample.
+    """
+    found, constant = [], _LAGS[0] * period
+    while constant <= _LAGS[1]:
+        found.append(Shape(of, "", "lag", (constant,), (), held))
+        constant *= _STEP
+    frequency = _FREQUENCIES[0]
+    while frequency <= 1.0 / (_FREQUENCIES[1] * period):
+        found += [
+            Shape(of, "", "resonance", (frequency, damping), (), held) for damping in _DAMPINGS
+        ]
+        frequency *= _CLOSE
+    return found
+
+
+def _promised(
+    shape: Shape,
+    along: Sequence[Mapping[str, Array]],
+    pulls: Sequence[Array],
+    weights: Array,
+) -> float:
+    """Return by how much a shape would lower the cost, to second order.
+
+    Args:
+        shape: the shape.
+        along: as in `memories`.
+        pulls: slope of half the cost by the disturbance at each sample, (m,) for each course.
+        weights: curvature by white noise (`_PIECE` // 2 + 1,), per sample.
+    """
+    slopes = np.zeros(shape.count)
+    matrix = np.zeros((shape.count, shape.count))
+    window = np.hanning(_PIECE)[:, None]
+    for quantities, pull in zip(along, pulls, strict=True):
+        columns = shape.columns(quantities)
+        slopes += columns.T @ pull
+        starts = np.flatnonzero(quantities[STARTS] > 0.0)
+        for begin, end in zip(starts, [*starts[1:], len(columns)], strict=True):
+            pieces = (end - begin) // _PIECE
+            if pieces == 0:
+                continue
+            cut = columns[begin : begin + pieces * _PIECE].reshape(pieces, _PIECE, shape.count)
+            spectra = np.fft.rfft(cut * window, axis=1)
+            power = np.einsum("pfi,pfj,f->ij", spectra.conj(), spectra, weights).real
+            # A spectrum's two halves are alike, and the window lets a part of the power through.
+            matrix += 2.0 * power / _PIECE * (end - begin) / (pieces * float((window**2).sum()))
+    if not np.isfinite(matrix).all() or not float(np.diag(matrix).min()) > 0.0:
+        return 0.0
+    scale = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(scale, scale) + 1e-3 * np.eye(len(scale))
+    return float((slopes / scale) @ np.linalg.solve(scaled, slopes / scale))
