@@ -160,5 +160,7 @@ def memory_columns(
     swings = form == "resonance"
     first, second = (*at, 0.0)[:2]
     found = np.empty((len(quantity), 2 if swings else 1))
-    _follow(np.ascontiguousarray(quantity), starts, first, second, swings, held, period, found)
+    _follow(
+        np.array(quantity, dtype=np.float64), starts, first, second, swings, held, period, found
+    )
     return found

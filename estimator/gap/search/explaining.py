@@ -205,12 +205,12 @@ class Explaining:
         if place.equation is not None:
             for name in place.of:
                 if name != DIRECTION:
-                    found += self._remembered(place, name)
+                    found += self.remembered(place, name)
         if max(self._numbers) < PHASES:
             found += self.of(place, tones(self.attribution, place, self._along[TIME_NAME]))
         return found
 
-    def _remembered(self, place: Place, name: str) -> list[Explanation]:
+    def remembered(self, place: Place, name: str) -> list[Explanation]:
         """Return explanations of a place by lags and resonances of one quantity, unsorted."""
         along = [self._at_course(k) for k in range(len(self.attribution.courses))]
         tried = self.of(place, memories(self.attribution, place, name, along))

@@ -9,6 +9,7 @@ disturbance's spectrum.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -33,6 +34,8 @@ _CLOSE: Final = 1.12
 _DAMPINGS: Final = (0.05, 0.15, 0.45)
 _BEST: Final = 2
 """Number of resonances that are selected, apart from each other by more than `_CLOSE`."""
+_LEAST: Final = 0.03
+"""Least part of a disturbance's square that counts as more than what the variables could do."""
 _PIECE: Final = 512
 """Number of samples in the pieces of a spectrum."""
 
@@ -57,13 +60,9 @@ def memories(
     at = np.fft.rfftfreq(_PIECE, period)
     # White noise has twice the mean square of a tone.
     weights = 2.0 * np.interp(at, frequencies, curvature)
-    ranked = sorted(
-        (
-            (_promised(shape, along, pulls, weights), shape)
-            for shape in _tried(of, period, attribution.is_held(of))
-        ),
-        key=lambda each: -each[0],
-    )
+    promising = _Promising(along, pulls, attribution.base_pulls(place), weights)
+    tried = _tried(of, period, attribution.is_held(of))
+    ranked = sorted(((promising.gain(shape), shape) for shape in tried), key=lambda e: -e[0])
     found: list[Shape] = []
     for gain, shape in ranked:
         same = [each for each in found if each.form == shape.form]
@@ -93,38 +92,56 @@ def _tried(of: str, period: float, held: bool) -> list[Shape]:
     return found
 
 
-def _promised(
-    shape: Shape,
-    along: Sequence[Mapping[str, Array]],
-    pulls: Sequence[Array],
-    weights: Array,
-) -> float:
-    """Return by how much a shape would lower the cost, to second order.
+@dataclass(frozen=True)
+class _Promising:
+    """Tells by how much shapes of one quantity at one place would lower the cost, to second order.
 
-    Args:
-        shape: the shape.
-        along: as in `memories`.
+    Attributes:
+        along: quantities by name at each sample of each course, (m,) each.
         pulls: slope of half the cost by the disturbance at each sample, (m,) for each course.
-        weights: curvature by white noise (`_PIECE` // 2 + 1,), per sample.
+        with_base: products of the disturbance with the fit's variables, (m, variables) for each
+            course; and those of the variables with each other (`Attribution.base_pulls`).
+        weights: what white noise of each frequency changes, per sample (`_PIECE` // 2 + 1,).
     """
-    slopes = np.zeros(shape.count)
-    matrix = np.zeros((shape.count, shape.count))
-    window = np.hanning(_PIECE)[:, None]
-    for quantities, pull in zip(along, pulls, strict=True):
-        columns = shape.columns(quantities)
-        slopes += columns.T @ pull
-        starts = np.flatnonzero(quantities[STARTS] > 0.0)
-        for begin, end in zip(starts, [*starts[1:], len(columns)], strict=True):
-            pieces = (end - begin) // _PIECE
-            if pieces == 0:
-                continue
-            cut = columns[begin : begin + pieces * _PIECE].reshape(pieces, _PIECE, shape.count)
-            spectra = np.fft.rfft(cut * window, axis=1)
-            power = np.einsum("pfi,pfj,f->ij", spectra.conj(), spectra, weights).real
-            # A spectrum's two halves are alike, and the window lets a part of the power through.
-            matrix += 2.0 * power / _PIECE * (end - begin) / (pieces * float((window**2).sum()))
-    if not np.isfinite(matrix).all() or not float(np.diag(matrix).min()) > 0.0:
-        return 0.0
-    scale = np.sqrt(np.diag(matrix))
-    scaled = matrix / np.outer(scale, scale) + 1e-3 * np.eye(len(scale))
-    return float((slopes / scale) @ np.linalg.solve(scaled, slopes / scale))
+
+    along: Sequence[Mapping[str, Array]]
+    pulls: Sequence[Array]
+    with_base: tuple[list[Array], Array]
+    weights: Array
+
+    def gain(self, shape: Shape) -> float:
+        """Return by how much a shape would lower the cost beyond what the variables could."""
+        base, gram = self.with_base
+        slopes, matrix = np.zeros(shape.count), np.zeros((shape.count, shape.count))
+        crossed = np.zeros((len(gram), shape.count))
+        for k, quantities in enumerate(self.along):
+            columns = shape.columns(quantities)
+            slopes += columns.T @ self.pulls[k]
+            if len(gram):
+                crossed += base[k].T @ columns
+            starts = np.flatnonzero(quantities[STARTS] > 0.0)
+            for begin, end in zip(starts, [*starts[1:], len(columns)], strict=True):
+                matrix += self._squared(columns[begin:end])
+        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        scaled = matrix / np.outer(scale, scale)
+        if len(gram):
+            stood_in = crossed.T @ np.linalg.lstsq(gram, crossed, rcond=1e-12)[0]
+            scaled -= stood_in / np.outer(scale, scale)
+        if not np.isfinite(scaled).all():
+            return 0.0
+        # The squares are known to some parts in a hundred, so that less of them is not believed.
+        values, vectors = np.linalg.eigh(scaled)
+        along_them = vectors.T @ (slopes / scale)
+        return float((along_them**2 / np.maximum(values, _LEAST)).sum())
+
+    def _squared(self, columns: Array) -> Array:
+        """Return the squares and products of what columns (m, count) change, (count, count)."""
+        pieces = max(len(columns) // _PIECE, 1)
+        cut = columns[: pieces * _PIECE]
+        if len(cut) < _PIECE:
+            cut = np.pad(cut, ((0, _PIECE - len(cut)), (0, 0)))
+        window = np.hanning(_PIECE)[:, None]
+        spectra = np.fft.rfft(cut.reshape(pieces, _PIECE, -1) * window, axis=1)
+        power = np.einsum("pfi,pfj,f->ij", spectra.conj(), spectra, self.weights).real
+        # A spectrum's two halves are alike, and the window lets a part of the power through.
+        return np.asarray(2.0 * power * len(columns) / (pieces * _PIECE * (window**2).sum()))
