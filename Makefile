@@ -20,6 +20,9 @@ demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write it
 	if [ -f runs/demo/report.html ]; then echo "Open the report: $(CURDIR)/runs/demo/report.html"; fi; \
 	exit $$status
 
+# Where Python may keep no bytecode, every process that the tests start compiles all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 # A file's tests share what they set up, so that files are what the workers share out, in the order
 # that tests/conftest.py gives them. Three of them on two processors: tests of processes mostly wait.
 test: $(INSTALLED_DEV) ## run the tests

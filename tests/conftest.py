@@ -20,7 +20,6 @@ LONGEST = (
     "estimator/gap/verdict/test_keeping.py",
     "estimator/gap/prediction/test_another_period.py",
     "rig/console/test_started.py",
-    "chaos/test_ways_to_end.py",
     "rig/runner/campaign/test_compiling.py",
     "chaos/test_kill_and_resume.py",
     "rig/cli/models/test_sweep.py",

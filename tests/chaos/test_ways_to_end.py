@@ -1,4 +1,7 @@
-"""Every way in which a run on the emulated rig can end has the exit code that is promised."""
+"""Every way in which a run on the emulated rig can end has the exit code that is promised.
+
+In the default suite, `tests/rig/runner/campaign/test_ways_to_end.py` has ways of a simulated rig.
+"""
 
 import json
 from collections.abc import Callable
@@ -124,8 +127,8 @@ class Way:
     reported: bool = True
 
 
-START = Way("start with the emergency stop open", with_the_emergency_stop_open, 3, OPEN)
 WAYS = [
+    Way("start with the emergency stop open", with_the_emergency_stop_open, 3, OPEN),
     Way("reset with the emergency stop open", at_its_reset, 3, OPEN),
     Way("start without the devices", without_devices, 2, "cannot connect", reported=False),
     Way("stopped while armed", while_it_is_armed(send(SIGINT, "supervisor")), 3, "1 not run"),
@@ -145,11 +148,8 @@ WAYS = [
 ]
 
 
-@pytest.mark.parametrize(
-    "way",
-    [START, *(pytest.param(way, marks=pytest.mark.long) for way in WAYS)],
-    ids=lambda way: way.what,
-)
+@pytest.mark.long
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.what)
 def test_a_run_ends_with_the_exit_code_that_is_promised(way: Way, tmp_path: Path) -> None:
     with Stage(tmp_path) as stage:
         way.do(stage)

@@ -17,7 +17,7 @@ from rig.plant.sensors import DATA_SHEET
 Array = NDArray[np.float64]
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _stepped(
     x: Array,
     factors: Array,

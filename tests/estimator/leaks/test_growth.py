@@ -25,8 +25,17 @@ def growing(count: int, seed: int, fault: int, rate: float) -> LeakTest:
     return test
 
 
-@pytest.mark.parametrize("fault", [0, 1, 2])
-@pytest.mark.parametrize("rate", [2e-4, 3e-3])
+@pytest.mark.parametrize(
+    ("fault", "rate"),
+    [
+        (0, 2e-4),
+        pytest.param(0, 3e-3, marks=pytest.mark.long),
+        pytest.param(1, 2e-4, marks=pytest.mark.long),
+        (1, 3e-3),
+        (2, 2e-4),
+        (2, 3e-3),
+    ],
+)
 def test_a_leak_that_grows_is_named_and_followed(fault: int, rate: float) -> None:
     test = growing(320, 1, fault, rate)
     found = test.search()

@@ -37,8 +37,18 @@ def judged(leak: str, flow: float, onset_s: float) -> tuple[float, ReplayResult]
     return true, replay(recording, Model())
 
 
-@pytest.mark.parametrize("leak", LEAKS)
-@pytest.mark.parametrize("flow", [0.05, pytest.param(0.25, marks=pytest.mark.long), 0.5])
+@pytest.mark.parametrize(
+    ("flow", "leak"),
+    [
+        (0.05, "external_leakage_1"),
+        (0.5, "external_leakage_2"),
+        (0.05, "internal_leakage"),
+        (0.5, "internal_leakage"),
+        pytest.param(0.5, "external_leakage_1", marks=pytest.mark.long),
+        pytest.param(0.05, "external_leakage_2", marks=pytest.mark.long),
+        *(pytest.param(0.25, leak, marks=pytest.mark.long) for leak in LEAKS),
+    ],
+)
 def test_a_leak_is_sized_alike_wherever_in_a_block_it_opens(leak: str, flow: float) -> None:
     errors = []
     for phase_s in PHASES_S:

@@ -103,7 +103,7 @@ def test_the_quantile_is_students(probability: float, freedom: float) -> None:
     )
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.3])
+@pytest.mark.parametrize("correlation", [pytest.param(0.0, marks=pytest.mark.long), 0.3])
 def test_a_healthy_rig_alarms_no_more_often_than_stated(correlation: float) -> None:
     """At 2000 a day, 120 runs of 30 s are 3600 s: 83 alarms are allowed; what is allowed for errors
     of the model keeps them well below, also when errors hang together."""
@@ -114,35 +114,48 @@ def test_a_healthy_rig_alarms_no_more_often_than_stated(correlation: float) -> N
     assert alarms < allowed
 
 
-def alarms_of(series: list[AccountBlock], rate: float, model_error: float) -> tuple[int, int]:
-    """Return how often a test, begun anew each time, accused, and the blocks it judged."""
-    test, alarms, judged = LeakTest(rate, model_error=model_error), 0, 0
-    for block in series:
+RATE = 1500.0
+"""False alarms a day that are stated where the model is exact."""
+
+
+def alarms_of(series: list[AccountBlock], model_error: float) -> tuple[list[int], int]:
+    """Return at which blocks a test, begun anew each time, accused, and how many it judged."""
+    test, alarms, judged = LeakTest(RATE, model_error=model_error), [], 0
+    for number, block in enumerate(series):
         test.add(block)
         judged += test.blocks >= MINIMUM_BLOCKS
         if test.search():
-            alarms += 1
-            test = LeakTest(rate, model_error=model_error)
+            alarms.append(number)
+            test = LeakTest(RATE, model_error=model_error)
     return alarms, judged
 
 
-def test_where_the_model_is_exact_alarms_come_at_the_stated_rate() -> None:
+@pytest.fixture(scope="module")
+def exact() -> tuple[list[AccountBlock], list[int], int]:
+    """Blocks of an exact model, where a test that allows for no errors accused, and its count."""
+    series = blocks_of_an_exact_model(6000, 11)
+    return series, *alarms_of(series, model_error=0.0)
+
+
+def test_where_the_model_is_exact_alarms_come_at_the_stated_rate(
+    exact: tuple[list[AccountBlock], list[int], int],
+) -> None:
     """At 1500 a day, and noise as the sensors make it: between half of that and all of it.
 
     `DIRECTIONS` is rounded up: by simulation it is 0.8 to 1.6.
     """
-    rate = 1500.0
-    series = blocks_of_an_exact_model(6000, 11)
-    alarms, judged = alarms_of(series, rate, model_error=0.0)
-    stated = rate * 0.5 / 86400.0
-    assert binomial.ppf(0.025, judged, 0.5 * stated) <= alarms
-    assert alarms <= binomial.ppf(0.975, judged, stated)
+    _, alarms, judged = exact
+    stated = RATE * 0.5 / 86400.0
+    assert binomial.ppf(0.025, judged, 0.5 * stated) <= len(alarms)
+    assert len(alarms) <= binomial.ppf(0.975, judged, stated)
 
 
-def test_what_is_allowed_for_errors_of_the_model_keeps_alarms_away() -> None:
-    series = blocks_of_an_exact_model(2000, 11)
-    assert alarms_of(series, 1500.0, model_error=0.0)[0] > 5
-    assert alarms_of(series, 1500.0, model_error=1.0)[0] == 0
+def test_what_is_allowed_for_errors_of_the_model_keeps_alarms_away(
+    exact: tuple[list[AccountBlock], list[int], int],
+) -> None:
+    series, alarms, _ = exact
+    assert sum(number < 2000 for number in alarms) > 5
+    assert alarms_of(series[:2000], model_error=1.0)[0] == []
 
 
 @pytest.mark.parametrize("factor", [-0.1, 10.1, float("nan")])

@@ -1,6 +1,7 @@
 import errno
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 from junitparser import JUnitXml
 
 import rig.report
-from rig.recording import read_recording
+from rig.recording import McapWriter, read_recording
 from rig.runner import CampaignOutcome
 from tests.waiting import COMPILE_S, until
 
@@ -224,25 +225,42 @@ def has_samples(recording: Path) -> bool:
     return recording.exists() and recording.stat().st_size > 200_000
 
 
-@pytest.mark.parametrize(
-    ("signals", "name"),
-    [([signal.SIGINT, signal.SIGINT], "SIGINT"), ([signal.SIGTERM], "SIGTERM")],
-)
 def test_a_signal_ends_a_run_with_a_partial_report_and_intact_recordings(
-    running: subprocess.Popen[str], tmp_path: Path, signals: list[signal.Signals], name: str
+    running: subprocess.Popen[str], tmp_path: Path
 ) -> None:
-    for number in signals:
-        running.send_signal(number)
+    for _ in range(2):  # who presses Ctrl-C presses it again
+        running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=COMPILE_S)
     assert running.returncode == 3
+    is_left_whole_by(signal.SIGINT, out, err, tmp_path / "out")
+
+
+def test_so_does_sigterm(invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write = McapWriter.write
+    written: list[int] = []
+
+    def write_and_terminate(self: McapWriter, rows: Any) -> None:
+        write(self, rows)
+        written.append(len(rows))
+        if sum(written) > 2000 >= sum(written[:-1]):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(McapWriter, "write", write_and_terminate)
+    (tmp_path / "slow.yaml").write_text(SLOW)
+    done = invoke("run", "slow.yaml", "--out", "out")
+    assert done.code == 3
+    is_left_whole_by(signal.SIGTERM, done.out, done.err, tmp_path / "out")
+
+
+def is_left_whole_by(number: signal.Signals, out: str, err: str, folder: Path) -> None:
+    """Assert what a stopped run leaves of the slow campaign, and says."""
     assert err == ""
     assert "endless: aborted, " in out
     assert "2 tests: 1 aborted, 1 not run" in out
-    folder = tmp_path / "out"
     assert (folder / "report.html").stat().st_size > 0
     recording = read_recording(folder / "endless.mcap")
     assert recording.events[-1].kind == "abort"
-    assert recording.events[-1].text == f"stopped by {name}"
+    assert recording.events[-1].text == f"stopped by {number.name}"
     written = json.loads((folder / "results.json").read_text())
     assert [test["status"] for test in written["tests"]] == ["aborted", "not_run"]
     assert written["tests"][0]["recorded_s"] == pytest.approx(len(recording) * 1e-3)

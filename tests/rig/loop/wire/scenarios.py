@@ -133,8 +133,12 @@ class World:
         return self.verdicts.get(self.judged - 1, (0, 0, -1))
 
     def run(self, planned: Course, ticks: int, settings: LoopSettings | None = None,
-            device_rate_hz: float = 1000.0, fd: int = FD) -> dict[str, Any]:  # fmt: skip
-        """Run a segment for `ticks` ticks of the clock; return frames, rows and words by name."""
+            device_rate_hz: float = 1000.0, fd: int = FD,
+            *, replays: bool = True) -> dict[str, Any]:  # fmt: skip
+        """Run a segment for `ticks` ticks of the clock; return frames, rows and words by name.
+
+        With `replays`, which takes as long again, also whether the filter follows from the rows.
+        """
         settings = settings or LoopSettings()
         fitted = frozenset(FAST_INPUTS[:4])
         tol = tolerances(MODEL.parameters, DATA_SHEET, fitted, TICK, 0.1, HomingSettings())
@@ -162,7 +166,7 @@ class World:
             "frames": [{"at_ms": (at - BEGIN) / MS, **sent} for at, sent in self.frames],
             "rows": {name: rows[:, i].tolist() for i, name in enumerate(CHANNELS)},
             "words": {word.name: int(words[word]) for word in Word},
-            "replays": _replays(rows),
+            "replays": replays and _replays(rows),
             "looks": self.looks,
             "found": {item.name: int(self.memory.found[item]) for item in Found},
         }
@@ -262,10 +266,12 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "trip": lambda: World(late={5: 3_200_000}).run(
         tracking(), 12, replace(SETTINGS, overrun="trip", trip_after=3)
     ),
-    "stopped for long": lambda: World(late={5: 150 * MS}).run(tracking(400), 300, SETTINGS),
+    "stopped for long": lambda: World(late={5: 150 * MS}).run(
+        tracking(400), 160, SETTINGS, replays=False
+    ),
     "stopped while another trips": lambda: World(
         late={5: 30 * MS}, before={5: say(Word.FIELD_TRIP, Cause.BYPASS_STUCK)}
-    ).run(tracking(400), 50, SETTINGS),
+    ).run(tracking(400), 50, SETTINGS, replays=False),
     "timeout": lambda: World(status={5: ExchangeStatus.TIMEOUT}).run(tracking(), 12, SETTINGS),
     "no sample at first": lambda: World(
         status=dict.fromkeys(range(3), ExchangeStatus.EXCEPTION)
@@ -297,7 +303,7 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     ).run(tracking(), 12),
     "interlock holds": lambda: World(verdicts={5: HOLD}).run(tracking(), 12),
     "interlock ramps down": lambda: World(verdicts={5: RAMP}).run(
-        tracking(2000, offset_m=0.0), 600
+        tracking(2000, offset_m=0.0), 520, replays=False
     ),
     "operator stops": lambda: World(before={5: say(Word.STOP, Action.HOLD)}).run(tracking(), 12),
     "supervisor silent": lambda: World(before={0: say(Word.SUPERVISOR_BEAT, BEGIN)}).run(
