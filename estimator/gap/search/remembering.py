@@ -24,16 +24,16 @@ from .spectra import curvature_of
 _LAGS: Final = (2.0, 0.5)
 """Least time constant in sampling periods, and greatest in s: a longer one than a block of half a
 second has no end within it."""
-_STEP: Final = 1.5
+_STEP: Final = 2.0
 """Ratio of one time constant to the next one that is tried."""
 _FREQUENCIES: Final = (2.0, 8.0)
 """Least frequency of a resonance, Hz, and least number of samples in its period: the swing must be
 over, or go round, in a block of half a second."""
-_CLOSE: Final = 1.12
-"""Ratio of one frequency to the next one: a damping ratio of 0.1 makes a peak twice as wide."""
-_DAMPINGS: Final = (0.05, 0.15, 0.45)
-_BEST: Final = 2
-"""Number of resonances that are selected, apart from each other by more than `_CLOSE`."""
+_CLOSE: Final = 1.25
+"""Ratio of one frequency to the next one: the best is at most an eighth away, and is refined."""
+_DAMPINGS: Final = (0.08, 0.35)
+_BEST: Final = {"lag": 2, "resonance": 6}
+"""Number of lags and of resonances that are selected."""
 _LEAST: Final = 0.03
 """Least part of a disturbance's square that counts as more than what the variables could do."""
 _PIECE: Final = 512
@@ -43,7 +43,7 @@ _PIECE: Final = 512
 def memories(
     attribution: Attribution, place: Place, of: str, along: Sequence[Mapping[str, Array]]
 ) -> list[Shape]:
-    """Return the lag and the resonances that promise the most, at most three.
+    """Return the lags and the resonances that promise the most, as many as `_BEST` says.
 
     Each must promise to lower the cost by `CHANCE`.
 
@@ -63,15 +63,12 @@ def memories(
     promising = _Promising(along, pulls, attribution.base_pulls(place), weights)
     tried = _tried(of, period, attribution.is_held(of))
     ranked = sorted(((promising.gain(shape), shape) for shape in tried), key=lambda e: -e[0])
-    found: list[Shape] = []
-    for gain, shape in ranked:
-        same = [each for each in found if each.form == shape.form]
-        most = 1 if shape.form == "lag" else _BEST
-        if gain < CHANCE or len(same) >= most:
-            continue
-        if all(abs(np.log(each.at[0] / shape.at[0])) > 2.0 * np.log(_CLOSE) for each in same):
-            found.append(shape)
-    return found
+    return [
+        shape
+        for form, most in _BEST.items()
+        for gain, shape in [each for each in ranked if each[1].form == form][:most]
+        if gain >= CHANCE
+    ]
 
 
 def _tried(of: str, period: float, held: bool) -> list[Shape]:

@@ -282,7 +282,7 @@ def finer(shape: Shape, span: float) -> list[Shape]:
         frequency, damping = shape.at
         return [
             replace(shape, at=(frequency * factor, damping * times))
-            for factor in (0.93, 0.965, 1.0, 1.035, 1.07)
+            for factor in (0.9, 0.95, 1.0, 1.05, 1.1)
             for times in (0.5, 1.0, 1.7)
         ]
     if shape.form == "wave":
