@@ -4,7 +4,10 @@ from .additions import (
     EXTENSION as EXTENSION,
     KICKS as KICKS,
     KNOTS as KNOTS,
+    MEMORIES as MEMORIES,
+    NOT_IN_FILES as NOT_IN_FILES,
     PHASES as PHASES,
+    REMEMBERS as REMEMBERS,
     SHOWS as SHOWS,
     SLOT_PARAMETERS as SLOT_PARAMETERS,
     SLOTS as SLOTS,
@@ -20,6 +23,7 @@ from .additions import (
     as_addition as as_addition,
     as_term as as_term,
     kicked_states as kicked_states,
+    remember_quantities as remember_quantities,
     wave as wave,
 )
 from .compile_plant import build as build, nuisances as nuisances
@@ -52,6 +56,7 @@ from .interface import (
     Trace as Trace,
     Varying as Varying,
 )
+from .memories import FOLLOWED as FOLLOWED, memory_columns as memory_columns
 from .records import (
     BoolArray as BoolArray,
     Gains as Gains,

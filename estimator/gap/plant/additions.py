@@ -22,6 +22,7 @@ from rig.jit import njit
 from rig.plant import MOST_KNOTS, MOST_OTHERS, AddedTerm, inlined
 
 from .interface import Array, Equation, Parameter, Region, Varying
+from .memories import follow_lag, follow_resonance, lag_behind, resonance_behind
 
 DIRECTION: Final = "direction"
 TIME_NAME: Final = "time"
@@ -35,19 +36,29 @@ NOWHERE, IN_EQUATION, IN_READING, IN_PARAMETER = range(4)
 CONSTANT_OF: Final = -1.0
 TIME_OF: Final = -2.0
 """What an addition depends on is the index of a quantity, or one of these: nothing, or the time."""
-FORMS: Final = ("constant", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table", "tone")
+FORMS: Final = (
+    "constant", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table", "tone", "lag",
+    "resonance",
+)  # fmt: skip
 """How an addition depends on its quantity x. A wave is sin(2 pi x / at + by), a bump
 exp(-((x - at) / by)^2), and a hinge max(0, x - at). A tone is a wave in time whose phase differs
-from recording to recording."""
+from recording to recording. A lag and a resonance remember x (`memories`)."""
 TABLE: Final = FORMS.index("table")
 TONE: Final = FORMS.index("tone")
+LAG: Final = FORMS.index("lag")
+RESONANCE: Final = FORMS.index("resonance")
+MEMORIES: Final = ("lag", "resonance")
+"""Forms that depend on the course of their quantity, and not on its present value alone."""
+NOT_IN_FILES: Final = ("tone", *MEMORIES)
+"""Forms that model files cannot hold: simulator and filters have neither phase nor memory."""
 PARTS: Final = (
     "enters", "place", "of", "times", "form",
     *(f"x{k}" for k in range(KNOTS)), *(f"y{k}" for k in range(KNOTS)),
 )  # fmt: skip
 """Names of the numbers in a slot: what it enters and the index of that, what it depends on and is
 multiplied by, its form, and its knots. A form in symbols has `at` in x0, `by` in x1 and its size in
-y0. A tone has its period in x0 and the phases of the recordings from x1 on."""
+y0; a resonance has a second size in y1. A tone has its period in x0 and the phases of the
+recordings from x1 on."""
 PHASES: Final = KNOTS - 1
 """Greatest number of recordings that a tone has a phase for."""
 WIDTH: Final = len(PARTS)
@@ -83,8 +94,9 @@ class Addition:
         form: one of `FORMS`.
         at: positions of a table's knots, ascending, SI; (at, by) of a form that has them; of a tone
             its period, s, and its phase in each of `PHASES` recordings, rad: 0 where it is not
-            known, and the tone is left out.
-        values: values at these knots, SI; else the size alone.
+            known, and the tone is left out; of a lag its time constant, s; of a resonance its
+            frequency, Hz, and its damping ratio.
+        values: values at these knots, SI; the two sizes of a resonance; else the size alone.
     """
 
     place: str
@@ -98,7 +110,12 @@ class Addition:
         """Return the addition (n,) at values of its quantity (n,), without the factor `times`.
 
         A tone is that of the recording with this number.
+
+        Raises:
+            ValueError: the addition remembers its quantity, so that values do not tell it.
         """
+        if self.form in MEMORIES:
+            raise ValueError(f"a {self.form} depends on the course of {self.of}, not on its values")
         if self.form == "table":
             return np.interp(x, self.at, self.values)
         if self.form == "tone":
@@ -119,14 +136,23 @@ class Addition:
         return np.asarray(self.values[0] * shapes[self.form]())
 
 
-_COUNTS: Final = {"wave": 2, "bump": 2, "hinge": 1, "tone": 1 + PHASES}
+_COUNTS: Final = {
+    "wave": 2, "bump": 2, "hinge": 1, "tone": 1 + PHASES, "lag": 1, "resonance": 2
+}  # fmt: skip
 """Number of elements of `Addition.at` of the forms in symbols that have any."""
+_SIZES: Final = {"resonance": 2}
+"""Number of elements of `Addition.values` of the forms in symbols that have several."""
 
 
 def as_term(addition: Addition) -> AddedTerm:
-    """Return an addition as a term of a model file; a tone is a wave as in the first recording."""
+    """Return an addition as a term of a model file.
+
+    A tone is a wave as in the first recording. What remembers its quantity is in proportion to it,
+    which tells the units of its sizes and nothing else.
+    """
     turned = addition.times == DIRECTION
-    form = {"constant": "1", "tone": "wave"}.get(addition.form, addition.form)
+    instead = {"constant": "1", "tone": "wave", **dict.fromkeys(MEMORIES, "x")}
+    form = instead.get(addition.form, addition.form)
     if form == "table":
         knots = tuple(zip(addition.at, addition.values, strict=True))
         return AddedTerm(addition.place, addition.of, form, turned, 1.0, knots=knots)
@@ -156,8 +182,8 @@ def wave(place: str, of: str, pitch: float, sine: float, cosine: float) -> Addit
     )  # fmt: skip
 
 
-KICKS, SHOWS, VARIES = 1, 2, 4
-"""Bits of `Extension.active`: a slot enters an equation, a reading or a parameter."""
+KICKS, SHOWS, VARIES, REMEMBERS = 1, 2, 4, 8
+"""Bits of `Extension.active`: a slot enters an equation, a reading or a parameter, or remembers."""
 
 
 class Extension(NamedTuple):
@@ -168,7 +194,7 @@ class Extension(NamedTuple):
         changed: int64 (varying, 2), parameters that each of `Plant.varying` changes; -1 for none.
         own: number of the plant's own parameters; the slots follow them.
         active: sum of `KICKS`, `SHOWS` and `VARIES`, as far as slots enter equations, readings and
-            parameters; 0 if no slot is used.
+            parameters, and of `REMEMBERS` if one remembers its quantity; 0 if no slot is used.
         measured: number of quantities that `Plant.measures` writes, with the rates.
         quantities: number of the quantities alone; the rates follow, two for each equation.
         time_s: time of the first sample since the recording began, s.
@@ -289,7 +315,7 @@ class Layout:
             found.append(
                 Addition(
                     places[int(enters), int(place)], quantities[of], quantities[times], name,
-                    at[:places_count], numbers[_Y:][:count],
+                    at[:places_count], numbers[_Y:][: _SIZES.get(name, count)],
                 )
             )  # fmt: skip
         return found
@@ -309,14 +335,20 @@ class Layout:
 
 def activity(values: Mapping[str, float]) -> int:
     """Return which kinds of places the used slots enter (`Extension.active`); 0 if none is used."""
-    entered = {values.get(slot_field(slot, "enters"), 0.0) for slot in range(SLOTS)}
     kinds = {IN_EQUATION: KICKS, IN_READING: SHOWS, IN_PARAMETER: VARIES}
-    return sum(kinds[int(each)] for each in entered if each != NOWHERE)
+    found = 0
+    for slot in range(SLOTS):
+        enters = int(values.get(slot_field(slot, "enters"), 0.0))
+        if enters != NOWHERE:
+            found |= kinds[enters]
+            if values[slot_field(slot, "form")] in (LAG, RESONANCE):
+                found |= REMEMBERS
+    return found
 
 
 # Compiled functions
 
-_ADD: Final = void(EXTENSION, float64[::1], float64[::1], int64, float64[::1])
+_ADD: Final = void(EXTENSION, float64[::1], float64[::1], float64[:, ::1], int64, float64[::1])
 
 
 @inlined
@@ -369,15 +401,20 @@ def _shape(form, x, at, by):
     return max(x - at, 0.0)
 
 
-@njit(float64(float64[::1], int64, float64[::1], float64, int64), cache=True, error_model="numpy")
-def added_value(parameters, first, measured, time_s, recording):
+@njit(
+    float64(float64[::1], int64, float64[::1], float64[::1], float64, float64, int64),
+    cache=True, error_model="numpy",
+)  # fmt: skip
+def added_value(parameters, first, measured, followed, time_s, period, recording):
     """Return the disturbance of the slot whose numbers begin at `first`, SI.
 
     Args:
         parameters: float64 (parameters,), the plant's own and the slots.
         first: index of the slot's first number.
         measured: float64 (quantities and rates,), of `Plant.measures`.
+        followed: float64 (FOLLOWED,), what the slot remembers of its quantity (`memories`).
         time_s: time since the recording began, s.
+        period: sampling period, s.
         recording: number of the recording.
     """
     x = _quantity(parameters[first + 2], measured, time_s)
@@ -390,6 +427,14 @@ def added_value(parameters, first, measured, time_s, recording):
         value = 0.0
         if phase != 0.0:
             value = parameters[knots + KNOTS] * sin(2.0 * pi * x / parameters[knots] + phase)
+    elif form == LAG:
+        behind = lag_behind(x, parameters[knots], period, followed)
+        value = parameters[knots + KNOTS] * behind
+    elif form == RESONANCE:
+        behind, speed = resonance_behind(
+            x, parameters[knots], parameters[knots + 1], period, followed
+        )
+        value = parameters[knots + KNOTS] * behind + parameters[knots + KNOTS + 1] * speed
     else:
         value = parameters[knots + KNOTS] * _shape(
             form, x, parameters[knots], parameters[knots + 1]
@@ -398,7 +443,7 @@ def added_value(parameters, first, measured, time_s, recording):
 
 
 @njit(_ADD, cache=True, error_model="numpy")
-def add_to_parameters(extension, parameters, measured, t, present):
+def add_to_parameters(extension, parameters, measured, followed, t, present):
     """Write to `present` those parameters of sample `t` to which slots add something.
 
     What is written is the value in `parameters` and what the slots add. All other parameters must
@@ -415,7 +460,15 @@ def add_to_parameters(extension, parameters, measured, t, present):
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_PARAMETER:
-            added = added_value(parameters, first, measured, time_s, extension.recording)
+            added = added_value(
+                parameters,
+                first,
+                measured,
+                followed[slot],
+                time_s,
+                extension.period,
+                extension.recording,
+            )
             for k in range(2):
                 changed = extension.changed[int(parameters[first + 1]), k]
                 if changed >= 0:
@@ -423,7 +476,7 @@ def add_to_parameters(extension, parameters, measured, t, present):
 
 
 @njit(_ADD, cache=True, error_model="numpy")
-def add_to_readings(extension, parameters, measured, t, readings):
+def add_to_readings(extension, parameters, measured, followed, t, readings):
     """Add the disturbances of slots that enter readings to the readings (outputs,) of sample `t`.
 
     The readings are changed in place.
@@ -432,12 +485,20 @@ def add_to_readings(extension, parameters, measured, t, readings):
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_READING:
-            added = added_value(parameters, first, measured, time_s, extension.recording)
+            added = added_value(
+                parameters,
+                first,
+                measured,
+                followed[slot],
+                time_s,
+                extension.period,
+                extension.recording,
+            )
             readings[int(parameters[first + 1])] += added
 
 
 @njit(_ADD, cache=True, error_model="numpy")
-def add_to_state(extension, parameters, measured, t, state):
+def add_to_state(extension, parameters, measured, followed, t, state):
     """Add what slots that enter equations change in one sample to the state (states,) after a step.
 
     The state is changed in place. `measured` has the quantities and rates of the state before the
@@ -447,10 +508,43 @@ def add_to_state(extension, parameters, measured, t, state):
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_EQUATION:
-            added = added_value(parameters, first, measured, time_s, extension.recording)
+            added = added_value(
+                parameters,
+                first,
+                measured,
+                followed[slot],
+                time_s,
+                extension.period,
+                extension.recording,
+            )
             equation = int(parameters[first + 1])
             for k in range(2):
                 kicked = extension.kicked[equation, k]
                 if kicked >= 0:
                     rate = measured[extension.quantities + 2 * equation + k]
                     state[kicked] += rate * added
+
+
+@njit(
+    void(EXTENSION, float64[::1], float64[::1], float64[::1], float64[:, ::1]),
+    cache=True, error_model="numpy",
+)  # fmt: skip
+def remember_quantities(extension, parameters, before, after, followed):
+    """Advance in place what slots remember of their quantities (SLOTS, FOLLOWED) by one sample.
+
+    `before` and `after` have the quantities at the beginning and the end of the sample, with the
+    inputs of the sample. Slots that remember nothing are left as they are.
+    """
+    for slot in range(SLOTS):
+        first = extension.own + slot * WIDTH
+        if parameters[first] == NOWHERE:
+            continue
+        x = _quantity(parameters[first + 2], before, 0.0)
+        y = _quantity(parameters[first + 2], after, 0.0)
+        form, at = int(parameters[first + 4]), first + _X
+        if form == LAG:
+            follow_lag(x, y, parameters[at], extension.period, followed[slot])
+        elif form == RESONANCE:
+            follow_resonance(
+                x, y, parameters[at], parameters[at + 1], extension.period, followed[slot]
+            )

@@ -16,7 +16,7 @@ from estimator.gap.plant import DRIVE, EXTENSION, MEASURE, READ, REMEMBER, STEP,
 from rig.jit import njit
 from rig.plant import inner
 
-from .with_additions import drive_with, put, read_with, scratch_of, step_with
+from .with_additions import drive_with, put, read_with, remember_with, scratch_of, step_with
 
 PLANT: Final = tuple(types.FunctionType(each) for each in (DRIVE, STEP, REMEMBER, READ, MEASURE))
 """Types of the functions of a plant, in the order in which compiled functions here take them."""
@@ -105,7 +105,7 @@ def _advance(
     """Write to `x` the state (count,) one sample after `before`; update the memory (length,)."""
     drive_with(drive, measures, extension, scratch, t, before, inputs, memory, parameters)
     step_with(step, measures, extension, scratch, t, before, x, inputs, memory, parameters)
-    remember(before, x, memory, parameters)
+    remember_with(remember, measures, extension, scratch, before, x, inputs, memory, parameters)
 
 
 @inner
@@ -251,7 +251,7 @@ def run_filter(drive, step, remember, read, measures, track, setup):
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
         predict_covariance(transition, setup.noises, product, covariance)
-        remember(x, ahead, remembered, parameters)
+        remember_with(remember, measures, extension, scratch, x, ahead, now, remembered, parameters)
         put(x, ahead)
 
 
@@ -322,21 +322,24 @@ def predict_ahead(drive, step, remember, read, measures, inputs, states, begun, 
     """
     parameters, remembered = begun.parameters, begun.memory[0]
     extension, scratch = begun.extension, scratch_of(parameters, begun.extension)
-    free = remembered.copy()
+    free, scratch_free = remembered.copy(), scratch_of(parameters, begun.extension)
     x, expected = begun.start.copy(), np.empty(predicted.shape[1])
     ahead = np.empty(x.size)
     for t in range(inputs.shape[0]):
         if t % horizon == 0:
             put(x, states[t])
             put(free, remembered)
+            for slot in range(scratch.followed.shape[0]):
+                put(scratch_free.followed[slot], scratch.followed[slot])
             predicted[t, :] = np.nan
         else:
             read_with(
-                read, measures, extension, scratch, t, x, inputs[t], free, parameters, expected
-            )
+                read, measures, extension, scratch_free, t, x, inputs[t], free, parameters,
+                expected,
+            )  # fmt: skip
             put(predicted[t], expected)
         _advance(
-            drive, step, remember, measures, extension, scratch, t, x, ahead, inputs[t],
+            drive, step, remember, measures, extension, scratch_free, t, x, ahead, inputs[t],
             free, parameters,
         )  # fmt: skip
         put(x, ahead)

@@ -21,7 +21,7 @@ from rig.jit import njit
 from .prediction import CUBE, MATRIX, PLANT, VECTOR
 from .predictor import Predictor
 from .variables import Values
-from .with_additions import drive_with, put, read_with, scratch_of, step_with
+from .with_additions import drive_with, put, read_with, remember_with, scratch_of, step_with
 
 
 class _Along(NamedTuple):
@@ -135,7 +135,9 @@ def linearise_course(
             step_with(
                 step, measures, extension, scratch, t, states[t], ahead, now, remembered, present
             )
-        remember(states[t], ahead, remembered, present)
+        remember_with(
+            remember, measures, extension, scratch, states[t], ahead, now, remembered, present
+        )
 
 
 @njit(_RESPOND, cache=True, error_model="numpy", nogil=True)

@@ -5,13 +5,17 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.gap.plant import (
+    FOLLOWED,
     KICKS,
+    REMEMBERS,
     SHOWS,
+    SLOTS,
     VARIES,
     Array,
     add_to_parameters,
     add_to_readings,
     add_to_state,
+    remember_quantities,
 )
 from rig.jit import njit
 from rig.plant import inlined
@@ -34,16 +38,24 @@ class Scratch(NamedTuple):
     Attributes:
         measured: float64 (quantities and rates,), of `Plant.measures`.
         present: float64 (parameters,), with what the additions add to them.
+        after: float64 (quantities and rates,), those at the end of the sample.
+        followed: float64 (SLOTS, FOLLOWED), what each slot remembers of its quantity.
     """
 
     measured: Array
     present: Array
+    after: Array
+    followed: Array
 
 
 @inlined
 def scratch_of(parameters, extension):
     """Return arrays for the additions of a run; `present` begins as a copy of the parameters."""
-    scratch = Scratch(np.empty(max(extension.measured, 1)), np.empty(parameters.size))
+    length = max(extension.measured, 1)
+    scratch = Scratch(
+        np.empty(length), np.empty(parameters.size), np.empty(length),
+        np.full((SLOTS, FOLLOWED), np.nan),
+    )  # fmt: skip
     put(scratch.present, parameters)
     return scratch
 
@@ -59,9 +71,11 @@ def read_with(read, measures, extension, scratch, t, x, inputs, memory, paramete
     else:
         measures(x, inputs, parameters, scratch.measured)
         put(scratch.present, parameters)
-        add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
+        add_to_parameters(
+            extension, parameters, scratch.measured, scratch.followed, t, scratch.present
+        )
         read(x, memory, scratch.present, readings)
-        add_to_readings(extension, parameters, scratch.measured, t, readings)
+        add_to_readings(extension, parameters, scratch.measured, scratch.followed, t, readings)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -75,7 +89,9 @@ def drive_with(drive, measures, extension, scratch, t, x, inputs, memory, parame
     else:
         measures(x, inputs, parameters, scratch.measured)
         put(scratch.present, parameters)
-        add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
+        add_to_parameters(
+            extension, parameters, scratch.measured, scratch.followed, t, scratch.present
+        )
         drive(inputs, memory, scratch.present)
 
 
@@ -94,6 +110,24 @@ def step_with(step, measures, extension, scratch, t, before, x, inputs, memory, 
             step(x, memory, parameters)
         else:
             put(scratch.present, parameters)
-            add_to_parameters(extension, parameters, scratch.measured, t, scratch.present)
+            add_to_parameters(
+                extension, parameters, scratch.measured, scratch.followed, t, scratch.present
+            )
             step(x, memory, scratch.present)
-        add_to_state(extension, parameters, scratch.measured, t, x)
+        add_to_state(extension, parameters, scratch.measured, scratch.followed, t, x)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def remember_with(remember, measures, extension, scratch, before, x, inputs, memory, parameters):
+    """Update what plant and additions remember, by the states before and after a sample.
+
+    `inputs` (inputs,) are those of the sample. The memory (length,) of the plant and that of the
+    additions, in `scratch`, are changed in place.
+    """
+    remember(before, x, memory, parameters)
+    if extension.active & REMEMBERS != 0:
+        measures(before, inputs, parameters, scratch.measured)
+        measures(x, inputs, parameters, scratch.after)
+        remember_quantities(
+            extension, parameters, scratch.measured, scratch.after, scratch.followed
+        )

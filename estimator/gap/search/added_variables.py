@@ -4,7 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
-from estimator.gap.plant import Addition, Layout
+import numpy as np
+
+from estimator.gap.plant import MEMORIES, Addition, Layout
 from estimator.gap.prediction import Values, Variable
 
 from .standing_in import ADDED
@@ -12,6 +14,8 @@ from .standing_in import ADDED
 _TURN: Final = 1e-3
 """1/s. The period T of a tone is moved by this times T^2 to see what it changes: its phase then
 turns by 2 pi times this in a second."""
+_LARGEST: Final = {"lag": np.inf, "frequency": np.inf, "damping": 0.95}
+"""Greatest values in a lag or a resonance: with a damping ratio of one it swings no more."""
 
 
 def addition_variables(
@@ -20,8 +24,9 @@ def addition_variables(
     """Return the variables with which some of a model's additions are refitted.
 
     They are all values of a table, and of a form in symbols its size, with the period and phase of
-    a wave, the period and the known phases of a tone, or the middle and width of a bump. Knots of a
-    table and the place of a hinge stay. Their name is `ADDED`, and each key is the name of the
+    a wave, the period and the known phases of a tone, the middle and width of a bump, the time
+    constant of a lag, or the frequency and damping of a resonance. Knots of a table and the place
+    of a hinge stay. Their name is `ADDED`, and each key is the name of the
     parameter.
 
     Args:
@@ -48,6 +53,14 @@ def addition_variables(
             pitch, phase = each.at
             steps.append((places[0], 1e-3 * pitch, pitch / 1.3, pitch * 1.3))
             steps.append((places[1], 0.03, phase - 10.0, phase + 10.0))
+        elif each.form in MEMORIES:
+            times = (
+                (("lag", 4.0),) if each.form == "lag" else (("frequency", 1.3), ("damping", 6.0))
+            )
+            steps += [
+                (name, 0.01 * value, value / factor, min(value * factor, _LARGEST[kind]))
+                for name, value, (kind, factor) in zip(places, each.at, times, strict=True)
+            ]
         elif each.form == "bump":
             middle, width = each.at
             steps.append((places[0], 0.03 * width, middle - 2.0 * width, middle + 2.0 * width))

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import SLOTS, Addition, Array, Effect, Plant
+from estimator.gap.plant import MEMORIES, SLOTS, Addition, Array, Effect, Plant
 from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable, freed, started
 
 from .added_variables import addition_variables, refitted
@@ -42,6 +42,8 @@ _TURNS: Final = 3
 """Greatest number of times that others compete with what was added."""
 _FAR: Final = 4.0
 """Cost per reading above which a model is far off."""
+_NEAR_FREQUENCY: Final = 0.1
+"""Part by which frequencies or time constants may differ that a fit reaches from one another."""
 _TRIED: Final = 3
 """Greatest number of shapes that are tried in the plant at one stage."""
 
@@ -298,12 +300,13 @@ class Discovering:
                 simple = symbols(chosen.shape, along)
             tried = again.explanations(only) if afresh else again.again(likely)
             tried += again.of(chosen.place, [chosen.shape, *simple])
+            if chosen.shape.form in MEMORIES and not afresh:
+                tried += again.remembered(chosen.place, chosen.shape.of)
             tried.sort(key=lambda each: -each.gain)
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
             rivals = tuple(e for e in _distinct(near) if e.where != chosen.where)[:2]
-            same = best.where == chosen.where and best.shape.form == chosen.shape.form
-            if last or same:
+            if last or _same(best, added):
                 break
             other = self._in_plant(found, best, added.fitted.values)
             if other is None or _loses(added, other):
@@ -421,6 +424,18 @@ class _InPlant:
 def _loses(one: _InPlant, other: _InPlant) -> bool:
     """Return whether the other costs more than the one, beyond chance and one per cent."""
     return _matters(other.fitted.costs - one.fitted.costs, one.fitted.cost)
+
+
+def _same(best: Explanation, added: _InPlant) -> bool:
+    """Return whether an explanation is that of a model already.
+
+    Place, quantity and form must be the same, and of a lag or a resonance its time constant or
+    frequency, to within a tenth: the fit finds the others from there, and not these from afar.
+    """
+    shape, addition = best.shape, added.addition
+    if best.where != added.explanation.where or shape.form != added.explanation.shape.form:
+        return False
+    return shape.form not in MEMORIES or abs(shape.at[0] / addition.at[0] - 1.0) < _NEAR_FREQUENCY
 
 
 def _worse(best: Explanation, other: Explanation) -> bool:

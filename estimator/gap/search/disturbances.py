@@ -168,6 +168,7 @@ class Attribution:
             for course in self.courses
         ]
         self._pulls: list[Array] | None = None
+        self._base_pulls: tuple[list[Array], Array] | None = None
 
     def region(self, name: str) -> Region:
         """Return the region with this name, either of the plant or the time."""
@@ -186,6 +187,17 @@ class Attribution:
             ]
         region = self.plant.regions[name]
         return [region.value(course.states, course.inputs) for course in self.courses]
+
+    def is_held(self, name: str) -> bool:
+        """Return whether the quantity of a region depends on inputs alone, which stay in a sample.
+
+        The time does not.
+        """
+        if name == TIME.name:
+            return False
+        course, value = self.courses[0], self.plant.regions[name].value
+        rest = np.zeros_like(course.states)
+        return bool(np.array_equal(value(course.states, course.inputs), value(rest, course.inputs)))
 
     def middles(self, name: str, count: int = HATS) -> Array:
         """Return the middles (count,) of the hats along a region's quantity, SI.
@@ -265,21 +277,56 @@ class Attribution:
             for pulls, course in zip(self._pulls, self.courses, strict=True)
         ]
 
+    def base_pulls(self, place: Place) -> tuple[list[Array], Array]:
+        """Return what tells by how much the fit's variables could stand in for a disturbance.
+
+        Returns:
+            For each course float64 (m, variables): the products of what each variable changes in
+            the innovations with what a unit of disturbance at each sample changes there; and the
+            products of the variables with each other, (variables, variables).
+        """
+        if self._base_pulls is None:
+            weights = self._counted()
+            by_course = []
+            for course, known, w in zip(self.courses, self._known, weights, strict=True):
+                each = [course.pulls(w * known[:, :, k]) for k in range(known.shape[2])]
+                by_course.append(np.stack(each, axis=2) if each else np.empty((0, 0, 0)))
+            self._base_pulls = by_course, self._gram(weights)
+        by_course, gram = self._base_pulls
+        rows = list(place.rows)
+        found = [
+            np.einsum("trk,tr->tk", pulls[:, rows], self._rates(place, course))
+            for pulls, course in zip(by_course, self.courses, strict=True)
+            if len(self._base)
+        ]
+        return found, gram
+
+    def _counted(self) -> list[Array]:
+        """Return the weights (m, outputs) of the innovations of each course; 0 outside blocks."""
+        found = []
+        for course, blocks in zip(self.courses, self._blocks, strict=True):
+            weights = np.zeros_like(course.innovations)
+            for block in blocks:
+                weights[block] = _weights(course)[block]
+            found.append(weights)
+        return found
+
+    def _gram(self, weights: Sequence[Array]) -> Array:
+        """Return the weighted products of the fit's variables, (variables, variables)."""
+        parts = zip(self._known, weights, strict=True)
+        return np.asarray(sum(np.einsum("tia,ti,tib->ab", known, w, known) for known, w in parts))
+
     def _pulled(self) -> list[Array]:
         """Return the slopes of half the cost by each kick at each sample, (m, rows) per course.
 
         The columns are those of `Course.pulls`. The fit's variables take their best values first.
         """
-        counted = []
-        for course, blocks in zip(self.courses, self._blocks, strict=True):
-            weights = np.zeros_like(course.innovations)
-            for block in blocks:
-                weights[block] = _weights(course)[block]
-            counted.append(weights)
+        counted = self._counted()
         parts = list(zip(self.courses, self._known, counted, strict=True))
-        matrix = sum(np.einsum("tia,ti,tib->ab", known, w, known) for _, known, w in parts)
         slope = sum(np.einsum("tia,ti->a", known, w * c.innovations) for c, known, w in parts)
-        steps = np.linalg.lstsq(matrix, -slope, rcond=1e-12)[0] if len(self._base) else slope
+        steps = slope
+        if len(self._base):
+            steps = np.linalg.lstsq(self._gram(counted), -slope, rcond=1e-12)[0]
         return [c.pulls(w * (c.innovations + known @ steps)) for c, known, w in parts]
 
     def take_out(self, place: Place, shapes: Sequence[Array]) -> None:

@@ -11,12 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import DIRECTION, PHASES, TIME_NAME, Addition, Array
+from estimator.gap.plant import DIRECTION, MEMORIES, PHASES, TIME_NAME, Addition, Array
 from estimator.gap.prediction import Excerpt, Filtered, Values, Variable, excerpts
 
 from .disturbances import Attribution, Place, places_of, varying_of
-from .findings import deviate
-from .shapes import RECORDING, Shape, fine_shapes, finer, periodic, tables
+from .findings import CHANCE, deviate
+from .remembering import memories
+from .shapes import RECORDING, STARTS, Shape, fine_shapes, finer, periodic, tables
 from .tones import tones
 from .waves import promising
 
@@ -71,6 +72,10 @@ class Explanation:
     def where(self) -> tuple[str, str, str]:
         """Return the names of place, quantity and factor, the last two "" if there is none."""
         return self.place.name, self.shape.of, self.shape.times
+
+
+def _gain(explanation: Explanation) -> float:
+    return explanation.gain
 
 
 class Explaining:
@@ -143,6 +148,11 @@ class Explaining:
         """Return the disturbance of an addition at each sample, SI: for each course one (m,)."""
         found = []
         for k, course in enumerate(self.attribution.courses):
+            if addition.form in MEMORIES:
+                held = self.attribution.is_held(addition.of)
+                shape = Shape(addition.of, addition.times, addition.form, addition.at, (), held)
+                found.append(shape.columns(self._at_course(k)) @ np.array(addition.values))
+                continue
             ones = np.ones(len(course.samples))
             x = self._along[addition.of][k] if addition.of else ones
             value = addition.shape(x, self.attribution.numbers[k])
@@ -173,7 +183,8 @@ class Explaining:
         """Return explanations of a place, unsorted, for all kinds of shapes that are tried there.
 
         There are tables for each quantity. Waves and bumps are tried where a disturbance may repeat
-        along a quantity, and not in a parameter. Tones are tried if the recordings are few.
+        along a quantity, and not in a parameter. Lags and resonances are tried in equations. Tones
+        are tried if the recordings are few.
         """
         turned = place.turned and DIRECTION in self._along
         shapes = tables(self._together, [*place.of, TIME_NAME], turned)
@@ -191,8 +202,24 @@ class Explaining:
             for each in best:
                 if each is not None and each.gain > 0.0:
                     found += self.of(place, finer(each.shape, span))
+        if place.equation is not None:
+            for name in place.of:
+                if name != DIRECTION:
+                    found += self.remembered(place, name)
         if max(self._numbers) < PHASES:
             found += self.of(place, tones(self.attribution, place, self._along[TIME_NAME]))
+        return found
+
+    def remembered(self, place: Place, name: str) -> list[Explanation]:
+        """Return explanations of a place by lags and resonances of one quantity, unsorted."""
+        along = [self._at_course(k) for k in range(len(self.attribution.courses))]
+        tried = self.of(place, memories(self.attribution, place, name, along))
+        found = list(tried)
+        for form in MEMORIES:
+            best = max((e for e in tried if e.shape.form == form), key=_gain, default=None)
+            if best is not None and best.gain > CHANCE:
+                near = finer(best.shape, 0.0)
+                found += self.of(place, [each for each in near if each != best.shape])
         return found
 
     def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
@@ -247,12 +274,17 @@ class Explaining:
         A column is the disturbance with one coefficient of a shape at 1 and all others at 0. The
         columns of the first shape come first. A course (`Course`) is a linearised part of a record.
         """
-        along = [
-            {name: parts[k] for name, parts in self._along.items()}
-            | {RECORDING: np.array([number])}
-            for k, number in enumerate(self.attribution.numbers)
-        ]
+        along = [self._at_course(k) for k in range(len(self.attribution.courses))]
         return [np.concatenate([s.columns(each) for s in shapes], axis=1) for each in along]
+
+    def _at_course(self, k: int) -> dict[str, Array]:
+        """Return all quantities along the course with index `k`, as `Shape.columns` takes them."""
+        course, number = self.attribution.courses[k], self.attribution.numbers[k]
+        return {
+            **{name: parts[k] for name, parts in self._along.items()},
+            RECORDING: np.array([number]),
+            STARTS: course.starts.astype(np.float64),
+        }
 
     def _smoothed(
         self, place: Place, shape: Shape, products: Array, slopes: Array, excess: float

@@ -1,13 +1,24 @@
 """Shapes in which an unknown disturbance may depend on one quantity, as columns of a linear fit."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, hypot
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import DIRECTION, KNOTS, PHASES, TIME_NAME, Addition, Array, Region, wave
+from estimator.gap.plant import (
+    DIRECTION,
+    KNOTS,
+    MEMORIES,
+    PHASES,
+    TIME_NAME,
+    Addition,
+    Array,
+    Region,
+    memory_columns,
+    wave,
+)
 
 WAVES: Final = 250
 """Greatest number of wave periods that are tried along a length. They are evenly spaced in
@@ -30,6 +41,8 @@ _HARDLY: Final = 0.05
 """Hardly any values are fewer than this part of those that evenly spread ones would be."""
 RECORDING: Final = "recording"
 """Among the quantities along a course, the number of its recording."""
+STARTS: Final = "starts"
+"""Among the quantities along a course, 1 where a stretch of samples begins, else 0."""
 _ROUGH: Final = (1e-4, 3e-2)
 """Weights that are tried for the roughness of a table, as parts of its columns' mean square."""
 
@@ -43,8 +56,10 @@ class Shape:
         times: name of the quantity that the disturbance is multiplied by; "" for none.
         form: one of `FORMS`.
         at: knots of a table; period of a wave or tone; middle and width of a bump; place of a
-            hinge, SI; empty for the others.
+            hinge; time constant of a lag; frequency, Hz, and damping ratio of a resonance, SI;
+            empty for the others.
         recordings: numbers of the recordings that a tone has a phase in; empty for other forms.
+        held: of a lag or a resonance, whether the quantity stays as it is from sample to sample.
     """
 
     of: str
@@ -52,18 +67,22 @@ class Shape:
     form: str
     at: tuple[float, ...] = ()
     recordings: tuple[int, ...] = ()
+    held: bool = False
 
     @property
     def count(self) -> int:
         """Return the number of coefficients."""
-        several = {"table": len(self.at), "wave": 2, "tone": 2 * len(self.recordings)}
+        several = {
+            "table": len(self.at), "wave": 2, "tone": 2 * len(self.recordings), "resonance": 2
+        }  # fmt: skip
         return several.get(self.form, 1)
 
     def columns(self, along: Mapping[str, Array]) -> Array:
         """Return for each coefficient the disturbance if it is 1 and all others are 0, (n, count).
 
         `along` has the quantities (n,) by name. For a tone, all samples must be of one recording,
-        whose number is the first element of the quantity `RECORDING`.
+        whose number is the first element of the quantity `RECORDING`. For a lag or a resonance they
+        must be evenly spaced in stretches, whose beginnings are marked in the quantity `STARTS`.
         """
         x = along[self.of] if self.of else np.ones(len(next(iter(along.values()))))
         if self.form == "table":
@@ -73,6 +92,10 @@ class Shape:
             first = 2 * self.recordings.index(int(along[RECORDING][0]))
             phase = 2.0 * np.pi * x / self.at[0]
             found[:, first : first + 2] = np.column_stack([np.sin(phase), np.cos(phase)])
+        elif self.form in MEMORIES:
+            time = along[TIME_NAME]
+            starts, period = along[STARTS].astype(np.int64), float(time[1] - time[0])
+            found = memory_columns(self.form, self.at, x, starts, period, self.held)
         elif self.form == "wave":
             phase = 2.0 * np.pi * x / self.at[0]
             found = np.column_stack([np.sin(phase), np.cos(phase)])
@@ -249,9 +272,19 @@ def _shortest(values: Array) -> float:
 def finer(shape: Shape, span: float) -> list[Shape]:
     """Return variants of a wave or bump, itself among them, with periods or places near its own.
 
-    A bump varies in its middle and width. A shape of another form is returned alone. `span` is the
-    range of the quantity, SI, which sets how far the periods of waves lie apart.
+    A bump varies in its middle and width, a lag in its time constant, and a resonance in frequency
+    and damping. A shape of another form is returned alone. `span` is the range of the quantity, SI,
+    which sets how far the periods of waves lie apart.
     """
+    if shape.form == "lag":
+        return [replace(shape, at=(shape.at[0] * factor,)) for factor in (0.7, 0.84, 1.0, 1.2, 1.4)]
+    if shape.form == "resonance":
+        frequency, damping = shape.at
+        return [
+            replace(shape, at=(frequency * factor, damping * times))
+            for factor in (0.9, 0.95, 1.0, 1.05, 1.1)
+            for times in (0.5, 1.0, 1.7)
+        ]
     if shape.form == "wave":
         inverses = 1.0 / shape.at[0] + np.linspace(-1.0, 1.0, _FINER) / span
         return [

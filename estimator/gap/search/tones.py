@@ -20,6 +20,7 @@ from estimator.gap.plant import TIME_NAME, Array
 from .disturbances import Attribution, Place
 from .findings import CHANCE
 from .shapes import Shape
+from .spectra import curvature_of
 
 _SLOWEST: Final = 3.0
 """Least number of periods of a tone in the shortest recording: fewer are a course of their own."""
@@ -30,9 +31,6 @@ _FINER: Final = 4
 _BANDS_HZ: Final = (0.0, 2.0, 20.0, np.inf)
 """Hz. The best tone is selected in each of these bands, as the curvature is rougher at the slow
 end, where a block of half a second has no whole period."""
-_SMOOTHED: Final = 5
-"""Number of frequencies of a block that the curvature is averaged over."""
-_SEED: Final = 1
 
 
 def tones(attribution: Attribution, place: Place, times: Sequence[Array]) -> list[Shape]:
@@ -54,7 +52,7 @@ def tones(attribution: Attribution, place: Place, times: Sequence[Array]) -> lis
     lengths = np.array(ends) - np.array(begins)
     count = _FINER * round(float(lengths.max()) / period)
     frequencies = np.fft.rfftfreq(count, period)
-    curvature = np.interp(frequencies, *_curvature(attribution, place))
+    curvature = np.interp(frequencies, *curvature_of(attribution, place))
     gains = np.zeros(len(frequencies))
     pulls = attribution.pull(place)
     for begin, recording in zip(begins, recordings, strict=True):
@@ -75,23 +73,3 @@ def tones(attribution: Attribution, place: Place, times: Sequence[Array]) -> lis
             at = (float(1.0 / frequencies[best]),)
             found.append(Shape(TIME_NAME, "", "tone", at, recordings))
     return found
-
-
-def _curvature(attribution: Attribution, place: Place) -> tuple[Array, Array]:
-    """Return frequencies (n,), Hz, and the curvature of the cost by a tone at each, per sample.
-
-    It is half the mean square of what a tone of size one changes in the weighted innovations of a
-    sample, summed over the readings.
-    """
-    generator = np.random.default_rng(_SEED)
-    noise = [generator.standard_normal((len(c.samples), 1)) for c in attribution.courses]
-    changes, residual, _ = attribution.stacked(place, noise)
-    outputs = len(attribution.plant.outputs)
-    answers = changes[:, :, -1].reshape(len(residual), -1, outputs)
-    window = np.hanning(answers.shape[1])[:, None]
-    powers = np.square(np.abs(np.fft.rfft(answers * window, axis=1))).mean(0).sum(1)
-    powers /= float(np.square(window).sum())
-    kernel = np.ones(_SMOOTHED) / _SMOOTHED
-    smooth = np.convolve(np.pad(powers, _SMOOTHED // 2, mode="edge"), kernel, mode="valid")
-    frequencies = np.asarray(np.fft.rfftfreq(answers.shape[1], attribution.plant.period))
-    return frequencies, np.maximum(0.5 * smooth, 1e-12 * float(smooth.max()))

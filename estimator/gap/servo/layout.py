@@ -9,7 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Layout, as_addition, as_term
+from estimator.gap.plant import (
+    DIRECTION,
+    MEMORIES,
+    TIME_NAME,
+    Addition,
+    Layout,
+    as_addition,
+    as_term,
+)
 from rig.plant import MOST_TABLES, MOST_TERMS, AddedTerm, Parameters, fields_of, is_held, terms_of
 
 FRICTION: Final = "friction level"
@@ -34,7 +42,8 @@ class ServoLayout(Layout):
             kind = tables if each.form == "table" else symbols
             if kind is tables:
                 room = room and len(tables) < MOST_TABLES
-            (kind if room and is_held(term_of(each)) else others).append(index)
+            room = room and each.form not in MEMORIES and is_held(term_of(each))
+            (kind if room else others).append(index)
         return [*tables, *symbols], others
 
     def values(self, additions: Sequence[Addition]) -> dict[str, float]:

@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import KNOTS, Array, Effect, Plant
+from estimator.gap.plant import KNOTS, MEMORIES, Array, Effect, Plant
 from estimator.gap.prediction import Fitted, Variable
 from estimator.gap.search import (
     CHANCE,
@@ -291,7 +291,7 @@ def _by_likeness(discovering: Discovering, found: Found, alone: DiscoveredModel)
         return None
     first = alone.discoveries[0]
     addition = first.addition
-    if addition.times:
+    if addition.times or addition.form in MEMORIES:
         return None
     table = addition.form == "table"
     at = np.array(addition.at) if table else np.linspace(*first.reach, KNOTS)

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Addition, Plant, Stuck, as_term, stuck_stretches
+from estimator.gap.plant import MEMORIES, Addition, Plant, Stuck, as_term, stuck_stretches
 from estimator.gap.prediction import (
     Curve,
     Discovered,
@@ -33,8 +33,12 @@ _KEYS: Final = {
     "tone": ("period",),
     "bump": ("middle", "width"),
     "hinge": ("from",),
+    "lag": ("time_constant",),
+    "resonance": ("frequency", "damping"),
 }
 """Names of what is told of a form in symbols besides its size, in the order of `Addition.at`."""
+_UNITS: Final = {"phase": "rad", "time_constant": "s", "frequency": "Hz", "damping": ""}
+"""Units of those that are not in the unit of the quantity."""
 _DRAWN: Final = 121
 """Number of points at which a form in symbols is drawn."""
 _TURNS: Final = 4
@@ -58,7 +62,8 @@ class Wanted:
     def allows(self, each: Discovered) -> bool:
         """Return whether the model may hold a disturbance, by what is wanted.
 
-        Tones are not looked at here: the model written has none, whatever this returns.
+        Tones, lags and resonances are not looked at here: the model written has none, whatever this
+        returns.
         """
         return self.discovered and (self.leaks or not each.suspected_leak)
 
@@ -88,24 +93,30 @@ def described_as(each: Discovery, plant: Plant) -> Discovered:
         ),
         suspected_leak=is_leak(addition, low, high),
         experiment=LEXICON[name].experiment,
-        curve=_drawn(each, plant, unit, of_unit) if addition.of else None,
+        curve=(
+            _drawn(each, plant, unit, of_unit)
+            if addition.of and addition.form not in MEMORIES
+            else None
+        ),
     )  # fmt: skip
 
 
 def _estimates(each: Discovery, unit: str, of_unit: str) -> tuple[Estimate, ...]:
     """Return the size of a form in symbols and what else it has (`_KEYS`), SI.
 
-    Only the size has an interval; the others' ends are NaN. `unit` is the SI unit of the place,
+    Only sizes have an interval; the others' ends are NaN. `unit` is the SI unit of the place,
     `of_unit` that of the quantity.
     """
-    addition = each.addition
+    addition, nan = each.addition, float("nan")
     per = unit_per(unit, of_unit, as_term(addition).form)
-    reach = NORMAL_95 * (each.errors[0] if each.errors else float("nan"))
+    reach = NORMAL_95 * (each.errors[0] if each.errors else nan)
     size = addition.values[0]
     found = [Estimate("size", "", size, size - reach, size + reach, per, 0.0)]
-    nan = float("nan")
+    if addition.form == "resonance":
+        speed, reach = addition.values[1], NORMAL_95 * (each.errors[1] if each.errors else nan)
+        found.append(Estimate("size_of_speed", "", speed, speed - reach, speed + reach, per, 0.0))
     for key, value in zip(_KEYS.get(addition.form, ()), addition.at, strict=False):
-        found.append(Estimate(key, "", value, nan, nan, "rad" if key == "phase" else of_unit, 0.0))
+        found.append(Estimate(key, "", value, nan, nan, _UNITS.get(key, of_unit), 0.0))
     return tuple(found)
 
 

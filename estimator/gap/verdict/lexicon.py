@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Array, Plant
+from estimator.gap.plant import DIRECTION, MEMORIES, TIME_NAME, Addition, Array, Plant
 
 from .sentences import si_unit_of
 
@@ -150,10 +150,18 @@ LEXICON: Final = {
         flow="a leak that opened",
     ),
     "lag": Word(
-        "steps and fast sines", "a filter, slow electronics, or a long line to the transducer"
+        "steps and fast sines",
+        "a filter, slow electronics, or a long line to the transducer",
+        force="a damper in series with a spring, or a seal that creeps",
+        flow="oil or air in a dead end behind a narrow bore, or a hose that creeps",
+        valve="a filter before the valve, or a pilot stage that is slow",
     ),
     "resonance": Word(
-        "a sweep through its frequency", "a pilot stage, a mass on a spring, or a line"
+        "a sweep through its frequency",
+        "a pilot stage, a mass on a spring, or a line",
+        force="a mass on a spring: a load or a frame that is not held stiffly",
+        flow="a line to a dead end, such as a gauge's or an accumulator's",
+        valve="a pilot stage or an amplifier that is hardly damped",
     ),
     "random_delay": Word("small steps, many of them", "a bus or a controller that is overloaded"),
     "play": Word(
@@ -166,7 +174,8 @@ LEXICON: Final = {
     "mixed_up_channel": Word("a look at the cables", "cables that are swapped"),
 }
 """All shapes by name. Curves show no `resonance`, `random_delay`, `stuck_channel` and
-`mixed_up_channel`: whoever finds these in another way names them so."""
+`mixed_up_channel`: whoever finds these in another way names them so. A `lag` is a curve in readings
+only."""
 
 
 def likely_parts(name: str, place: str, plant: Plant) -> str:
@@ -202,6 +211,8 @@ def shape_of(addition: Addition, low: float, high: float, plant: Plant) -> str:
         plant: plant that the disturbance belongs to.
     """
     form, times = addition.form, addition.times
+    if form in MEMORIES:
+        return form
     sort = _sort_of(addition.of, plant)
     turns = DIRECTION in (addition.of, times)
     if turns and (form == "constant" or addition.of == DIRECTION):
@@ -338,6 +349,8 @@ def is_leak(addition: Addition, low: float, high: float) -> bool:
         low: least value of its quantity in the recordings, SI.
         high: greatest value.
     """
+    if addition.form in MEMORIES:
+        return addition.place == _ACROSS
     x = np.linspace(low, high, 101)
     if addition.place == _ACROSS:
         return bool(addition.times) or bool(addition.shape(x).max() > 0.0)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import DIRECTION, TIME_NAME, Addition, Plant
+from estimator.gap.plant import DIRECTION, MEMORIES, TIME_NAME, Addition, Plant
 from estimator.gap.search import NORMAL_95, places_of, varying_of
 
 _NOUNS: Final = {
@@ -53,6 +53,9 @@ def sentence(
         low: least value of its quantity in the recordings, SI.
         high: greatest value.
     """
+    if addition.form in MEMORIES:
+        words = _Predicate(addition, name, errors, plant, (low, high), 1.0).words()
+        return f"{_nouns(addition, plant)[2].split(',')[0]} {words}"
     x = np.linspace(low, high, 201) if addition.of else np.zeros(1)
     y = addition.shape(x)
     small = 0.05 * float(np.abs(y).max())
@@ -96,6 +99,8 @@ class _Predicate:
             return self._table()
         if form in ("wave", "tone"):
             return self._wave()
+        if form in MEMORIES:
+            return self._remembered()
         if form == "bump":
             middle, width = self._addition.at
             near = f"about {self._at(middle)}, within {self._at(width)} to either side"
@@ -108,6 +113,22 @@ class _Predicate:
         if form == "x":
             return self._proportional()
         return self._power(form)
+
+    def _remembered(self) -> str:
+        at = self._addition.at
+        per = f"per {self._of_unit or 'unit'}"
+        sizes = [
+            self._size(1.0 / self._of_factor, knot) for knot in range(len(self._addition.values))
+        ]
+        if self._addition.form == "lag":
+            return (
+                f"that remembers {self._of}, with a time constant of {1e3 * at[0]:.3g} ms: "
+                f"{sizes[0]} {per} by which what follows is ahead"
+            )
+        return (
+            f"that swings with {self._of}, at {at[0]:.3g} Hz with a damping ratio of {at[1]:.2g}: "
+            f"{sizes[0]} {per} by which what follows is ahead, and {sizes[1]} {per} of its speed"
+        )
 
     def _proportional(self) -> str:
         if self._addition.of == DIRECTION:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import PHASES, Plant, record_of
+from estimator.gap.plant import NOT_IN_FILES, PHASES, Plant, record_of
 from estimator.gap.prediction import (
     Curve,
     Discovered,
@@ -65,7 +65,7 @@ from .keeping import (
     why_worse,
 )
 from .one_curve import OneCurve
-from .phases import beginning, has_tones, known_phases, without_tones
+from .phases import as_written, beginning, known_phases
 from .unsettled import compared, unsettled
 
 _FORM: Final = 5e-3
@@ -233,7 +233,7 @@ def _set_answer(
     result.discovered = []
     for each in choice.discovered:
         told = described[id(each)]
-        in_model = wanted.allows(told) and each.addition.form != "tone"
+        in_model = wanted.allows(told) and each.addition.form not in NOT_IN_FILES
         result.discovered.append(measured(replace(told, in_model=in_model), each, judged))
     result.reasons += [
         f"{each.text} It is suspected to be a leak, so that the model written does not have it: "
@@ -260,13 +260,18 @@ def _set_answer(
     else:
         names = " and ".join(named.effect for named in found.named)
         take_back(result, plant, names or "the refit", worse)
-    if has_tones(plant.layout, result.values):
-        result.values = without_tones(plant.layout, result.values)
+    result.values, left_out = as_written(plant.layout, result.values)
+    if "tone" in left_out:
         begins_s = beginning(plant.period) * plant.period
         result.reasons.append(
             "the model written does not have the tone, because it begins each recording at another "
             "phase; the gap after is computed with the tone, whose phase is taken from the first "
             f"{begins_s:g} s of each recording held out"
+        )
+    for form in [each for each in dict.fromkeys(left_out) if each != "tone"]:
+        result.reasons.append(
+            f"the model written does not have the {form}, because simulator and filters have no "
+            f"memory for it; the gap after is computed with the {form}"
         )
     if result.verdict != "unknown_effect":
         result.reasons += absorbed(search, found)

@@ -60,10 +60,13 @@ def ran(
     seed: int, seconds: float, *, rate: float = 1.0, gain: float = 4.0, drag: float = 8.0,
     offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
     quiet: float = 1.0, dry: float = 0.0, hum: float = 0.0, hum_hz: float = 17.0,
+    hung: tuple[float, float, float] = (0.0, 1.0, 0.0), creep: tuple[float, float] = (0.0, 1.0),
 ) -> Recording:  # fmt: skip
     """Record a wheel that may have what no model of it has: dry friction, a slow or late sensor.
 
-    A force that hums begins each recording, by its seed, at another phase.
+    A force that hums begins each recording, by its seed, at another phase. A second wheel may be
+    `hung` to it on a spring (mass, kg; frequency, Hz; damping ratio), and a damper that gives way
+    in time may hold it (`creep`: N s/m, and the time constant, s).
     The sensor's noise is `quiet` times what the model states.
     """
     generator = np.random.default_rng(seed)
@@ -73,7 +76,9 @@ def ran(
         for size, hertz in ((3.0, 0.4), (1.5, 2.3), (1.0, 7.0))
     )
     hums = hum * np.sin(2.0 * pi * hum_hz * time + 2.1 * seed)
-    speed = read = 0.0
+    speed = read = swings = twist = dragged = 0.0
+    mass, hertz, damping = hung
+    spring, damper = mass * (2.0 * pi * hertz) ** 2, 2.0 * damping * mass * 2.0 * pi * hertz
     read_of = np.empty(len(time))
     for row in range(len(time)):
         read += 1.0 if lag_s == 0.0 else 1e-3 / (lag_s + 1e-3) * (speed - read)
@@ -81,7 +86,12 @@ def ran(
         force = (
             gain * volts[max(row - late, 0)] - drag * speed - offset - dry * np.tanh(6.0 * speed)
         )
+        pulls = spring * twist + damper * (swings - speed)
+        swings -= 1e-3 * pulls / mass if mass > 0.0 else 0.0
+        force += pulls - creep[0] * (speed - dragged)
+        dragged += 1e-3 / creep[1] * (speed - dragged)
         speed += 1e-3 * (force + hums[row] - squared * speed * abs(speed)) / 2.0
+        twist += 1e-3 * (swings - speed)
     noise = quiet * NOISE * generator.standard_normal(len(time))
     channels = {"time_s": time, "motor_V": volts, "speed_m_per_s": read_of + noise}
     return Recording(channels, source=f"wheel {seed}")
