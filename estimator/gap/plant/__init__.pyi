@@ -1,3 +1,9 @@
+from .added_values import (
+    add_to_parameters as add_to_parameters,
+    add_to_readings as add_to_readings,
+    add_to_state as add_to_state,
+    remember_quantities as remember_quantities,
+)
 from .additions import (
     DIRECTION as DIRECTION,
     EMPTY_SLOTS as EMPTY_SLOTS,
@@ -17,13 +23,9 @@ from .additions import (
     Extension as Extension,
     Layout as Layout,
     activity as activity,
-    add_to_parameters as add_to_parameters,
-    add_to_readings as add_to_readings,
-    add_to_state as add_to_state,
     as_addition as as_addition,
     as_term as as_term,
     kicked_states as kicked_states,
-    remember_quantities as remember_quantities,
     wave as wave,
 )
 from .compile_plant import build as build, nuisances as nuisances

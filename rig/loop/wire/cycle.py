@@ -28,6 +28,7 @@ from rig.loop.interlocks import (
 from rig.loop.reaction import Reaction, forget, react, tolerating
 from rig.plant import READING_COUNT, inner
 
+from .following import error_of, setpoint_of
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 from .null_check import VALVE_ENABLED, is_null, look_at_null
 
@@ -124,7 +125,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         # This is a variable because numba would compile the row once more for a constant.
         starts = not started
         for k in range(tick, now):
-            setpoint = _setpoint(_drive(course, k, action, taken, words), course, k, memory)
+            setpoint = setpoint_of(_drive(course, k, action, taken, words), course, k, memory)
             row = _begin_row(k, setpoint, previous, held, starts, filt, pace, memory, shared)
             _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
             held = previous
@@ -137,7 +138,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         whole = not isnan(memory.reading[0] + memory.reading[1] + memory.reading[2])
         starts = not started and whole
         started = started or starts
-        setpoint = _setpoint(drive, course, tick, memory)
+        setpoint = setpoint_of(drive, course, tick, memory)
         command = outputs[_COMMAND]
         if started:
             row = _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared)
@@ -149,7 +150,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             seen = Tick(
                 memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
                 outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
-                _error(drive, setpoint, course, memory),
+                error_of(drive, setpoint, course, memory),
             )  # fmt: skip
             judged, cause, channel = check_sample(seen, interlock)
             if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
@@ -347,24 +348,6 @@ def _enable(drive, course, tick, pace, memory, words):
     if drive == Drive.RAMP_DOWN and _ramp_left(tick, pace, memory) == 0.0:
         return 0.0
     return course.valve_enable
-
-
-@inner
-def _setpoint(drive, course, tick, memory):
-    """Return the setpoint for the row of a tick; NaN if there is none in the row's unit."""
-    if drive == Drive.TRACK:
-        return course.setpoint[tick]
-    if drive == Drive.HOLD and not course.open_loop:
-        return memory.handling[Handling.HELD_AT]
-    return nan
-
-
-@inner
-def _error(drive, setpoint, course, memory):
-    """Return the distance between setpoint and position in m; NaN unless the loop tracks in m."""
-    if drive != Drive.TRACK or course.open_loop:
-        return nan
-    return abs(setpoint - (memory.encoder[0] + course.offset))
 
 
 @inner
