@@ -28,6 +28,10 @@ _FOLDS: Final = 4
 _TOGETHER: Final = 60
 """Number of columns from which on they are followed through the linearised course at once."""
 
+_ENOUGH: Final = 0.9
+"""Part of the excess that a shape must explain for no lag or resonance to be looked for: these take
+as long as all else, and what remembers leaves more to curves than a tenth."""
+
 Wheres = Collection[tuple[str, str]]
 """Names of places, each with the name of a quantity, "" for none."""
 
@@ -131,15 +135,26 @@ class Explaining:
     def explanations(self, only: Wheres | None = None) -> list[Explanation]:
         """Return an explanation for each shape of each place that is tried, by falling gain.
 
-        A gain may be below 0. Shapes that change nothing are left out.
+        A gain may be below 0. Shapes that change nothing are left out. Lags and resonances in
+        equations are tried as well, unless one of the others explains `_ENOUGH` of the excess.
 
         Args:
             only: places and quantities that are looked at; None for all.
         """
         found: list[Explanation] = []
-        for place in self.places:
-            if only is None or place.name in {name for name, _ in only}:
-                found += self._of_place(place)
+        places = [
+            place
+            for place in self.places
+            if only is None or place.name in {name for name, _ in only}
+        ]
+        for place in places:
+            found += self._of_place(place)
+        if max((each.share for each in found), default=0.0) < _ENOUGH:
+            for place in places:
+                if place.equation is not None:
+                    for name in place.of:
+                        if name != DIRECTION:
+                            found += self.remembered(place, name)
         if only is not None:
             found = [each for each in found if each.where[:2] in only]
         return sorted(found, key=lambda each: -each.gain)
@@ -183,8 +198,7 @@ class Explaining:
         """Return explanations of a place, unsorted, for all kinds of shapes that are tried there.
 
         There are tables for each quantity. Waves and bumps are tried where a disturbance may repeat
-        along a quantity, and not in a parameter. Lags and resonances are tried in equations. Tones
-        are tried if the recordings are few.
+        along a quantity, and not in a parameter. Tones are tried if the recordings are few.
         """
         turned = place.turned and DIRECTION in self._along
         shapes = tables(self._together, [*place.of, TIME_NAME], turned)
@@ -202,10 +216,6 @@ class Explaining:
             for each in best:
                 if each is not None and each.gain > 0.0:
                     found += self.of(place, finer(each.shape, span))
-        if place.equation is not None:
-            for name in place.of:
-                if name != DIRECTION:
-                    found += self.remembered(place, name)
         if max(self._numbers) < PHASES:
             found += self.of(place, tones(self.attribution, place, self._along[TIME_NAME]))
         return found
