@@ -121,6 +121,16 @@ def added_value(parameters, first, measured, followed, time_s, period, recording
     return value * _quantity(parameters[first + 3], measured, time_s)
 
 
+@inlined
+def _of_slot(extension, parameters, measured, followed, t, slot):
+    """Return the disturbance of a slot in sample `t`, SI (`added_value`)."""
+    time_s = extension.time_s + t * extension.period
+    first = extension.own + slot * WIDTH
+    return added_value(
+        parameters, first, measured, followed[slot], time_s, extension.period, extension.recording
+    )
+
+
 @njit(_ADD, cache=True, error_model="numpy")
 def add_to_parameters(extension, parameters, measured, followed, t, present):
     """Write to `present` those parameters of sample `t` to which slots add something.
@@ -128,7 +138,6 @@ def add_to_parameters(extension, parameters, measured, followed, t, present):
     What is written is the value in `parameters` and what the slots add. All other parameters must
     be in `present` already.
     """
-    time_s = extension.time_s + t * extension.period
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_PARAMETER:
@@ -139,15 +148,7 @@ def add_to_parameters(extension, parameters, measured, followed, t, present):
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_PARAMETER:
-            added = added_value(
-                parameters,
-                first,
-                measured,
-                followed[slot],
-                time_s,
-                extension.period,
-                extension.recording,
-            )
+            added = _of_slot(extension, parameters, measured, followed, t, slot)
             for k in range(2):
                 changed = extension.changed[int(parameters[first + 1]), k]
                 if changed >= 0:
@@ -160,19 +161,10 @@ def add_to_readings(extension, parameters, measured, followed, t, readings):
 
     The readings are changed in place.
     """
-    time_s = extension.time_s + t * extension.period
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_READING:
-            added = added_value(
-                parameters,
-                first,
-                measured,
-                followed[slot],
-                time_s,
-                extension.period,
-                extension.recording,
-            )
+            added = _of_slot(extension, parameters, measured, followed, t, slot)
             readings[int(parameters[first + 1])] += added
 
 
@@ -183,19 +175,10 @@ def add_to_state(extension, parameters, measured, followed, t, state):
     The state is changed in place. `measured` has the quantities and rates of the state before the
     step of sample `t`.
     """
-    time_s = extension.time_s + t * extension.period
     for slot in range(SLOTS):
         first = extension.own + slot * WIDTH
         if parameters[first] == IN_EQUATION:
-            added = added_value(
-                parameters,
-                first,
-                measured,
-                followed[slot],
-                time_s,
-                extension.period,
-                extension.recording,
-            )
+            added = _of_slot(extension, parameters, measured, followed, t, slot)
             equation = int(parameters[first + 1])
             for k in range(2):
                 kicked = extension.kicked[equation, k]

@@ -61,6 +61,7 @@ PHASES: Final = KNOTS - 1
 """Greatest number of recordings that a tone has a phase for."""
 WIDTH: Final = len(PARTS)
 X_AT: Final = PARTS.index("x0")
+"""Index of x0 in a slot's numbers."""
 _Y: Final = PARTS.index("y0")
 
 
@@ -145,8 +146,8 @@ _SIZES: Final = {"resonance": 2}
 def as_term(addition: Addition) -> AddedTerm:
     """Return an addition as a term of a model file.
 
-    A tone is a wave as in the first recording. What remembers its quantity is in proportion to it,
-    which tells the units of its sizes and nothing else.
+    A tone is a wave as in the first recording. A lag or a resonance becomes a term in proportion to
+    its quantity. That has the right units, and serves for nothing else.
     """
     turned = addition.times == DIRECTION
     instead = {"constant": "1", "tone": "wave", **dict.fromkeys(MEMORIES, "x")}

@@ -122,12 +122,13 @@ class _Predicate:
         ]
         if self._addition.form == "lag":
             return (
-                f"that remembers {self._of}, with a time constant of {1e3 * at[0]:.3g} ms: "
-                f"{sizes[0]} {per} by which what follows is ahead"
+                f"that lags behind {self._of} with a time constant of {1e3 * at[0]:.3g} ms: "
+                f"{sizes[0]} {per} of its distance from {self._of}"
             )
         return (
-            f"that swings with {self._of}, at {at[0]:.3g} Hz with a damping ratio of {at[1]:.2g}: "
-            f"{sizes[0]} {per} by which what follows is ahead, and {sizes[1]} {per} of its speed"
+            f"that acts like an oscillator of {at[0]:.3g} Hz (damping ratio {at[1]:.2g}) driven by "
+            f"{self._of}: {sizes[0]} {per} of its distance from {self._of}, and {sizes[1]} {per} "
+            "of its speed divided by its angular frequency"
         )
 
     def _proportional(self) -> str:
