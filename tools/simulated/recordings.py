@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from control import PLAIN, Guide
 from estimator.filters.registry import start_memory
 from rig.io.simulated import SimulatedRig, simulated_rig
 from rig.loop.cycle import TRUTH
@@ -37,14 +38,16 @@ def recorded_healthy(truth: Parameters, setpoint: Array, open_loop: bool, seed: 
     return recorded(simulated_rig(Model(parameters=truth), seed), motion)
 
 
-def recorded(rig: SimulatedRig, motion: Motion) -> Recording:
+def recorded(rig: SimulatedRig, motion: Motion, guide: Guide = PLAIN) -> Recording:
     """Bring a rig to the start of a motion, run the motion, and return its recording.
 
     The product filter runs along and assumes the nominal model. The recording holds all channels
-    of the loop, including the truth, but not the way to the start.
+    of the loop, including the truth, but not the way to the start. `guide` is what the position
+    loop adds to gain times error.
     """
     model = Model()
-    loop = SimulatedLoop(rig, motion, start_memory("product", model), model.parameters)
+    loop = SimulatedLoop(rig, motion, start_memory("product", model), model.parameters,
+                         guide=guide)  # fmt: skip
     loop.position()
     rows = loop.advance(motion.setpoint.size)
     return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})

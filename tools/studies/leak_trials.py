@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from control import PLAIN
 from estimator.accounts.flow import reference_drop
 from estimator.leaks.detection import SETTLED_AFTER_S, SILENT, Decision
 from estimator.leaks.replaying import replay
@@ -26,6 +27,7 @@ from rig.recording import Recording
 from tools.kept_trials import kept_trials, run_and_keep
 from tools.simulated.drawn_rigs import MIDDLE, drawn_motion, drawn_rig
 from tools.simulated.recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
+from tools.simulated.tracking_guide import tracking_guide
 
 SETTINGS: Final[Mapping[str, tuple[str, float]]] = {
     "product": ("product", 1.0),
@@ -57,6 +59,7 @@ class Plan:
         onset_s, seconds: when the fault begins, and how long the trial lasts.
         spool_sensor, supply_sensor: whether the rig has a sensor of spool and supply pressure.
         judges: names in `SETTINGS` of the judges that judge the trial.
+        tracking: whether the tracking law moves the ram, instead of the proportional loop.
     """
 
     seed: int
@@ -67,6 +70,7 @@ class Plan:
     spool_sensor: bool = True
     supply_sensor: bool = True
     judges: tuple[str, ...] = ("product",)
+    tracking: bool = False
 
     @property
     def key(self) -> str:
@@ -151,7 +155,8 @@ def record(plan: Plan) -> tuple[Recording, bool, float]:
         Model(parameters=truth), plan.seed,
         spool_sensor=plan.spool_sensor, supply_pressure_sensor=plan.supply_sensor,
     )  # fmt: skip
-    recording = recorded(rig, Motion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS))
+    guide = tracking_guide(setpoint, open_loop) if plan.tracking else PLAIN
+    recording = recorded(rig, Motion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS), guide)
     flow = 0.0
     if plan.fault is not None and plan.fault in TRUE_LEAKS:
         leaking = recording[TRUE_LEAKS[plan.fault]][onset + round(SETTLED_AFTER_S / TICK) :]

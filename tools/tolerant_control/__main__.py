@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from .comparison import comparison_table, comparisons, late, summary_table
+from .comparison import comparison_table, comparisons, late, summary_table, tracking_table
 from .margins import margins_table
 from .proof import drawn, proof_table
 
@@ -33,16 +33,23 @@ def main() -> None:
     parser.add_argument("--told", action="store_true", help="tell the loop of the leak 3 s after "
                         "its onset, instead of asking the detector")  # fmt: skip
     parser.add_argument("--only", choices=("comparison", "proof", "margins"), help="of the tables")
+    parser.add_argument("--tracking", action="store_true", help="run comparison and proof with the "
+                        "tracking law, and write its tables")  # fmt: skip
     options = parser.parse_args()
     tables: dict[str, str] = {}
-    if options.only in (None, "margins"):
+    if options.only in (None, "margins") and not options.tracking:
         tables["margins"] = margins_table()
     if options.only in (None, "comparison"):
-        found = list(comparisons(options.told))
-        tables["summary"] = f"{summary_table(found)}\n\n{late(found)}"
-        tables["comparison"] = comparison_table(found)
+        found = list(comparisons(options.told, options.tracking))
+        if options.tracking:
+            tables["tracking"] = f"{tracking_table(found)}\n\n{late(found)}"
+        else:
+            tables["summary"] = f"{summary_table(found)}\n\n{late(found)}"
+            tables["comparison"] = comparison_table(found)
     if options.only in (None, "proof"):
-        tables["proof"] = proof_table(list(drawn(range(options.rigs))))
+        name = "tracking_proof" if options.tracking else "proof"
+        trials = list(drawn(range(options.rigs), options.tracking))
+        tables[name] = proof_table(trials, options.tracking)
     PAGE.write_text(with_tables(PAGE.read_text(), tables))
 
 

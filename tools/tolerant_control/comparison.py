@@ -64,8 +64,8 @@ class Comparison:
         motion, load: names in `MOTIONS` and `LOADS`.
         place: index of the leak in `PLACES`.
         flow: size of the leak, L/min; see `FLOWS`.
-        healthy: run without a leak, under proportional control.
-        proportional: run with the leak under proportional control.
+        healthy: run without a leak.
+        proportional: run with the leak, which the loop does not make up for.
         tolerant: run with the leak under tolerant control.
     """
 
@@ -88,23 +88,24 @@ def setpoint(motion: str) -> Array:
     return MOTIONS[motion](np.arange(ticks(), dtype=np.float64) * TICK)
 
 
-def comparisons(leak_is_given: bool) -> Iterator[Comparison]:
+def comparisons(leak_is_given: bool, tracking: bool = False) -> Iterator[Comparison]:
     """Yield a comparison for every leak in every motion under every load.
 
     If `leak_is_given`, the tolerant controller gets the true leak `TOLD_AFTER_S` after its onset;
-    otherwise the detector in the loop has to find the leak.
+    otherwise the detector in the loop has to find the leak. With `tracking`, all three runs have
+    the tracking law in place of the gain alone.
     """
     for motion in MOTIONS:
         wanted = setpoint(motion)
         for load, rig in LOADS.items():
-            healthy = run(wanted, rig=rig)
+            healthy = run(wanted, rig=rig, tracking=tracking)
             for place in range(len(PLACES)):
                 for flow in FLOWS:
                     leaks = leak_coefficients(place, flow)
-                    proportional = run(wanted, rig=rig, leaks=leaks)
+                    plain = run(wanted, rig=rig, leaks=leaks, tracking=tracking)
                     known = leaks if leak_is_given else None
-                    tolerant = run(wanted, rig=rig, leaks=leaks, told=known)
-                    yield Comparison(motion, load, place, flow, healthy, proportional, tolerant)
+                    tolerant = run(wanted, rig=rig, leaks=leaks, told=known, tracking=tracking)
+                    yield Comparison(motion, load, place, flow, healthy, plain, tolerant)
 
 
 def comparison_table(found: list[Comparison]) -> str:
@@ -160,6 +161,32 @@ def summary_table(found: list[Comparison]) -> str:
         "proportional: rms", "greatest",
         "tolerant: rms", "greatest",
         "proportional: left at hold, mm", "tolerant: left at hold, mm",
+    )  # fmt: skip
+    return table(head, rows)
+
+
+def tracking_table(found: list[Comparison]) -> str:
+    """Return a table with a row for each size of leak: errors of the tracking law, in mm.
+
+    As its healthy error is next to nothing, errors are not divided by it. The row has the greatest
+    rms error over all motions, and for holds the median and the largest error left at the end: of
+    the healthy loop, and with the leak, which is not made up for or is.
+    """
+    rows = []
+    ways = ("healthy", "proportional", "tolerant")
+    for flow in FLOWS:
+        moving = [one for one in found if one.moves and one.flow == flow]
+        holds = [one for one in found if not one.moves and one.flow == flow]
+        cells = [f"{flow:g}"]
+        cells += [fixed(_MM * max(getattr(one, way).rms_error for one in moving), 2)
+                  for way in ways]  # fmt: skip
+        for way in ways[1:]:
+            left = [_MM * getattr(one, way).final_error for one in holds]
+            cells.append(f"{fixed(float(np.median(left)), 2)} / {fixed(max(left), 2)}")
+        rows.append(cells)
+    head = (
+        "leak, L/min", "healthy: rms, mm", "not made up for: rms, mm", "made up for: rms, mm",
+        "not made up for: left at hold, mm", "made up for: left at hold, mm",
     )  # fmt: skip
     return table(head, rows)
 

@@ -1,4 +1,4 @@
-"""Runs the simulated loop with a leak, under proportional or tolerant control."""
+"""Runs the simulated loop with a leak, with and without tolerant control."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from control import PLAIN
 from estimator.accounts.flow import reference_drop
 from estimator.filters.registry import start_memory
 from estimator.leaks.replaying import detector_for
@@ -21,6 +22,7 @@ from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.campaign.judging import Judge
 from rig.runner.outcomes.reactions import DecisionRows
 from tools.simulated.recordings import SETTLE_TICKS
+from tools.simulated.tracking_guide import tracking_guide
 
 Array = NDArray[np.float64]
 Coefficients = tuple[float, float, float]
@@ -97,6 +99,7 @@ def run(
     leaks: Coefficients = NO_LEAK,
     told: Coefficients | None = NO_LEAK,
     seed: int = 1,
+    tracking: bool = False,
 ) -> Run:
     """Run the simulated loop with a leak that opens at `ONSET_S`.
 
@@ -105,9 +108,10 @@ def run(
         rig: the true parameters; filter and controller assume the nominal ones.
         leaks: true coefficients (k_el1, k_el2, k_il), m^3/(s Pa^0.5).
         told: coefficients that the controller compensates for, from `TOLD_AFTER_S` after the onset
-            on; with `NO_LEAK` this is proportional control. None means that the default detector
+            on; with `NO_LEAK` nothing is made up for. None means that the default detector
             decides.
         seed: draws the transducers' noise.
+        tracking: whether the position loop has the tracking law, instead of its gain alone.
     """
     table = np.zeros((setpoint.size, len(FAULT_COLUMNS)))
     table[round(ONSET_S / TICK) :, :3] = leaks
@@ -119,6 +123,7 @@ def run(
         memory,
         model.parameters,
         on_fault=Reaction.TOLERATE,
+        guide=tracking_guide(setpoint) if tracking else PLAIN,
     )
     loop.position()
     judge = Judge(detector_for("product", model, 1.0), memory, loop.channels)

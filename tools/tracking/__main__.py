@@ -1,15 +1,16 @@
-"""The command line of the tracking studies: `python -m tools.tracking drawn | picture | leaks`."""
+"""The command line of the tracking studies, `python -m tools.tracking --help`."""
 
 from pathlib import Path
 
 import click
 
 from rig.configuration import load_rig
+from tools.simulated.tracking_guide import TRACKING
 
+from .detection import large_table, other_table, pairs, small_table
 from .drawn import tracked
 from .leaks import table
 from .pictures import sine_picture
-from .runs import TRACKING
 
 
 @click.group()
@@ -53,6 +54,19 @@ def leaks(folder: Path) -> None:
     """Print the table of a run of tools/tracking/leaks.yaml."""
     for line in table(folder):
         click.echo(line)
+
+
+@main.command()
+@click.option("--small", default=300, show_default=True, help="Leaks of 0.005 to 0.5 L/min, 80 s.")
+@click.option("--large", default=500, show_default=True, help="Leaks of 0.03 to 2 L/min, 40 s.")
+@click.option("--jobs", default=2, show_default=True, help="Processes.")
+@click.option("--kept", type=click.Path(path_type=Path), default="runs/tracking", show_default=True,
+              help="Folder of finished trials.")  # fmt: skip
+def detection(small: int, large: int, jobs: int, kept: Path) -> None:
+    """Compare what the detector makes of drawn leaks under both laws; interrupted, it goes on."""
+    found = pairs(small, large, kept, jobs)
+    for table_of in (small_table, large_table, other_table):
+        click.echo(f"{table_of(found)}\n")
 
 
 if __name__ == "__main__":

@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 
 from control import ControlSettings
 from rig.configuration import load_rig
+from tools.simulated.tracking_guide import TRACKING
 
-from .runs import SINE, TRACKING, run
+from .runs import SINE, run
 
 SECONDS: Final = 8.0
 _LAWS: Final = (

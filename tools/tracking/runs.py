@@ -17,8 +17,6 @@ Array = NDArray[np.float64]
 
 SINE: Final = Sine(0.3, 0.15, 0.5, 0.1)
 """The motion by which laws are compared: 150 mm at 0.5 Hz about mid stroke."""
-TRACKING: Final = ControlSettings(feedforward="model", integral_time=1.0, cyclic=True)
-"""The law that docs/tracking.md recommends where nothing was measured on the rig."""
 SETTLE_S: Final = 2.0
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from control import Constant, ControlSettings
 from rig.configuration.rigs.rig import Rig, load_rig
-from tools.tracking.runs import SINE, TRACKING, run
+from tools.simulated.tracking_guide import TRACKING
+from tools.tracking.runs import SINE, run
 
 PROPORTIONAL: Final = ControlSettings()
 
