@@ -31,8 +31,9 @@ def drawn(rigs: int, gain: float, seed: int) -> None:
         near += each.reachable and each.rms <= 5e-3
         swinging += each.unstable
         hunting += each.reachable and each.hunting > 1e-4
-        overshoots.append(each.overshoot)
-        settled.append(each.settling_s)
+        if each.reachable:
+            overshoots.append(each.overshoot)
+            settled.append(each.settling_s)
         click.echo(
             f"{each.number} {each.effect or '-'} reachable={each.reachable} "
             f"rms={1e3 * each.rms:.2f} mm worst={1e3 * each.worst:.2f} mm "
@@ -47,7 +48,8 @@ def drawn(rigs: int, gain: float, seed: int) -> None:
     # Some are infinite, between which nothing can be interpolated.
     late = np.percentile(settled, (50, 90), method="higher")
     click.echo(
-        f"steps, median and 90th percentile: overshoot {over[0]:.1%} and {over[1]:.1%}, "
+        "steps on reachable rigs, median and 90th percentile: "
+        f"overshoot {over[0]:.1%} and {over[1]:.1%}, "
         f"settled within 5 % after {late[0]:.2f} and {late[1]:.2f} s"
     )
 

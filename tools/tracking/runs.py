@@ -12,7 +12,7 @@ from rig.configuration import Rig
 from rig.plant import Model
 from rig.runner.campaign.bench import plain_test
 from rig.runner.campaign.simulated_bench import loop_of
-from rig.runner.outcomes.measures import step_answers
+from rig.runner.outcomes import step_answers
 
 Array = NDArray[np.float64]
 
