@@ -60,4 +60,4 @@ def test_a_test_that_runs_in_parts_has_the_same_rows_as_one_that_runs_at_once(ri
         while loop.ticks_left:
             parts.append(loop.advance(ticks))
         found.append(np.concatenate(parts))
-    np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(found[0], found[1])
