@@ -1,3 +1,4 @@
+from .calibrated import calibration_warnings as calibration_warnings
 from .calibration_file import dump_calibration as dump_calibration
 from .control import (
     UNLESS_USUAL as UNLESS_USUAL,
@@ -29,4 +30,9 @@ from .stream import (
     stream_lines as stream_lines,
 )
 from .tolerances import load_tolerances as load_tolerances
+from .transducers import (
+    TransducerFile as TransducerFile,
+    read_transducer as read_transducer,
+    transducer_lines as transducer_lines,
+)
 from .valves import LEAKAGE as LEAKAGE, RESISTANCE as RESISTANCE
