@@ -36,12 +36,14 @@ from rig.configuration.reading import (
 )
 from rig.configuration.rigs import (
     MAPS,
+    SOON,
     Map,
     Rig,
     RigFile,
     StreamFile,
     TransducerFile,
     calibration_warnings,
+    corrected_twice,
     read_dbc,
     read_map,
     read_rig,
@@ -51,7 +53,7 @@ from rig.configuration.rigs import (
     transducer_lines,
 )
 from rig.configuration.sweeps import SweepFile, read_sweep, sweep_lines
-from rig.io import ChannelLimit, RegisterMap, today
+from rig.io import ChannelLimit, RegisterMap, calibration_doubts, today
 from rig.plant import CATALOGUE, Model
 from rig.recording import unit_of
 
@@ -146,8 +148,13 @@ def check(
     root = sources.read_yaml(path)
     if kind == "rig":
         rig = sources.finished(read_rig(root, day) if root is not None else None)
-        doubts = tuple(calibration_warnings(rig.calibrations, rig.limits, day))
-        return CheckReport(kind, path, rig.name, tuple(_rig_lines(rig)), (), doubts)
+        doubts = calibration_warnings(rig.calibrations, rig.limits, day)
+        return CheckReport(kind, path, rig.name, tuple(_rig_lines(rig)), (), tuple(doubts))
+    if kind == "transducer":
+        each = sources.finished(read_transducer(root) if root is not None else None)
+        doubts = calibration_doubts((each,), day, SOON)
+        lines = tuple(transducer_lines(each))
+        return CheckReport(kind, path, each.transducer, lines, (), tuple(doubts))
     read, lines_of = _KINDS[kind]
     found = sources.finished(read(root) if root is not None else None)
     return CheckReport(kind, path, getattr(found, "name", path.stem), tuple(lines_of(found)))
@@ -276,7 +283,10 @@ def _report_campaign(path: Path, campaign: Campaign, rig: Rig, day: date) -> Che
         f"  rig time {minutes} min {seconds} s",
     )
     plan, lasting = plan_campaign(campaign, rig), timedelta(seconds=campaign.rig_time_s)
-    doubts = tuple(calibration_warnings(rig.calibrations, rig.limits, day, lasting))
+    doubts = (
+        *calibration_warnings(rig.calibrations, rig.limits, day, lasting),
+        *corrected_twice(rig.calibrations, campaign.model),
+    )
     return CheckReport("campaign", path, campaign.name, summary, plan, doubts)
 
 
@@ -288,8 +298,7 @@ _KINDS: Final[dict[Kind, tuple[_Read, _Lines]]] = {
     "schedule": (read_schedule, _schedule_lines),
     "sweep": (read_sweep, sweep_lines),
     "stream": (read_stream, stream_lines),
-    "transducer": (read_transducer, transducer_lines),
 }
 """The functions that read a kind of YAML file and describe it in lines.
 
-Campaigns and rigs have functions of their own, as their warnings depend on the day."""
+Campaigns, rigs and transducers are left out, as warnings about them depend on the day."""

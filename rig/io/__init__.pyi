@@ -60,6 +60,7 @@ from .signals import (
 )
 from .simulated import SimulatedRig as SimulatedRig, simulated_rig as simulated_rig
 from .transducer_calibration import (
+    RENEW as RENEW,
     CalibrationPoint as CalibrationPoint,
     TransducerCalibration as TransducerCalibration,
     calibration_doubts as calibration_doubts,

@@ -10,9 +10,12 @@ import datetime
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, timedelta
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from rig.recording import unit_of
+
+RENEW: Final = "name the file of a calibration that holds today in the rig file"
+"""The remedy for a calibration that does not hold."""
 
 
 class CalibrationPoint(NamedTuple):
@@ -133,8 +136,7 @@ def calibration_doubts(
     for each in calibrations:
         doubt, left = each.doubt(day), each.valid_until - day
         if doubt:
-            remedy = "have the transducer calibrated, and name the new file in the rig file"
-            yield f"the {each} {doubt}; {remedy}"
+            yield f"the {each} {doubt}; {RENEW}"
         elif left < ahead:
-            days = "today" if not left.days else f"in {left.days} days"
+            days = {0: "today", 1: "in 1 day"}.get(left.days, f"in {left.days} days")
             yield f"the {each} expires {days}: {each.valid_until} is the last day on which it holds"

@@ -1,4 +1,7 @@
-from .calibrated import calibration_warnings as calibration_warnings
+from .calibrated import (
+    calibration_warnings as calibration_warnings,
+    corrected_twice as corrected_twice,
+)
 from .calibration_file import dump_calibration as dump_calibration
 from .control import (
     UNLESS_USUAL as UNLESS_USUAL,
@@ -31,6 +34,7 @@ from .stream import (
 )
 from .tolerances import load_tolerances as load_tolerances
 from .transducers import (
+    SOON as SOON,
     TransducerFile as TransducerFile,
     read_transducer as read_transducer,
     transducer_lines as transducer_lines,

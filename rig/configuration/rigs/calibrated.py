@@ -3,17 +3,41 @@
 import datetime
 from collections.abc import Iterator
 from datetime import timedelta
-from typing import Literal
+from typing import Any, Final, Literal
 
 from rig.channels import READINGS
-from rig.configuration.reading import Located, elements_of, reference_in, resolve, show
-from rig.io import DriverSpec, TransducerCalibration, calibration_doubts
+from rig.configuration.reading import Field, Located, QuantityError, reference_in, resolve, show
+from rig.io import RENEW, DriverSpec, TransducerCalibration, calibration_doubts
+from rig.plant import NOMINAL, Model
 
 from .limits import Limits
 from .transducers import CALIBRATED, SOON, read_transducer
 
 Expired = Literal["warn", "refuse"]
 """What is done about a calibration that does not hold today."""
+
+
+class TransducerFiles(Field):
+    """The annotation of a list of transducer files, each given by name or path.
+
+    `parse` returns the list as it is; `read_calibrations` reads its elements.
+    """
+
+    def parse(self, raw: object) -> list[Any]:
+        """Return a list as it is.
+
+        Raises:
+            QuantityError: it is no list.
+        """
+        if not isinstance(raw, list):
+            remedy = "write a list of transducer files: [../transducers/pressure_1.yaml]"
+            raise QuantityError("is not a list", remedy)
+        return raw
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return a list of texts."""
+        text = {"type": "string", "description": "name or path of a transducer file"}
+        return {"type": "array", "items": text}
 
 
 def read_calibrations(
@@ -35,8 +59,7 @@ def read_calibrations(
     channels: dict[str, str] = {}
     labels: dict[str, str] = {}
     found = []
-    remedy = "write a list of transducer files: [../transducers/pressure_1.yaml]"
-    for element in elements_of(root.get("calibrations"), remedy):
+    for element in root.find("calibrations").elements():
         calibration = _read_named(element)
         if calibration is None:
             continue
@@ -56,8 +79,7 @@ def read_calibrations(
             element.refuse(limit, "remove it; correct its scale in the register map")
         elif strict and (doubt := calibration.doubt(day)):
             limit = f"{doubt}, as the {calibration}"
-            remedy = "have it calibrated and name the new file, or `expired_calibrations: warn`"
-            element.refuse(limit, remedy)
+            element.refuse(limit, f"{RENEW}, or write `expired_calibrations: warn`")
         channels.setdefault(channel, element.shown)
         labels.setdefault(label, channel)
     return tuple(found)
@@ -105,6 +127,30 @@ def uncalibrated(
     """Return the measured channels without calibration, if any channel has one; else ()."""
     having = {each.channel for each in calibrations}
     return tuple(name for name in CALIBRATED if having and name in measured - having)
+
+
+_OF_MODELS: Final = {
+    "position_m": ("position_gain",),
+    "pressure_1_Pa": ("pressure_1_bias", "pressure_1_gain"),
+    "pressure_2_Pa": ("pressure_2_bias", "pressure_2_gain"),
+}
+"""Channel -> effects by which a model says how its transducer errs."""
+
+
+def corrected_twice(calibrations: tuple[TransducerCalibration, ...], model: Model) -> Iterator[str]:
+    """Yield a warning for each calibrated transducer of which the model undoes an error, too.
+
+    Args:
+        calibrations: the calibrations of a rig.
+        model: the model by which filter and detector judge the rig's readings.
+    """
+    for each in calibrations:
+        for effect in _OF_MODELS.get(each.channel, ()):
+            if getattr(model.parameters, effect) != getattr(NOMINAL, effect):
+                yield (
+                    f"the model {model.name} has {effect}, and the {each} corrects the same "
+                    "transducer; keep the effect only if it was found in corrected readings"
+                )
 
 
 def calibration_warnings(

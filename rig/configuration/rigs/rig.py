@@ -35,7 +35,7 @@ from rig.io import (
 )
 from rig.plant import Model, SensorParameters
 
-from .calibrated import Expired, measured_by, read_calibrations, uncalibrated
+from .calibrated import Expired, TransducerFiles, measured_by, read_calibrations, uncalibrated
 from .control import UNLESS_USUAL, read_control
 from .drivers import driver_files, read_drivers
 from .hardware import check_hardware, check_rates, check_rungs, moved_faults
@@ -139,7 +139,7 @@ class RigFile(Schema):
     loop: Annotated[Any, Under(lambda: (options_schema(LoopSettings),))] = None
     homing: Annotated[Any, Under(lambda: (options_schema(HomingSettings),))] = None
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
-    calibrations: tuple[str, ...] = ()
+    calibrations: Annotated[Any, TransducerFiles()] = None
     expired_calibrations: Expired = "warn"
 
 

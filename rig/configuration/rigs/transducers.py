@@ -27,7 +27,7 @@ from rig.configuration.reading import (
     show,
     suggestion,
 )
-from rig.io import CalibrationPoint, TransducerCalibration, today
+from rig.io import CalibrationPoint, TransducerCalibration
 from rig.recording import unit_of
 
 CALIBRATED: Final = tuple(
@@ -61,11 +61,24 @@ class _Period(Field):
         return {"type": "string", "pattern": _PERIOD.pattern}
 
 
+class _OfChannel(Field):
+    """The annotation of a quantity whose unit is that of the file's channel.
+
+    `parse` returns it as it is written, since only the whole file tells the channel.
+    """
+
+    def parse(self, raw: object) -> object:
+        return raw
+
+    def json_schema(self) -> dict[str, Any]:
+        return {"type": "string", "description": "a quantity with a unit of the channel"}
+
+
 class TransducerPointFile(Schema):
     """Keys of a point of a calibration, each a quantity with its unit."""
 
-    reference: Any
-    indicated: Any
+    reference: Annotated[Any, _OfChannel()]
+    indicated: Annotated[Any, _OfChannel()]
 
 
 class TransducerFile(Schema):
@@ -78,7 +91,7 @@ class TransducerFile(Schema):
     valid_for: Annotated[tuple[int, str] | None, _Period()] = None
     laboratory: str = ""
     certificate: str = ""
-    uncertainty: Any = None
+    uncertainty: Annotated[Any, _OfChannel()] = None
     points: Annotated[Any, Under(lambda: (TransducerPointFile,), many=True)]
 
 
@@ -239,6 +252,3 @@ def transducer_lines(calibration: TransducerCalibration) -> Iterator[str]:
         given.append(f"expanded uncertainty {show(calibration.uncertainty, unit)}")
     if given:
         yield f"  {', '.join(given)}"
-    doubt = calibration.doubt(today())
-    if doubt:
-        yield f"  warning: {doubt}"
