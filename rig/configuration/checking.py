@@ -154,7 +154,7 @@ def check(
         each = sources.finished(read_transducer(root) if root is not None else None)
         doubts = calibration_doubts((each,), day, SOON)
         lines = tuple(transducer_lines(each))
-        return CheckReport(kind, path, each.transducer, lines, (), tuple(doubts))
+        return CheckReport(kind, path, path.stem, lines, (), tuple(doubts))
     read, lines_of = _KINDS[kind]
     found = sources.finished(read(root) if root is not None else None)
     return CheckReport(kind, path, getattr(found, "name", path.stem), tuple(lines_of(found)))
