@@ -228,7 +228,7 @@ def _rig_lines(rig: Rig) -> Iterator[str]:
     for each in rig.calibrations:
         yield (
             f"  {each}: of {each.date}, until {each.valid_until}, largest correction "
-            f"{show(each.largest_correction, each.unit)}"
+            f"{show(each.largest_correction, unit_of(each.channel))}"
         )
     if rig.uncalibrated:
         yield f"  without calibration: {', '.join(rig.uncalibrated)}"

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from datetime import UTC, timedelta
 from typing import Final, NamedTuple
 
-from rig.recording import unit_of
-
 RENEW: Final = "name the file of a calibration that holds today in the rig file"
 """The remedy for a calibration that does not hold."""
 
@@ -61,11 +59,6 @@ class TransducerCalibration:
     def largest_correction(self) -> float:
         """The correction of greatest size among those of the points, with its sign."""
         return max((point.correction for point in self.points), key=abs)
-
-    @property
-    def unit(self) -> str:
-        """The SI unit of the channel and so of all values."""
-        return unit_of(self.channel)
 
     def corrected(self, value: float) -> float:
         """Return the reference value that belongs to an indicated value; see `corrected`."""

@@ -9,6 +9,7 @@ from rig.channels import READINGS
 from rig.configuration.reading import Field, Located, QuantityError, reference_in, resolve, show
 from rig.io import RENEW, DriverSpec, TransducerCalibration, calibration_doubts
 from rig.plant import NOMINAL, Model
+from rig.recording import unit_of
 
 from .limits import Limits
 from .transducers import CALIBRATED, SOON, read_transducer
@@ -180,7 +181,7 @@ def calibration_warnings(
         low, high = each.points[0].reference, each.points[-1].reference
         lower, upper = allowed.get(each.channel, (low, high))
         if lower < low or upper > high:
-            unit = each.unit
+            unit = unit_of(each.channel)
             yield (
                 f"the {each} reaches from {show(low, unit)} to {show(high, unit)}, and the limits "
                 f"allow {show(lower, unit)} to {show(upper, unit)}: beyond the calibrated range "

@@ -237,7 +237,7 @@ def _check_points(found: list[tuple[CalibrationPoint, Located]], unit: str) -> N
 def transducer_lines(calibration: TransducerCalibration) -> Iterator[str]:
     """Yield the lines in which `rig check` describes a transducer file."""
     first, last = calibration.points[0], calibration.points[-1]
-    unit = calibration.unit
+    unit = unit_of(calibration.channel)
     yield (
         f"  {calibration.channel}, transducer {calibration.transducer}: calibrated on "
         f"{calibration.date}, holds until {calibration.valid_until}"

@@ -6,6 +6,7 @@ from datetime import date
 from typing import Any
 
 from rig.configuration import Rig, plain
+from rig.recording import unit_of
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def calibrations_used(rig: Rig, days: Iterable[date]) -> tuple[CalibrationUsed, 
             str(each.date),
             str(each.valid_until),
             each.largest_correction,
-            each.unit,
+            unit_of(each.channel),
             next(filter(None, map(each.doubt, days)), ""),
         )
         for each in rig.calibrations
@@ -61,7 +62,11 @@ def calibrations_applied(rig: Rig) -> dict[str, Any]:
         return {}
     return {
         "calibrations": [
-            {**plain(each), "largest_correction": each.largest_correction, "unit": each.unit}
+            {
+                **plain(each),
+                "largest_correction": each.largest_correction,
+                "unit": unit_of(each.channel),
+            }
             for each in rig.calibrations
         ],
         "uncalibrated": list(rig.uncalibrated),
