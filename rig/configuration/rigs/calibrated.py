@@ -58,19 +58,21 @@ def read_calibrations(
     """
     strict = root.find("expired_calibrations").value == "refuse"
     channels: dict[str, str] = {}
-    labels: dict[str, str] = {}
+    labels: dict[tuple[str, str], str] = {}
     found = []
     for element in root.find("calibrations").elements():
         calibration = _read_named(element)
         if calibration is None:
             continue
         found.append(calibration)
-        channel, label = calibration.channel, calibration.transducer
+        channel = calibration.channel
+        # A device may measure two quantities, such as pressure and temperature, but not one twice.
+        label = calibration.transducer, unit_of(channel)
         if channel in channels:
             limit = f"is a second calibration of {channel}, beside {channels[channel]}"
             element.refuse(limit, "keep the one of the transducer that is fitted")
         elif label in labels:
-            limit = f"is of transducer {label}, which reads {labels[label]} already"
+            limit = f"is of transducer {label[0]}, which reads {labels[label]} already"
             element.refuse(limit, "correct the serial number in one of the files")
         elif measured is not None and channel not in measured:
             limit = f"is of {channel}, which this rig does not measure"

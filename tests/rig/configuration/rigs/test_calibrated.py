@@ -107,6 +107,15 @@ def test_a_channel_that_the_rig_does_not_measure_is_refused(home: Path) -> None:
     assert "is of load_N, which this rig does not measure; correct the channel" in problem
 
 
+def test_one_device_may_measure_two_quantities(home: Path) -> None:
+    path = home / "transducers" / "p2.yaml"
+    text = path.read_text().replace("pressure_2_Pa", "oil_temperature_K").replace("PT-2", "PT-1")
+    path.write_text(text.replace("MPa", "K"))
+    rig = home / "rigs" / "small.yaml"
+    rig.write_text("name: small\nparent: emulated\ncalibrations: [p1, p2]\n")
+    assert len(load_rig(rig, day=DAY).calibrations) == 2
+
+
 def test_an_encoder_that_is_homed_takes_no_calibration(home: Path) -> None:
     path = home / "transducers" / "p1.yaml"
     path.write_text(path.read_text().replace("pressure_1_Pa", "position_m").replace("MPa", "m"))
