@@ -12,6 +12,7 @@ from control import (
     Guide,
     begin_motion,
     control_memory,
+    moving_guide,
     raised_cosine,
 )
 from estimator.accounts import BLOCK_TICKS
@@ -148,7 +149,7 @@ class SimulatedLoop:
         setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
-        self._run(setpoint, False, no_faults, self.guide.moving(), apart=True)
+        self._run(setpoint, False, no_faults, moving_guide(self.guide, setpoint), apart=True)
         begin_motion(True, self._control)
         rig.start_clock(0.0)
         if self._is_stopped:
@@ -172,7 +173,7 @@ class SimulatedLoop:
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
         motion = self.motion
-        guide = self.guide._replace(feedforward=self.guide.feedforward[part])
+        guide = self.guide.part(part)
         rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part], guide)
         self._tick += len(rows)
         if self._is_stopped and not len(rows):
@@ -230,7 +231,7 @@ class SimulatedLoop:
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
             self._tick,
-            Ticks(setpoint, faults, guide.feedforward, noise),
+            Ticks(setpoint, faults, guide.feedforward, guide.expected, noise),
             Steering(
                 open_loop, self.gain, self.limit, on_fault, guide.law, guide.tones, self._control,
             ),
