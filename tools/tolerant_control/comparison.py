@@ -168,24 +168,26 @@ def summary_table(found: list[Comparison]) -> str:
 def tracking_table(found: list[Comparison]) -> str:
     """Return a table with a row for each size of leak: errors of the tracking law, in mm.
 
-    As its healthy error is next to nothing, errors are not divided by it. The row has the greatest
-    rms error over all motions, and for holds the median and the largest error left at the end: of
-    the healthy loop, and with the leak, which is not made up for or is.
+    As the healthy loop's error is next to nothing in a sine, errors are not divided by it. The row
+    has the most by which a leak adds to the healthy loop's rms error in a motion, and for holds the
+    median and the largest error left at the end, each with the leak not made up for and made up
+    for.
     """
     rows = []
-    ways = ("healthy", "proportional", "tolerant")
     for flow in FLOWS:
         moving = [one for one in found if one.moves and one.flow == flow]
         holds = [one for one in found if not one.moves and one.flow == flow]
         cells = [f"{flow:g}"]
-        cells += [fixed(_MM * max(getattr(one, way).rms_error for one in moving), 2)
-                  for way in ways]  # fmt: skip
-        for way in ways[1:]:
+        for way in ("proportional", "tolerant"):
+            added = [getattr(one, way).rms_error - one.healthy.rms_error for one in moving]
+            cells.append(fixed(_MM * max(added), 2))
+        for way in ("proportional", "tolerant"):
             left = [_MM * getattr(one, way).final_error for one in holds]
             cells.append(f"{fixed(float(np.median(left)), 2)} / {fixed(max(left), 2)}")
         rows.append(cells)
     head = (
-        "leak, L/min", "healthy: rms, mm", "not made up for: rms, mm", "made up for: rms, mm",
+        "leak, L/min",
+        "not made up for: added to the rms error, mm", "made up for: added, mm",
         "not made up for: left at hold, mm", "made up for: left at hold, mm",
     )  # fmt: skip
     return table(head, rows)
