@@ -32,7 +32,15 @@ from rig.loop import (
 from rig.plant import TICK, Model
 from rig.recording import McapWriter
 from rig.runner.outcomes import Array
-from rig.supervisor import News, TripReport, gain_for, guide_for, kept_trip_report, trip_error
+from rig.supervisor import (
+    News,
+    TripReport,
+    basis_for,
+    gain_for,
+    guide_for,
+    kept_trip_report,
+    trip_error,
+)
 
 _REPORTED: Final = round(2.0 / TICK)
 """Number of rows in a trip report: those of the last 2 s, as on hardware."""
@@ -292,5 +300,6 @@ def loop_of(
         on_fault=Reaction[test.on_fault.name],
         interlock=interlock_of(rig, assumed) if judged else None,
         guide=guide_for(rig, test, motion.setpoint, assumed),
+        basis=basis_for(rig, test, assumed),
         limits=rungs_of(test.limits) if judged else (),
     )
