@@ -13,6 +13,7 @@ from .criteria import (
     MEASURES as MEASURES,
     Criterion as Criterion,
     LimitAction as LimitAction,
+    LimitBand as LimitBand,
     OwnFigure as OwnFigure,
     TestLimit as TestLimit,
 )

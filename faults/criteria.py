@@ -1,6 +1,6 @@
 """What a test's figures must be, and the limits that its channels must keep, as data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from typing import Final, Literal
 
@@ -74,6 +74,22 @@ LimitAction = Literal["warn", "hold", "ramp_down", "trip"]
 
 
 @dataclass(frozen=True)
+class LimitBand:
+    """One of the two bands of a limit.
+
+    Attributes:
+        name: "inner" or "outer".
+        low, high: ends of the band, SI; infinite for none.
+        action: what is done beyond it.
+    """
+
+    name: str
+    low: float
+    high: float
+    action: LimitAction
+
+
+@dataclass(frozen=True)
 class TestLimit:
     """A limit that holds while a test runs: an inner band, warned of, and an outer one, acted on.
 
@@ -86,6 +102,9 @@ class TestLimit:
         for_s: time in s for which the value must be beyond a band.
         hysteresis: how far back within a band the value must come, SI, before it counts as within.
         over_s: for a figure, the time in s before now over which it is computed; else 0.
+        during: name of the segment in which it holds; empty for the whole test.
+        windows_s: the stretches (begin, end) of the motion as it is laid out, in s, in which it
+            holds; empty for the whole test.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -100,3 +119,14 @@ class TestLimit:
     for_s: float = 0.0
     hysteresis: float = 0.0
     over_s: float = 0.0
+    during: str = field(default="", metadata={"unless_usual": True})
+    windows_s: tuple[tuple[float, float], ...] = field(default=(), metadata={"unless_usual": True})
+
+    @property
+    def bands(self) -> tuple[LimitBand, ...]:
+        """The bands that the limit has, the inner one first."""
+        bands = (
+            LimitBand("inner", self.inner_low, self.inner_high, "warn"),
+            LimitBand("outer", self.low, self.high, self.action),
+        )
+        return tuple(band for band in bands if (band.low, band.high) != (-inf, inf))

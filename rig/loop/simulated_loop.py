@@ -1,6 +1,6 @@
 """The loop on the simulated backend, which runs compiled ticks in batches of any length."""
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from rig.loop.interlocks import (
     Cause,
     Interlock,
     LoopStoppedError,
+    PassingReader,
+    RungPassed,
     channel_name,
     held_position,
     interlock,
@@ -108,6 +110,7 @@ class SimulatedLoop:
         self._control = control_memory()
         judged = self.interlock is not None
         self._guard = guard(self.interlock or _no_interlock(rig, assumed), judged)
+        self._passings = PassingReader(self._guard.interlock.log)
         self.channels = row_channels(self.memory.filter.states, motion.open_loop)
 
     @property
@@ -178,6 +181,36 @@ class SimulatedLoop:
         if self._is_stopped and not len(rows):
             raise self.stopped
         return rows
+
+    def passed(self) -> list[RungPassed]:
+        """Return the limits that were found passed since the last call."""
+        return self._passings.take()
+
+    def skip_to(self, place: int, blend_ticks: int) -> int | None:
+        """Go on at a later place of the setpoints, as they were laid out.
+
+        Args:
+            place: index of that setpoint; their number to end the test.
+            blend_ticks: number of ticks in which the setpoint goes over to those from there on,
+                along a raised cosine.
+
+        Returns:
+            The tick of the test at which it goes on there; None if it was there already.
+        """
+        tick, motion = self._tick, self.motion
+        rest = place - self._guard.lead
+        if rest <= tick:
+            return None
+        setpoint, feedforward = motion.setpoint[rest:].copy(), self.guide.feedforward
+        if setpoint.size:
+            share = 0.5 + 0.5 * np.cos(np.pi * np.arange(setpoint.size) / max(blend_ticks, 1))
+            share[blend_ticks:] = 0.0
+            setpoint += (motion.setpoint[tick] - setpoint[0]) * share
+        self.motion = replace(motion, setpoint=np.concatenate([motion.setpoint[:tick], setpoint]))
+        ahead = np.concatenate([feedforward[:tick], feedforward[rest:]])
+        self.guide = self.guide._replace(feedforward=ahead)
+        self._guard = self._guard._replace(lead=self._guard.lead + rest - tick)
+        return tick
 
     def stop(self, action: Action, cause: Cause) -> None:
         """Stop the loop for a cause that its own interlock does not judge; `advance` raises it."""

@@ -28,7 +28,7 @@ from rig.loop.interlocks import (
 from rig.loop.reaction import Reaction, forget, react, tolerating
 from rig.plant import READING_COUNT, inner
 
-from .following import error_of, setpoint_of
+from .following import error_of, setpoint_of, take_skip, wanted_at
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 from .null_check import VALVE_ENABLED, is_null, look_at_null
 
@@ -81,7 +81,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
     begin_motion(course.drive == Drive.TRACK and not course.open_loop, memory.control)
     at = STATES_AT + filt.x.size + DECISION_COLUMNS
     tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
-    words[Word.TICK] = 0
+    words[Word.TICK] = words[Word.LEAD] = 0
     words[Word.SEGMENT] = course.number
     while load_acquire(words, Word.SWITCH.value) == course.number:
         due, woken, missed = _wait_for_tick(counts, pace)
@@ -99,13 +99,16 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         taken = react(course.on_fault, memory.decided, now * pace.period_s, memory.reaction)
         if taken == Reaction.TRIP:
             _trip(words, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, woken)
-        drive = _drive(course, now, action, taken, words)
+        # Rows of missed ticks come from before a skip.
+        passed = words[Word.LEAD]
+        place = now + take_skip(course, now, action, memory, words)
+        drive = _drive(course, place, action, taken, words)
         command = allowed_command(
-            _command(drive, course, filt, now, pace, interlock.limits, memory, words),
+            _command(drive, course, filt, place, pace, interlock.limits, memory, words),
             words[Word.HOMED] != 0,
             interlock.tolerances, interlock.memory,
         )  # fmt: skip
-        enable = _enable(drive, course, now, pace, memory, words)
+        enable = _enable(drive, course, place, pace, memory, words)
         leaves = counts[Count.LEAVE] != 0
         if leaves:
             command, enable = 0.0, 0.0
@@ -125,7 +128,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         # This is a variable because numba would compile the row once more for a constant.
         starts = not started
         for k in range(tick, now):
-            setpoint = setpoint_of(_drive(course, k, action, taken, words), course, k, memory)
+            was = k + passed
+            setpoint = setpoint_of(_drive(course, was, action, taken, words), course, was, memory)
             row = _begin_row(k, setpoint, previous, held, starts, filt, pace, memory, shared)
             _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
             held = previous
@@ -138,7 +142,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         whole = not isnan(memory.reading[0] + memory.reading[1] + memory.reading[2])
         starts = not started and whole
         started = started or starts
-        setpoint = setpoint_of(drive, course, tick, memory)
+        setpoint = setpoint_of(drive, course, place, memory)
         command = outputs[_COMMAND]
         if started:
             row = _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared)
@@ -150,7 +154,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             seen = Tick(
                 memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
                 outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
-                error_of(drive, setpoint, course, memory),
+                error_of(drive, setpoint, course, memory), course.number, tick, place,
             )  # fmt: skip
             judged, cause, channel = check_sample(seen, interlock)
             if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
@@ -279,12 +283,12 @@ def _acted_upon(judged, cause, channel, action, words):
 
 
 @inner
-def _drive(course, tick, action, taken, words):
-    """Return the `Drive` of a tick: that of the course, unless an action or reaction changes it.
+def _drive(course, place, action, taken, words):
+    """Return the `Drive` at a place: that of the course, unless an action or reaction changes it.
 
     Args:
         course: the segment.
-        tick: number of the tick in the segment.
+        place: index in the segment's setpoints.
         action: `Action` of the interlock or of the operator.
         taken: present `Reaction` to a confirmed fault.
         words: words of the board.
@@ -295,25 +299,25 @@ def _drive(course, tick, action, taken, words):
         return Drive.NULL.value
     if action >= Action.RAMP_DOWN.value:
         return Drive.RAMP_DOWN.value
-    if course.drive == Drive.TRACK and tick < course.setpoint.size and action < Action.HOLD.value:
+    if course.drive == Drive.TRACK and place < course.setpoint.size and action < Action.HOLD.value:
         return Drive.TRACK.value
     return Drive.HOLD.value
 
 
 @inner
-def _command(drive, course, filt, tick, pace, limits, memory, words):
-    """Return the command in V for a tick, as `drive` asks.
+def _command(drive, course, filt, place, pace, limits, memory, words):
+    """Return the command in V at a place in the segment's setpoints, as `drive` asks.
 
     When a hold or a ramp down begins, note in `memory.handling` where it does.
     """
     handling, position = memory.handling, memory.encoder[0] + course.offset
     if drive == Drive.TRACK:
-        setpoint, limit = course.setpoint[tick], course.limit
+        setpoint, limit = wanted_at(course, place, memory), course.limit
         if course.open_loop:
             return limited_command(True, setpoint, position, course.gain, limit)
-        ahead = course.feedforward[tick] if tick < course.feedforward.size else 0.0
+        ahead = course.feedforward[place] if place < course.feedforward.size else 0.0
         command = tracking_command(
-            setpoint, position, ahead, tick * pace.period_s, course.gain, limit, pace.period_s,
+            setpoint, position, ahead, place * pace.period_s, course.gain, limit, pace.period_s,
             course.law, course.tones, memory.control,
         )  # fmt: skip
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
@@ -326,26 +330,26 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
     if drive == Drive.RAMP_DOWN:
         if isnan(handling[Handling.RAMP_FROM]):
             handling[Handling.RAMP_FROM] = memory.outputs[_COMMAND]
-            handling[Handling.RAMP_TICK] = tick
-        return handling[Handling.RAMP_FROM] * _ramp_left(tick, pace, memory)
+            handling[Handling.RAMP_TICK] = place
+        return handling[Handling.RAMP_FROM] * _ramp_left(place, pace, memory)
     return 0.0
 
 
 @inner
-def _ramp_left(tick, pace, memory):
+def _ramp_left(place, pace, memory):
     """Return the part of the ramp down that is still ahead, from 1 to 0."""
-    return max(1.0 - (tick - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
+    return max(1.0 - (place - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
 
 
 @inner
-def _enable(drive, course, tick, pace, memory, words):
-    """Return 1.0 if the valve is to be enabled at a tick, else 0.0.
+def _enable(drive, course, place, pace, memory, words):
+    """Return 1.0 if the valve is to be enabled at a place, else 0.0.
 
     It is not after a trip, at the end of a ramp down, or unless the course enables it.
     """
     if words[Word.LOOP_TRIP] != 0:
         return 0.0
-    if drive == Drive.RAMP_DOWN and _ramp_left(tick, pace, memory) == 0.0:
+    if drive == Drive.RAMP_DOWN and _ramp_left(place, pace, memory) == 0.0:
         return 0.0
     return course.valve_enable
 
