@@ -21,6 +21,20 @@ MEASURES: Final = {
 """Figures that a criterion may ask for by name -> SI unit; peak and valley have their channel's."""
 
 
+WATCHED_FIGURES: Final = {
+    "rms_error": "rms(setpoint_m - position_m)",
+    "peak_error": "max(abs(setpoint_m - position_m))",
+    "peak": "max({channel})",
+    "valley": "min({channel})",
+    "residual_pressure_1": "mean(abs(innovation_pressure_1_Pa))",
+    "residual_pressure_2": "mean(abs(innovation_pressure_2_Pa))",
+}
+"""Figures that a limit may watch while a test runs -> the expression that they are, over the last
+samples."""
+DECIDED_FIGURES: Final = {"leak": "m^3/s", "bulk_modulus": "Pa"}
+"""Figures that a limit may watch, of which the detector's newest decision tells -> SI unit."""
+
+
 @dataclass(frozen=True)
 class OwnFigure:
     """A figure, or a quantity at each sample, that a campaign file defines by an expression.
@@ -94,7 +108,7 @@ class TestLimit:
     """A limit that holds while a test runs: an inner band, warned of, and an outer one, acted on.
 
     Attributes:
-        watched: name of a channel, `FOLLOWING_ERROR`, or the name of one of the test's own figures.
+        watched: name of a channel, `FOLLOWING_ERROR`, or the name of a figure.
         unit: SI unit of what is watched.
         low, high: ends of the outer band, SI; infinite for none.
         inner_low, inner_high: ends of the inner band, SI; infinite for none.
@@ -121,6 +135,9 @@ class TestLimit:
     over_s: float = 0.0
     during: str = field(default="", metadata={"unless_usual": True})
     windows_s: tuple[tuple[float, float], ...] = field(default=(), metadata={"unless_usual": True})
+
+    expression: Expression | None = field(default=None, metadata={"unless_usual": True})
+    """How a figure that is not the test's own follows from the channels; None for others."""
 
     @property
     def bands(self) -> tuple[LimitBand, ...]:

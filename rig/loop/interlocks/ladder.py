@@ -309,7 +309,7 @@ def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:
 
 
 def _place(time_s: float, period_s: float) -> int:
-    """Return the index of the setpoint at a time in s; the least or greatest integer if infinite."""
+    """Return the index of the setpoint at a time in s; the least or greatest one if infinite."""
     if isinf(time_s):
         return int(_ALWAYS.max if time_s > 0.0 else _ALWAYS.min)
     return round(time_s / period_s)

@@ -13,9 +13,9 @@ from rig.jit import njit
 from rig.loop.atomic import load_acquire, store_release
 
 PASSINGS_KEPT: Final = 64
-"""Number of passings that the log holds. A limit is passed again only after its value has come back,
-and the log is read at least every half second, so that more than this is a value that swings about
-its limit; the oldest passings are written over then."""
+"""Number of passings that the log holds. A limit is passed again only after its value has come
+back, and the log is read at least every half second, so that more than this is a value that swings
+about its limit; the oldest passings are written over then."""
 PASSING_NUMBERS: Final = 4
 """Numbers of one passing: segment, tick, rung, value."""
 
@@ -23,7 +23,7 @@ PASSING_NUMBERS: Final = 4
 class PassingLog(NamedTuple):
     """The latest passings; it has one writer, and any number of readers."""
 
-    count: NDArray[np.int64]
+    written: NDArray[np.int64]
     """(1,): number of passings so far; stored after the passing itself (release)."""
     rows: NDArray[np.float64]
     """(PASSINGS_KEPT, PASSING_NUMBERS): passing k is in row k % PASSINGS_KEPT."""
@@ -53,10 +53,10 @@ def passing_log() -> PassingLog:
 @njit(cache=True, error_model="numpy", nogil=True)
 def note_passing(log, segment, tick, rung, value):
     """Add a passing to the log; the arguments are those of `RungPassed`."""
-    number = log.count[0]
+    number = log.written[0]
     row = log.rows[number % PASSINGS_KEPT]
     row[0], row[1], row[2], row[3] = segment, tick, rung, value
-    store_release(log.count, 0, number + 1)
+    store_release(log.written, 0, number + 1)
 
 
 class PassingReader:
@@ -68,14 +68,14 @@ class PassingReader:
 
     def __init__(self, log: PassingLog) -> None:
         self._log = log
-        self._next = int(log.count[0])
+        self._next = int(log.written[0])
 
     def take(self) -> list[RungPassed]:
         """Return the passings since the last call, the oldest first, without waiting for any.
 
         Passings that have been written over are left out.
         """
-        end = int(load_acquire(self._log.count, 0))
+        end = int(load_acquire(self._log.written, 0))
         first = max(self._next, end - PASSINGS_KEPT)
         self._next = end
         return latest_passings(self._log, end - first)
@@ -83,6 +83,6 @@ class PassingReader:
 
 def latest_passings(log: PassingLog, most: int = PASSINGS_KEPT) -> list[RungPassed]:
     """Return the last passings of a log, at most `most`, the oldest first."""
-    end = int(load_acquire(log.count, 0))
+    end = int(load_acquire(log.written, 0))
     rows = (log.rows[number % PASSINGS_KEPT] for number in range(max(end - most, 0), end))
     return [RungPassed(int(row[0]), int(row[1]), int(row[2]), float(row[3])) for row in rows]

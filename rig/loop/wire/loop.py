@@ -208,8 +208,8 @@ class WireLoop:
             self._check()
             if time.monotonic() >= until:
                 raise TripError(
-                    f"the loop did not skip to setpoint {place} within {ANSWER_S:g} s of the order; "
-                    "end what else loads this computer, then begin anew"
+                    f"the loop did not skip to setpoint {place} within {ANSWER_S:g} s of the "
+                    "order; end what else loads this computer, then begin anew"
                 )
             time.sleep(_NAP_S)
         before, self._lead = self._lead, int(words[Word.LEAD])

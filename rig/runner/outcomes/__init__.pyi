@@ -1,4 +1,4 @@
-from .awaiting import AwaitedEnd as AwaitedEnd
+from .awaiting import AwaitedEnd as AwaitedEnd, SegmentEnds as SegmentEnds
 from .figures import (
     Array as Array,
     Figure as Figure,
@@ -55,3 +55,4 @@ from .thresholds import (
     HealthyInnovations as HealthyInnovations,
     HealthyReferences as HealthyReferences,
 )
+from .timeline import Timeline as Timeline

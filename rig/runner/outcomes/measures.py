@@ -12,6 +12,7 @@ from faults import FOLLOWING_ERROR, CampaignTest, Criterion
 from rig.configuration import show
 
 from .figures import Array, Figure
+from .timeline import Timeline
 
 _JUMP_M: Final = 1e-3
 """Change of a setpoint within a tick, m, that counts as a step: 1 m/s, faster than the valve can
@@ -100,10 +101,14 @@ class Measures:
     Args:
         test: the test.
         channels: names of the rows' columns.
+        timeline: when the motion takes place, as segments of the test end early.
     """
 
-    def __init__(self, test: CampaignTest, channels: Sequence[str]) -> None:
+    def __init__(
+        self, test: CampaignTest, channels: Sequence[str], timeline: Timeline | None = None
+    ) -> None:
         self._test = test
+        self._timeline = timeline or Timeline()
         wanted = [name for each in test.own_figures for name in each.expression.channels]
         wanted += [each.channel for each in test.criteria if each.channel]
         if test.criteria:
@@ -156,7 +161,10 @@ class Measures:
 
     def _value(self, criterion: Criterion) -> float:
         assert self._rows is not None
-        columns = self._rows.columns(criterion.from_s, criterion.until_s)
+        window = criterion.from_s, criterion.until_s
+        if criterion.during:
+            window = self._timeline.test_s(window[0]), self._timeline.test_s(window[1])
+        columns = self._rows.columns(*window)
         own = {each.name: each for each in self._test.own_figures}
         if criterion.figure in own:
             return float(own[criterion.figure].expression.of(columns))

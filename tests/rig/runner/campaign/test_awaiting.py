@@ -60,7 +60,7 @@ def test_a_test_waits_for_its_channel_before_it_begins(
         SimulatedBench, "reading", lambda bench, channel: 320.0 if warm.is_set() else 290.0
     )
     monkeypatch.setattr(
-        "rig.configuration.campaigns.conditions.measured_by", lambda rig: ("oil_temperature_K",)
+        "rig.configuration.campaigns.awaited.measured_by", lambda rig: ("oil_temperature_K",)
     )
     threading.Timer(0.3, warm.set).start()
     begun = time.monotonic()
