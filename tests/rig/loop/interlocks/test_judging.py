@@ -29,7 +29,7 @@ from rig.loop.interlocks.ladder import (
     explain,
     limit_table,
 )
-from rig.loop.interlocks.passings import PassingReader, RungPassed, passing_log
+from rig.loop.interlocks.passings import passing_log
 from rig.plant import NOMINAL
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
