@@ -37,6 +37,7 @@ from rig.runner.outcomes import (
     Timeline,
     figures_of,
     metadata_of,
+    segments_run,
 )
 from rig.runner.run_folder import log_error
 
@@ -327,6 +328,7 @@ class _RunningTest:
             criteria=self._criteria,
             limits=tuple(self._limits.passed),
             counted=self._setting.counter.in_test if self._ticks else None,
+            segments=segments_run(self._test, self._timeline, self._ticks * TICK),
             message=self._message(outcome),
         )
 

@@ -45,6 +45,7 @@ from .recorded import (
     sensors_of as sensors_of,
     spring_of as spring_of,
 )
+from .segments import SegmentRun as SegmentRun, segments_run as segments_run
 from .software_state import (
     git_state as git_state,
     model_sha256 as model_sha256,

@@ -130,10 +130,10 @@ class SegmentEnds:
             rows: float64 (n, channels), with `time_s` first.
             decision: the detector's newest decision; None before the first.
         """
-        self._until_s = self._timeline.laid_s(float(rows[-1, 0]))
+        laid = self._timeline.laid_at(rows[:, 0])
+        self._until_s = float(laid[-1])
         while self._present < len(self._ends):
             end, awaited = self._ends[self._present], self._awaited[self._present]
-            laid = rows[:, 0] + self._until_s - rows[-1, 0]
             here = rows[(laid >= end.begin_s - _INSTANT_S) & (laid < end.end_s - _INSTANT_S)]
             if len(here):
                 awaited.take(here, decision)

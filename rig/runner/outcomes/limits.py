@@ -11,6 +11,7 @@ from math import nan
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.leaks import Decision
 from faults import DECIDED_FIGURES, CampaignTest, Expression, TestLimit
@@ -177,19 +178,28 @@ class LimitWatch:
         """
         found = [self._by_loop(each) for each in by_loop]
         for each in self._watched if len(rows) else ():
-            if not self._holds(each.limit, float(rows[-1, 0])):
+            here = rows[self._holds(each.limit, rows[:, 0])]
+            if len(here):
+                found += self._judged(each, here, decision)
+            if not len(here) or here[-1, 0] < rows[-1, 0]:
                 for band in each.bands:
                     band.forget()
-                continue
-            times, values = self._samples(each, rows, decision)
-            for band in each.bands:
-                passings = band.take(times, values)
-                found += passings
-                if passings and band.action != "warn" and self.due is None:
-                    self.due = passings[0]
         found = [each for each in found if self._is_kept(each)]
         found.sort(key=lambda passing: passing.at_s)
         self.passed += found
+        return found
+
+    def _judged(
+        self, watched: _Watched, rows: Array, decision: Decision | None
+    ) -> list[LimitPassed]:
+        """Return the passings in rows in which a limit holds; note the first to be acted on."""
+        found = []
+        times, values = self._samples(watched, rows, decision)
+        for band in watched.bands:
+            passings = band.take(times, values)
+            found += passings
+            if passings and band.action != "warn" and self.due is None:
+                self.due = passings[0]
         return found
 
     def _is_kept(self, passing: LimitPassed) -> bool:
@@ -212,15 +222,20 @@ class LimitWatch:
         since_s = max(at_s - rung.for_s, 0.0)
         return LimitPassed(rung.channel, band, value, end, unit, at_s, action, since_s, whose)
 
-    def _holds(self, limit: TestLimit, time_s: float) -> bool:
-        laid_s = self._timeline.laid_s(time_s)
-        windows = limit.windows_s
-        return not windows or any(begin <= laid_s < end for begin, end in windows)
+    def _holds(self, limit: TestLimit, times_s: Array) -> NDArray[np.bool_]:
+        """Return at which of some times of the test, (n,) in s, a limit holds."""
+        if not limit.windows_s:
+            return np.ones(len(times_s), np.bool_)
+        laid_s = self._timeline.laid_at(times_s)
+        holds = np.zeros(len(times_s), np.bool_)
+        for begin_s, end_s in limit.windows_s:
+            holds |= (laid_s >= begin_s - _INSTANT_S) & (laid_s < end_s - _INSTANT_S)
+        return holds
 
     def _begin_s(self, limit: TestLimit, time_s: float) -> float:
         """Return when the stretch in which a limit holds at a time began, s of the test."""
         laid_s = self._timeline.laid_s(time_s)
-        begun = [begin for begin, end in limit.windows_s if begin <= laid_s < end]
+        begun = [begin for begin, end in limit.windows_s if begin <= laid_s + _INSTANT_S < end]
         return self._timeline.test_s(begun[0]) if begun else 0.0
 
     def _samples(

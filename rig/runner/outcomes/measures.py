@@ -42,14 +42,20 @@ class CriterionResult:
 
     def __str__(self) -> str:
         """Return figure, value and limit in words: "rms_error 7.1 mm, at most 3 mm"."""
-        ends = (("at least", self.low), ("at most", self.high))
-        limits = " and ".join(
-            f"{word} {show(end, self.unit)}" for word, end in ends if isfinite(end)
-        )
-        value = show(self.value, self.unit) if isfinite(self.value) else "not known"
+        return f"{self.figure} {self.value_words}, {self.limit_words}"
+
+    @property
+    def value_words(self) -> str:
+        """The figure in words: "7.1 mm"; "never" for what did not come."""
         if self.value == inf:
-            value = "never"
-        return f"{self.figure} {value}, {limits}"
+            return "never"
+        return show(self.value, self.unit) if isfinite(self.value) else "not known"
+
+    @property
+    def limit_words(self) -> str:
+        """The limits in words: "at least 1 mm and at most 3 mm"."""
+        ends = (("at least", self.low), ("at most", self.high))
+        return " and ".join(f"{word} {show(end, self.unit)}" for word, end in ends if isfinite(end))
 
 
 class Rows:

@@ -1,6 +1,14 @@
 """When what was laid out in advance takes place: a test whose segments end early runs ahead."""
 
 from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_INSTANT_S: Final = 1e-9
 
 
 @dataclass
@@ -19,7 +27,14 @@ class Timeline:
 
     def laid_s(self, time_s: float) -> float:
         """Return the time of the motion that belongs to a time of the test."""
-        return time_s + sum(end - begin for at_s, begin, end in self._skips if at_s <= time_s)
+        return float(self.laid_at(np.array([time_s]))[0])
+
+    def laid_at(self, times_s: Array) -> Array:
+        """Return the times of the motion, (n,), that belong to times of the test, (n,)."""
+        laid_s = times_s.astype(np.float64)
+        for at_s, begin, end in self._skips:
+            laid_s[times_s >= at_s - _INSTANT_S] += end - begin
+        return laid_s
 
     def test_s(self, laid_s: float) -> float:
         """Return the time of the test that belongs to a time of the motion.
