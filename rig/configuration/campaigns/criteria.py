@@ -10,6 +10,7 @@ from control import Sequence, Stretch
 from faults import FOLLOWING_ERROR, MEASURES, Criterion, Expression, ExpressionError, OwnFigure
 from rig.configuration.reading import (
     DIMENSIONS,
+    AnyQuantity,
     Located,
     Physical,
     Schema,
@@ -50,8 +51,8 @@ class CriterionFile(Schema):
     """Keys of a criterion; the unit of its limits is that of its figure."""
 
     figure: str
-    at_least: Any = None
-    at_most: Any = None
+    at_least: Annotated[Any, AnyQuantity()] = None
+    at_most: Annotated[Any, AnyQuantity()] = None
     channel: str | None = None
     during: str | None = None
     from_time: Annotated[float | None, Physical("s", 0.0, 3600.0, 10.0)] = None

@@ -16,6 +16,7 @@ from faults import (
     TestLimit,
 )
 from rig.configuration.reading import (
+    AnyQuantity,
     Located,
     Physical,
     Schema,
@@ -44,12 +45,12 @@ class _TestLimitKeys(Schema):
 
     channel: str | None = None
     figure: str | None = None
-    low: Any = None
-    high: Any = None
-    inner_low: Any = None
-    inner_high: Any = None
+    low: Annotated[Any, AnyQuantity()] = None
+    high: Annotated[Any, AnyQuantity()] = None
+    inner_low: Annotated[Any, AnyQuantity()] = None
+    inner_high: Annotated[Any, AnyQuantity()] = None
     action: LimitAction = "trip"
-    hysteresis: Any = None
+    hysteresis: Annotated[Any, AnyQuantity()] = None
     during: str | None = None
     over: Annotated[float | None, _WINDOW_S] = None
 

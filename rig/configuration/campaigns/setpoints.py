@@ -78,7 +78,8 @@ class LevelField(Field):
 
     def json_schema(self) -> dict[str, Any]:
         """Return a text with a unit."""
-        return {"type": "string", "description": "a position, such as 0.3 m, or a command in V"}
+        choices = [physical.json_schema() for physical, _ in _LEVELS]
+        return {"anyOf": choices, "description": "a position, such as 0.3 m, or a command in V"}
 
 
 _ZERO: Final = Level(0.0, "position")
