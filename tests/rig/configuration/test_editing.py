@@ -132,7 +132,8 @@ def test_an_example_of_the_documentation_is_valid(of: list[tuple[str, str]], val
     found = []
     for kind, name in of:
         schema = schema_of(kind)
-        found.append(mistakes(value, {**schema["$defs"][name], "required": []}, schema))
+        whole = mistakes(value, schema["$defs"][name], schema)
+        found.append([each for each in whole if ": lacks " not in each])
     assert [] in found, found
 
 
