@@ -107,10 +107,12 @@ _E = Explanation
 EXPLANATIONS: Final = {
     Cause.NONE: _E("nothing is wrong", "none needed"),
     Cause.LIMIT_LOW: _E(
-        "{channel} is below its limit", "find out why, or correct the limit in the rig or campaign file"
+        "{channel} is below its limit",
+        "find out why, or correct the limit in the rig or campaign file",
     ),
     Cause.LIMIT_HIGH: _E(
-        "{channel} is above its limit", "find out why, or correct the limit in the rig or campaign file"
+        "{channel} is above its limit",
+        "find out why, or correct the limit in the rig or campaign file",
     ),
     Cause.STALE_SAMPLE: _E(
         "no fresh sample came within the stale limit",

@@ -26,7 +26,7 @@ TOL = tolerances(NOMINAL, DATA_SHEET, frozenset(), TICK, 0.1, HomingSettings())
 
 
 def judging(**keys: float) -> Interlock:
-    limit = ChannelLimit("following_error_m", -inf, 5e-3, "indicate", **keys)  # type: ignore[arg-type]
+    limit = ChannelLimit("following_error_m", -inf, 5e-3, "indicate", **keys)
     return interlock(limit_table([limit], TICK), TOL)
 
 
