@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from faults import MEASURES
 from rig.configuration.campaigns import CampaignFile
-from rig.configuration.reading import Physical, Schema, Under
+from rig.configuration.reading import AnyQuantity, Physical, Schema, Under
 from rig.configuration.rigs import RigFile
 
 EDITED: Final[dict[str, type[Schema]]] = {"campaign": CampaignFile, "rig": RigFile}
@@ -21,10 +21,6 @@ _REFERENCE: Final = {"type": "string", "pattern": r"\$\{"}
 """A reference to an axis of a matrix, which may stand for any value of a test."""
 
 
-_BOUNDS: Final = (
-    "low", "high", "inner_low", "inner_high", "hysteresis", "at_least", "at_most",
-)  # fmt: skip
-"""Keys of limits and criteria whose unit is that of what they are about."""
 _UNITS_OF_CHANNELS: Final = ("m", "V", "Pa", "N", "K", "s")
 """Units that the names of channels end with, as `unit_of` reads them."""
 
@@ -92,7 +88,11 @@ class _Writer:
         }
         if not optional and written.get("required"):
             found["required"] = written["required"]
-        bounds = [name for name in keys if name in _BOUNDS]
+        bounds = [
+            name
+            for name, field in model.model_fields.items()
+            if any(isinstance(each, AnyQuantity) for each in field.metadata)
+        ]
         if bounds and ("channel" in keys or "figure" in keys):
             found["allOf"] = [self._unit_of_bounds(*each, bounds) for each in _unit_rules(keys)]
         return found
