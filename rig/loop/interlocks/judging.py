@@ -239,7 +239,8 @@ def judged_sample(tick, interlock):
     )
     worst = _worse(worst, (_TRIP if why != _NONE else _NONE, why, where))
     worst = _worse(worst, _unhomed(command, homed, tol, memory))
-    action, cause, channel = _worse(worst, _limits(tick, limits, memory, log))
+    when = tick.segment, tick.number, tick.place
+    action, cause, channel = _worse(worst, _limits(homed, tick.error, when, limits, memory, log))
     if memory.latched[0] == _TRIP:
         return memory.latched[0], memory.latched[1], memory.latched[2]
     if not driving:
@@ -381,27 +382,28 @@ def _unhomed(command, homed, tol, memory):
 
 
 @inlined
-def _limits(tick, limits, memory, log):
+def _limits(homed, error, when, limits, memory, log):
     """Judge the limits of all channels; return the worst (action, cause, channel).
 
     Limits of the position do not count while the ram is not homed. A limit that begins to be passed
     is written to the log.
     """
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
+    segment, number, place = when
     for i in range(limits.channel.size):
         where = limits.channel[i]
-        value = tick.error if where == ERROR_AT else memory.values[where]
-        holds = limits.begin[i] <= tick.place < limits.end[i]
+        value = error if where == ERROR_AT else memory.values[where]
         back = limits.hysteresis[i] if memory.active[i] else 0.0
         below = value < limits.low[i] + back
         above = value > limits.high[i] - back
-        if not holds or (where == POSITION and not tick.homed) or not (below or above):
+        beyond = (below or above) and limits.begin[i] <= place < limits.end[i]
+        if (where == POSITION and not homed) or not beyond:
             memory.outside[i] = memory.active[i] = 0
             continue
         memory.outside[i] += 1
         if memory.outside[i] >= limits.ticks[i]:
             if memory.active[i] == 0:
-                note_passing(log, tick.segment, tick.number, i, value)
+                note_passing(log, segment, number, i, value)
             memory.active[i] = 1
             if limits.action[i] > worst:
                 worst, channel = limits.action[i], where
