@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from rig.plant import TICK, Parameters, SensorParameters
 
+from .expected import expected_position
 from .loop_model import feedforward_command, frequencies_of, hold_band, loop_answer
 from .setpoints import Setpoint
 from .settings import ControlSettings
-from .tracking import PLAIN, TONE_NUMBERS, ControlLaw, Guide
+from .tracking import PLAIN, TONE_NUMBERS, Basis, ControlLaw, Guide
 
 Array = NDArray[np.float64]
 
@@ -73,8 +74,9 @@ def guide_of(
     sensors: SensorParameters,
     gain: float,
     limit: float,
+    compiled: bool = True,
 ) -> Guide:
-    """Return the guide of a test: law, feedforward and tones.
+    """Return the guide of a test: law, feedforward, tones and expected position.
 
     With settings that add nothing, or a setpoint that is the command itself, it is `PLAIN`.
 
@@ -86,6 +88,8 @@ def guide_of(
         sensors: data sheet of the transducers.
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
+        compiled: whether the expected position is computed by compiled code, as
+            `control.expected.expected_position`.
     """
     if settings.is_proportional or setpoint.quantity != "position":
         return PLAIN
@@ -93,4 +97,27 @@ def guide_of(
         law_of(settings, par, sensors, gain),
         feedforward_command(samples, settings, par, limit),
         _tones(setpoint, settings, par, gain),
+        expected_position(samples, settings, par, gain, limit, compiled),
+        Basis(settings, par, gain, limit),
+    )
+
+
+def moving_guide(guide: Guide, setpoint: Array) -> Guide:
+    """Return the guide of a move to the start position of a test: its law, with the move's tables.
+
+    Without them the ram would lag the move, the integral part would sum that up, and the ram would
+    begin the test as far off as the integral then is. There are no tones. A guide that was not made
+    from settings has no tables for a move.
+
+    Args:
+        guide: that of the test.
+        setpoint: (ticks,) of the move, m.
+    """
+    alone = PLAIN._replace(law=guide.law)
+    if guide.basis is None:
+        return alone
+    settings, par, gain, limit = guide.basis
+    return alone._replace(
+        feedforward=feedforward_command(setpoint, settings, par, limit),
+        expected=expected_position(setpoint, settings, par, gain, limit),
     )

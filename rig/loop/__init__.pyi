@@ -27,6 +27,7 @@ from .interlocks import (
     PassingReader as PassingReader,
     RungPassed as RungPassed,
     StopRequestedError as StopRequestedError,
+    Tolerances as Tolerances,
     TripError as TripError,
     channel_name as channel_name,
     explain as explain,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from control import ControlLaw, ControlMemory, proportional_command, tracking_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
 from rig.channels import READINGS
-from rig.io import FAST_INPUTS
+from rig.io import FAST_INPUTS, Corrections, correct
 from rig.jit import njit
 from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, Tick, judged_sample
 from rig.plant import (
@@ -159,6 +159,8 @@ class Ticks(NamedTuple):
     """(ticks, 8) coefficients (`rig.plant.faults.FaultInput`)."""
     feedforward: Array
     """(ticks,) feedforward of the position loop in V; (0,) for none."""
+    expected: Array
+    """(ticks,) position in m that the integral part goes by; (0,) for the setpoint."""
     noise: Array
     """(ticks, 9) standard normal numbers, for the noise of the transducers."""
 
@@ -185,7 +187,7 @@ class Steering(NamedTuple):
 class TrueRig(NamedTuple):
     """The true state and parameters of a simulated rig.
 
-    All arrays but `offsets` and `fitted` are updated by each tick.
+    All arrays but `offsets`, `fitted` and those of `corrections` are updated by each tick.
     """
 
     plant: Array
@@ -206,6 +208,8 @@ class TrueRig(NamedTuple):
     """The true parameters of the rig, SI."""
     sensors: SensorParameters
     """Data sheet of its transducers."""
+    corrections: Corrections
+    """Calibrations of its transducers, by which the readings are corrected."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -255,6 +259,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
         )  # fmt: skip
         for i in range(READING_COUNT):
             reading[i] *= rig.fitted[i]
+        correct(reading, rig.corrections)
         wanted = ticks.setpoint[k]
         if action == Reaction.HOLD:
             if isnan(reaction.held_at[0]):
@@ -266,9 +271,10 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
                 command = limited_command(True, wanted, reading[0], gain, limit)
             else:
                 ahead = ticks.feedforward[k] if k < ticks.feedforward.size else 0.0
+                expected = ticks.expected[k] if k < ticks.expected.size else wanted
                 command = tracking_command(
-                    wanted, reading[0], ahead, time_s, gain, limit, TICK, how.law, how.tones,
-                    how.memory,
+                    wanted, reading[0], ahead, expected, time_s, gain, limit, TICK, how.law,
+                    how.tones, how.memory,
                 )  # fmt: skip
                 command = tolerating(
                     command, on_fault, decided, filt.x, filt.parameters, limit, TICK, reaction

@@ -12,6 +12,7 @@ from control import (
     Guide,
     begin_motion,
     control_memory,
+    moving_guide,
     raised_cosine,
 )
 from estimator.accounts import BLOCK_TICKS
@@ -151,7 +152,7 @@ class SimulatedLoop:
         setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
-        self._run(setpoint, False, no_faults, self.guide.moving(), apart=True)
+        self._run(setpoint, False, no_faults, moving_guide(self.guide, setpoint), apart=True)
         begin_motion(True, self._control)
         rig.start_clock(0.0)
         if self._is_stopped:
@@ -177,7 +178,7 @@ class SimulatedLoop:
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
         motion = self.motion
-        guide = self.guide._replace(feedforward=self.guide.feedforward[part])
+        guide = self.guide.part(part)
         rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part], guide)
         self._tick += len(rows)
         if self._is_stopped and not len(rows):
@@ -203,14 +204,21 @@ class SimulatedLoop:
         rest = place - self._guard.lead
         if rest <= tick:
             return None
-        setpoint, feedforward = motion.setpoint[rest:].copy(), self.guide.feedforward
-        if setpoint.size:
-            share = 0.5 + 0.5 * np.cos(np.pi * np.arange(setpoint.size) / max(blend_ticks, 1))
-            share[blend_ticks:] = 0.0
-            setpoint += (motion.setpoint[tick] - setpoint[0]) * share
-        self.motion = replace(motion, setpoint=np.concatenate([motion.setpoint[:tick], setpoint]))
-        ahead = np.concatenate([feedforward[:tick], feedforward[rest:]])
-        self.guide = self.guide._replace(feedforward=ahead)
+        laid = motion.setpoint[rest:]
+        beside = 0.5 + 0.5 * np.cos(np.pi * np.arange(laid.size) / max(blend_ticks, 1))
+        beside[blend_ticks:] = 0.0
+        if laid.size:
+            beside *= motion.setpoint[tick] - laid[0]
+        setpoint = np.concatenate([motion.setpoint[:tick], laid + beside])
+        self.motion = replace(motion, setpoint=setpoint)
+        ahead, expected = self.guide.feedforward, self.guide.expected
+        later = expected[rest:]
+        # After a skip the setpoint is beside the one that is laid out, and so is the ram.
+        later = later + beside[: later.size]
+        self.guide = self.guide._replace(
+            feedforward=np.concatenate([ahead[:tick], ahead[rest:]]),
+            expected=np.concatenate([expected[:tick], later]),
+        )
         self._guard = self._guard._replace(lead=self._guard.lead + rest - tick)
         return tick
 
@@ -265,13 +273,13 @@ class SimulatedLoop:
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
             self._tick,
-            Ticks(setpoint, faults, guide.feedforward, noise),
+            Ticks(setpoint, faults, guide.feedforward, guide.expected, noise),
             Steering(
                 open_loop, self.gain, self.limit, on_fault, guide.law, guide.tones, self._control,
             ),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
-                rig.parameters, rig.sensors,
+                rig.parameters, rig.sensors, rig.corrections,
             ),
             compiled_filter(memory, self.assumed),
             self._decided,

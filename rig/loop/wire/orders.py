@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide
 from estimator.filters import FilterMemory
-from rig.io import ChannelLimit, DriverSpec, LoopSettings
+from rig.io import ChannelLimit, DriverSpec, LoopSettings, TransducerCalibration
 from rig.loop.interlocks import LimitTable, Tolerances
 from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
@@ -67,12 +67,13 @@ class Segment:
 
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
-    law, feedforward, tones = segment.guide
+    law, feedforward, tones, expected, _ = segment.guide
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
         ControlLaw(bool(law[0]), *map(float, law[1:])),
-        np.ascontiguousarray(feedforward, np.float64), np.ascontiguousarray(tones, np.float64),
+        np.ascontiguousarray(feedforward, np.float64), np.ascontiguousarray(expected, np.float64),
+        np.ascontiguousarray(tones, np.float64),
         int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
         float(segment.reset_lamp), float(segment.rearm),
     )  # fmt: skip
@@ -88,6 +89,7 @@ class Open:
         limits: limits of channels, with their actions.
         tolerances: tolerances of the plausibility checks.
         first: the first segment; the loop is compiled for its filter before it starts.
+        calibrations: calibrations of the transducers, by which the inputs are corrected.
     """
 
     driver: DriverSpec
@@ -95,6 +97,7 @@ class Open:
     limits: LimitTable
     tolerances: Tolerances
     first: Segment
+    calibrations: tuple[TransducerCalibration, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,9 @@
 from .awaiting import AwaitedEnd as AwaitedEnd, SegmentEnds as SegmentEnds
+from .calibrations import (
+    CalibrationUsed as CalibrationUsed,
+    calibrations_applied as calibrations_applied,
+    calibrations_used as calibrations_used,
+)
 from .figures import (
     Array as Array,
     Figure as Figure,
@@ -18,7 +23,12 @@ from .in_words import (
     reaction as reaction,
 )
 from .limits import LimitPassed as LimitPassed, LimitWatch as LimitWatch
-from .measures import CriterionResult as CriterionResult, Measures as Measures, Rows as Rows
+from .measures import (
+    CriterionResult as CriterionResult,
+    Measures as Measures,
+    Rows as Rows,
+    step_answers as step_answers,
+)
 from .observer import Observer as Observer
 from .outcome import (
     EXIT_BAD_INPUT as EXIT_BAD_INPUT,
