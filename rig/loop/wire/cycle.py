@@ -132,7 +132,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             was = k + passed
             setpoint = setpoint_of(_drive(course, was, action, taken, words), course, was, memory)
             row = _begin_row(k, setpoint, previous, held, starts, filt, pace, memory, shared)
-            _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
+            _end_row(row, at, _NOT_DONE, course, k, was, action, memory, shared, woken, pace)
             held = previous
         tick = now
 
@@ -170,8 +170,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             _S_PER_NS * (done - ended),
             _S_PER_NS * (ended - counts[Count.SAMPLED_NS]), float(status),
         )  # fmt: skip
-        _end_row(row, at, timing, course, tick if started else -1, action, memory, shared, woken,
-                 pace)  # fmt: skip
+        _end_row(row, at, timing, course, tick if started else -1, place, action, memory, shared,
+                 woken, pace)  # fmt: skip
         if started:
             tick += 1
         words[Word.TICK] = tick
@@ -463,7 +463,7 @@ def _waiting_row(setpoint, command, pace, memory, shared):
 
 
 @inner
-def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
+def _end_row(row, at, timing, course, tick, place, action, memory, shared, now, pace):
     """Fill the row from column `at` on, and count it on the board, so that readers see it.
 
     Args:
@@ -472,6 +472,7 @@ def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
         timing: the measured timings, the first `MEASURED` of these columns.
         course: the segment; its number is recorded while its setpoints last, else -1.
         tick: number of the tick in the segment, -1 before its start.
+        place: index in the segment's setpoints.
         action: `Action` of the segment.
         memory: `WireMemory`, for the status inputs, which are NaN without an exchange.
         shared: the board.
@@ -481,7 +482,7 @@ def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
     words = shared.words
     for i in range(MEASURED):
         row[at + i] = timing[i]
-    row[at + MEASURED] = course.number if 0 <= tick < course.setpoint.size else -1.0
+    row[at + MEASURED] = course.number if 0 <= tick <= place < course.setpoint.size else -1.0
     row[at + MEASURED + 1] = tick
     row[at + MEASURED + 2] = action
     for i in range(_STATUS_COUNT):

@@ -155,7 +155,7 @@ class SegmentEnds:
             if self._until_s < end.begin_s:
                 break
             begun_s = self._timeline.test_s(end.begin_s)
-            value = max(awaited.came_at_s - begun_s, 0.0) if awaited.came else inf
+            value = round(max(awaited.came_at_s - begun_s, 0.0), 9) if awaited.came else inf
             most = end.end_s - end.begin_s
             found.append(CriterionResult(end.label, value, "s", -inf, most, awaited.came))
         return tuple(found)

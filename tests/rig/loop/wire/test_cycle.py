@@ -137,6 +137,7 @@ def test_a_skip_to_the_end_holds_the_ram(scenario: Scenario) -> None:
     result = scenario("skip to the end")
     left = 30 - result["words"]["LEAD"]
     assert len(set(result["rows"]["setpoint_m"][left:])) == 1
+    assert result["rows"]["segment"] == [1] * left + [-1] * (13 - left)
 
 
 @pytest.mark.parametrize("name", ["skip back", "skip of another segment"])
