@@ -1,5 +1,10 @@
 from .expected import expected_position as expected_position, reduced_velocity as reduced_velocity
-from .guidance import guide_of as guide_of, law_of as law_of, moving_guide as moving_guide
+from .guidance import (
+    LoopBasis as LoopBasis,
+    guide_of as guide_of,
+    law_of as law_of,
+    moving_guide as moving_guide,
+)
 from .loop_model import (
     feedforward_command as feedforward_command,
     frequencies_of as frequencies_of,
