@@ -26,8 +26,8 @@ may turn its phase so far that it would grow up to its limit."""
 _RESTING_TIMES: Final = 3.0
 """Integral times of rest after which the integral is held: what it would still do is 5 %."""
 _CORRECTED_PART: Final = 0.25
-"""Part of the greatest command that a tone's correction may ask for. A supply that is 30 % lower, or
-a leak of some litres a minute, takes a fifth to a third of a rig's speed for a volt: a motion that
+"""Part of the greatest command that a tone's correction may ask for. A supply 30 % lower, or a leak
+of some litres a minute, takes a fifth to a third of a rig's speed for a volt: a motion that
 needs three quarters of the greatest command by the model then needs up to the whole of it."""
 _LEAST_WIDTH_V: Final = 1e-3
 """Least width of the smooth part about null, V, where there is no deadband to compensate."""
