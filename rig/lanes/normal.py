@@ -2,7 +2,8 @@
 
 Uniform numbers come from xoshiro256++ (Blackman and Vigna 2021), seeded by numpy's SeedSequence,
 and become normal by the formula of Box and Muller (1958). Its logarithm, sine and cosine are series
-here, accurate to 1e-9, as the C library takes only one number at a time.
+here, accurate to 1e-9, as the C library takes only one number at a time. `math.sin` and `math.cos`
+of lanes are the same series.
 """
 
 import math
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 
 from rig.jit import njit
 
-from .choosing import select
-from .kinds import BITS, LANES, VECTOR, intrinsic, lanes
+from .choosing import INLINED, select
+from .kinds import BITS, LANES, VECTOR, intrinsic, lanes, overload
 from .memory import load, store
 
 _WORDS: Final = 4
@@ -110,6 +111,27 @@ def sine_and_cosine(turns):
         select((quarter == 2.0) | (quarter == 3.0), -sine, sine),
         select((quarter == 1.0) | (quarter == 2.0), -cosine, cosine),
     )
+
+
+@overload(math.sin, jit_options=INLINED)
+def _sine(angle):
+    if angle != lanes:
+        return None
+    return lambda angle: sine_and_cosine(_part_of_turn(angle))[0]
+
+
+@overload(math.cos, jit_options=INLINED)
+def _cosine(angle):
+    if angle != lanes:
+        return None
+    return lambda angle: sine_and_cosine(_part_of_turn(angle))[1]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _part_of_turn(angle):
+    """Return the part of a turn, 0 to 1, by which angles in rad exceed whole turns."""
+    turns = angle * (0.5 / math.pi)
+    return turns - floor(turns)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
