@@ -1,5 +1,7 @@
-from .guidance import guide_of as guide_of, law_of as law_of
+from .guidance import guide_along as guide_along, guide_of as guide_of, law_of as law_of
 from .loop_model import (
+    corrected_of_multisine as corrected_of_multisine,
+    corrected_of_sine as corrected_of_sine,
     feedforward_command as feedforward_command,
     frequencies_of as frequencies_of,
     hold_band as hold_band,

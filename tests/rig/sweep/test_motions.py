@@ -32,7 +32,7 @@ def made(one: SweptMotion) -> Motions:
 def sampled(motions: Motions) -> Array:
     setpoint, held = np.empty((TICKS, LANES)), np.zeros((1, LANES))
     for first in range(0, TICKS, 500):
-        setpoint_ticks(first, motions.sines, motions.levels, motions.ends, held,
+        setpoint_ticks(first, motions.sines, motions.wave, motions.levels, motions.ends, held,
                        setpoint[first : first + 500])  # fmt: skip
     return setpoint
 
