@@ -37,6 +37,7 @@ from rig.plant import (
 )
 
 from .distributions import KINDS, Distribution, Drawn, Random, resolved
+from .expecting import following_lines
 from .sweep_motions import read_motions
 from .sweep_plan import Sweep, SweepFilter, SweptLeaks
 
@@ -308,3 +309,4 @@ def sweep_lines(sweep: Sweep) -> Iterator[str]:
     total = sum(motion.share for motion in sweep.motions)
     shares = (f"{motion.name} {100.0 * motion.share / total:.3g} %" for motion in sweep.motions)
     yield f"  motions: {', '.join(shares)}"
+    yield from following_lines(sweep)
