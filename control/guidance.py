@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rig.plant import TICK, Parameters, SensorParameters
 
+from .expected import expected_position
 from .loop_model import feedforward_command, frequencies_of, hold_band, loop_answer
 from .setpoints import Setpoint
 from .settings import ControlSettings
@@ -76,8 +77,9 @@ def guide_of(
     sensors: SensorParameters,
     gain: float,
     limit: float,
+    compiled: bool = True,
 ) -> Guide:
-    """Return the guide of a test: law, feedforward and tones.
+    """Return the guide of a test: law, feedforward, tones and expected position.
 
     With settings that add nothing, or a setpoint that is the command itself, it is `PLAIN`.
 
@@ -89,10 +91,14 @@ def guide_of(
         sensors: data sheet of the transducers.
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
+        compiled: whether the expected position is computed by compiled code, as
+            `control.expected.expected_position`.
     """
     if setpoint.quantity != "position":
         return PLAIN
-    return guide_along(samples, frequencies_of(setpoint), settings, par, sensors, gain, limit)
+    return guide_along(
+        samples, frequencies_of(setpoint), settings, par, sensors, gain, limit, compiled
+    )
 
 
 def guide_along(
@@ -103,6 +109,7 @@ def guide_along(
     sensors: SensorParameters,
     gain: float,
     limit: float,
+    compiled: bool = True,
 ) -> Guide:
     """Return the guide of a motion whose setpoint is known as a table only.
 
@@ -114,6 +121,8 @@ def guide_along(
         sensors: data sheet of the transducers.
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
+        compiled: whether the expected position is computed by compiled code, as
+            `control.expected.expected_position`.
     """
     if settings.is_proportional:
         return PLAIN
@@ -121,4 +130,5 @@ def guide_along(
         law_of(settings, par, sensors, gain),
         feedforward_command(samples, settings, par, limit),
         _tones(frequencies, settings, par, gain),
+        expected_position(samples, settings, par, gain, limit, compiled),
     )

@@ -50,6 +50,9 @@ class LaneGuide(NamedTuple):
     """(fields, LANES), `ControlLaw` of each rig; its first field is not used."""
     feedforward: Array
     """(n, LANES), as `Guide.feedforward`, V, from tick 0 on; a tick beyond its end has 0 V."""
+    expected: Array
+    """(n, LANES), as `Guide.expected`, m, from tick 0 on; in a tick beyond its end, and where it is
+    NaN, it is the setpoint."""
     tones: Array
     """(n, TONE_NUMBERS, LANES), as `Guide.tones`; zeros for tones that a lane does not have."""
     kept: Array
@@ -71,23 +74,26 @@ def lane_guide(gains: Sequence[float], guides: Sequence[Guide] | None = None) ->
         nothing = aligned(np.zeros((1, LANES)))
         no_tones = np.zeros((0, TONE_NUMBERS, LANES))
         none = np.zeros((0, 1, LANES))
-        return LaneGuide(False, gain, nothing, nothing[:0], no_tones, nothing[:0], none)
+        return LaneGuide(
+            False, gain, nothing, nothing[:0], nothing[:0], no_tones, nothing[:0], none
+        )
     laws = [_TRACKING if each.law.proportional else each.law for each in guides]
     return LaneGuide(
         True,
         gain,
         aligned(np.transpose(np.array(laws, np.float64))),
         _side_by_side([each.feedforward for each in guides]),
+        _side_by_side([each.expected for each in guides], np.nan),
         _side_by_side([each.tones for each in guides]),
         aligned(np.repeat(memory.kept[:, None], LANES, axis=1)),
         aligned(np.repeat(memory.learnt[:, :, None], LANES, axis=2)),
     )
 
 
-def _side_by_side(tables: Sequence[Array]) -> Array:
-    """Return tables (n, ...) as an array (longest n, ..., LANES), filled up with zeros."""
+def _side_by_side(tables: Sequence[Array], padding: float = 0.0) -> Array:
+    """Return tables (n, ...) as an array (longest n, ..., LANES), filled up with `padding`."""
     longest = max(len(table) for table in tables)
-    made = np.zeros((longest, *tables[0].shape[1:], LANES))
+    made = np.full((longest, *tables[0].shape[1:], LANES), padding)
     for lane, table in enumerate(tables):
         made[: len(table), ..., lane] = table
     return aligned(made)
@@ -116,8 +122,13 @@ def tracking_lanes(setpoint, position, tick, where, limit, guide):
     known = guide.feedforward.shape[0]
     if known > 0:
         ahead = select(tick < known, gather(guide.feedforward, min(tick, known - 1.0)), ahead)
+    expected = setpoint
+    known = guide.expected.shape[0]
+    if known > 0:
+        found = gather(guide.expected, min(tick, known - 1.0))
+        expected = select((tick < known) & (found == found), found, setpoint)
     command = tracking_command(
-        setpoint, position, ahead, tick * TICK, load(guide.gain, 0), limit, TICK,
+        setpoint, position, ahead, expected, tick * TICK, load(guide.gain, 0), limit, TICK,
         load_fields(guide.law, _TRACKING, _IS_PROPORTIONAL), in_lanes(guide.tones),
         ControlMemory(in_lanes(tried), in_lanes(tried_tones)),
     )  # fmt: skip

@@ -312,9 +312,10 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
         if course.open_loop:
             return limited_command(True, setpoint, position, course.gain, limit)
         ahead = course.feedforward[tick] if tick < course.feedforward.size else 0.0
+        expected = course.expected[tick] if tick < course.expected.size else setpoint
         command = tracking_command(
-            setpoint, position, ahead, tick * pace.period_s, course.gain, limit, pace.period_s,
-            course.law, course.tones, memory.control,
+            setpoint, position, ahead, expected, tick * pace.period_s, course.gain, limit,
+            pace.period_s, course.law, course.tones, memory.control,
         )  # fmt: skip
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
                           pace.period_s, memory.reaction)  # fmt: skip

@@ -67,12 +67,13 @@ class Segment:
 
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
-    law, feedforward, tones = segment.guide
+    law, feedforward, tones, expected = segment.guide
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
         ControlLaw(bool(law[0]), *map(float, law[1:])),
-        np.ascontiguousarray(feedforward, np.float64), np.ascontiguousarray(tones, np.float64),
+        np.ascontiguousarray(feedforward, np.float64), np.ascontiguousarray(expected, np.float64),
+        np.ascontiguousarray(tones, np.float64),
         int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
         float(segment.reset_lamp), float(segment.rearm),
     )  # fmt: skip

@@ -246,7 +246,14 @@ def _leaving() -> dict[str, Any]:
     return world.run(tracking(), 30)
 
 
-GUIDE = Guide(PROPORTIONAL._replace(proportional=False, null_V=0.25), np.full(8, 1.5), PLAIN.tones)
+GUIDE = Guide(
+    PROPORTIONAL._replace(
+        proportional=False, null_V=0.25, integral_rate=100.0, integral_limit_V=1.0, rest_s=1.0
+    ),
+    np.full(8, 1.5),
+    PLAIN.tones,
+    np.full(8, 0.35),
+)
 SETTINGS = LoopSettings(stale_limit=0.1, exchange_timeout=2e-3)
 TRIP = (int(Action.TRIP), int(Cause.LIMIT_HIGH), 1)
 HOLD = (int(Action.HOLD), int(Cause.LIMIT_LOW), 0)
