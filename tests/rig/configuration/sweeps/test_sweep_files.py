@@ -224,5 +224,5 @@ def test_the_sweep_of_the_sweeps_page_reads(tmp_path: Path) -> None:
     (example,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "mine.yaml").write_text(example)
     sweep = load_sweep(tmp_path / "mine.yaml")
-    assert len(sweep.motions) == 5
+    assert len(sweep.motions) == 7
     assert sweep.motions[-1].quantity == "command"
