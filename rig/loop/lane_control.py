@@ -6,15 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import (
-    PROPORTIONAL,
-    TONE_NUMBERS,
-    ControlLaw,
-    ControlMemory,
-    Guide,
-    control_memory,
-    tracking_command,
-)
+from control import PROPORTIONAL, ControlLaw, ControlMemory, Guide, control_memory, tracking_command
 from rig.jit import njit
 from rig.lanes import (
     LANES,
@@ -37,13 +29,8 @@ _IS_PROPORTIONAL: Final = ControlLaw._fields.index("proportional")
 
 
 class LaneGuide(NamedTuple):
-    """The control laws of rigs in lanes, with what is known of their setpoints beforehand.
+    """The control laws of rigs in lanes, with what is known of their setpoints beforehand."""
 
-    Where `tracks` is false, the gain alone is used.
-    """
-
-    tracks: bool
-    """Whether the law of any lane adds something to gain times error."""
     gain: Array
     """(1, LANES), gain of the position loop, V/m."""
     law: Array
@@ -61,26 +48,17 @@ class LaneGuide(NamedTuple):
     """(MOST_TONES, 2, LANES), as `ControlMemory.learnt`; updated in place."""
 
 
-def lane_guide(gains: Sequence[float], guides: Sequence[Guide] | None = None) -> LaneGuide:
+def lane_guide(gains: Sequence[float], guides: Sequence[Guide]) -> LaneGuide:
     """Return the control laws of rigs in lanes, before their first tick.
 
     Args:
         gains: gain of each rig's position loop, V/m, (LANES,).
-        guides: guide of each rig, (LANES,), with tables from tick 0 on; None if all have the
-            proportional loop.
+        guides: guide of each rig, (LANES,), with tables from tick 0 on.
     """
-    gain, memory = aligned(np.array([gains], np.float64)), control_memory()
-    if guides is None or all(guide.law.proportional for guide in guides):
-        nothing = aligned(np.zeros((1, LANES)))
-        no_tones = np.zeros((0, TONE_NUMBERS, LANES))
-        none = np.zeros((0, 1, LANES))
-        return LaneGuide(
-            False, gain, nothing, nothing[:0], nothing[:0], no_tones, nothing[:0], none
-        )
+    memory = control_memory()
     laws = [_TRACKING if each.law.proportional else each.law for each in guides]
     return LaneGuide(
-        True,
-        gain,
+        aligned(np.array([gains], np.float64)),
         aligned(np.transpose(np.array(laws, np.float64))),
         _side_by_side([each.feedforward for each in guides]),
         _side_by_side([each.expected for each in guides], np.nan),

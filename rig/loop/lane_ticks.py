@@ -58,6 +58,8 @@ _RETURN: Final = PlantState._fields.index("return_pressure")
 class LoopSetting(NamedTuple):
     """How simulated rigs are driven, and how finely they are simulated."""
 
+    gain: float
+    """Gain of the position loop, V/m, for rigs without a `LaneGuide`."""
     limit: float
     """Greatest command of either sign, V."""
     longest_step: float
@@ -115,7 +117,9 @@ def plant_ticks(first, setpoint, open_loop, loop, guide, rigs, like, sensors, lo
         open_loop: (1, LANES) for all ticks or (ticks, LANES); where it is not 0, the setpoint is
             the command.
         loop: `LoopSetting`.
-        guide: `LaneGuide`; what its control laws remember is updated.
+        guide: `LaneGuide`; what its control laws remember is updated. None if all rigs have the
+            proportional loop with the gain of `loop`; that is compiled apart, so that nothing of
+            the tracking law slows it.
         rigs: `LaneRigs`; their plants are updated.
         like: any `Parameters` with the friction law of all rigs.
         sensors: `SensorParameters`.
@@ -130,7 +134,7 @@ def plant_ticks(first, setpoint, open_loop, loop, guide, rigs, like, sensors, lo
     plant = rigs.plant
     par = load_fields(rigs.parameters, like, _FRICTION_LAW)
     ticks, always = setpoint.shape[0], open_loop.shape[0] == 1
-    limit, longest_step = loop
+    gain, limit, longest_step = loop
     shortest = SHORTEST * longest_step
     until_onset = load(rigs.onset, 0) - first
     y = (
@@ -148,8 +152,9 @@ def plant_ticks(first, setpoint, open_loop, loop, guide, rigs, like, sensors, lo
             position = encoder_position(par.position_gain * y[_POSITION], sensors)
             asked = gather(setpoint, tick)
             is_open = load(open_loop, 0) if always else gather(open_loop, tick)
-            closed = load(guide.gain, 0) * (asked - position)
-            if guide.tracks:
+            if guide is None:
+                closed = gain * (asked - position)
+            else:
                 where = begins & (is_open == 0.0)
                 closed = tracking_lanes(asked, position, first + tick, where, limit, guide)
             asked = select(is_open == 0.0, closed, asked)

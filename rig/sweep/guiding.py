@@ -45,6 +45,8 @@ def guide_of_cases(
 ) -> LaneGuide:
     """Return the control laws of cases in lanes, before their first tick.
 
+    Cases in open loop have the proportional law, which is not asked.
+
     Args:
         motions: setpoints of the cases, one for each lane; sums of sines have their peaks already.
         controls: control of each motion of the sweep.
@@ -60,9 +62,7 @@ def guide_of_cases(
         not control.settings.is_proportional and motions.open_loop[lane] == 0.0
         for lane, control in enumerate(kinds)
     ]
-    if not any(tracks):
-        return lane_guide(gains)
-    setpoint = np.empty((ticks, LANES))
+    setpoint = np.empty((ticks if any(tracks) else 0, LANES))
     setpoint_ticks(
         0, motions.sines, motions.wave, motions.levels, motions.ends, np.zeros((1, LANES)), setpoint
     )

@@ -217,7 +217,5 @@ def _still_case(setting: Setting, cases: Cases) -> Cases:
         cases.of(np.zeros(1, dtype=np.intp), 0),
         parameters=np.array(setting.like, dtype=np.float64)[:, None],
         coefficients=np.zeros((len(LEAKS), 1)),
-        motions=Motions(
-            np.zeros((0, 1)), none, flat, level, endless, zero, kind, zero, none
-        ),
+        motions=Motions(np.zeros((0, 1)), none, flat, level, endless, zero, kind, zero, none),
     )

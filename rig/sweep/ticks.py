@@ -89,8 +89,9 @@ class CaseLanes(NamedTuple):
     """Index of the present level, (1, LANES); updated in place."""
     open_loop: NDArray[np.float64]
     """Not 0 if the setpoint is the valve's command, (1, LANES)."""
-    guide: LaneGuide
-    """Control laws of the cases; what they remember is updated in place."""
+    guide: LaneGuide | None
+    """Control laws of the cases; what they remember is updated in place. None if all cases have the
+    proportional loop with one gain."""
     scale: NDArray[np.float64]
     """Factor on the standard deviations of the transducers, (1, LANES)."""
     pressures: NDArray[np.uint64]

@@ -94,8 +94,8 @@ class SimulatedLanes:
         onset = np.array([onsets], dtype=np.float64)
         self._lanes = LaneRigs(self.plant, _by_lane(rigs), _by_lane(faults), onset)
         self._sensors = sensors
-        self._loop = LoopSetting(limit, LONGEST_STEP)
-        self._guide = lane_guide([gain] * LANES, guides)
+        self._loop = LoopSetting(gain, limit, LONGEST_STEP)
+        self._guide = None if guides is None else lane_guide([gain] * LANES, guides)
         self._ticks = 0
         self._streams = start_streams(seeds)
         self._log = empty_lanes(_BATCH * MOST_STEPS * LOGGED).reshape((-1, LOGGED, LANES))

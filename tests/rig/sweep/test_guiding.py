@@ -20,6 +20,7 @@ from rig.configuration.sweeps.distributions import Distribution
 from rig.configuration.sweeps.sweep import load_sweep
 from rig.configuration.sweeps.sweep_plan import Sweep, SweptMotion
 from rig.lanes import LANES
+from rig.loop.lane_control import LaneGuide
 from rig.plant.integrator import LONGEST_STEP, TICK
 from rig.sweep.drawing import draw
 from rig.sweep.group import Group, setting_of
@@ -49,11 +50,17 @@ def sweep() -> Sweep:
     )
 
 
+def guided(group: Group) -> LaneGuide:
+    guide = group.lanes.guide
+    assert guide is not None
+    return guide
+
+
 def laned(group: Group, lane: int) -> Guide:
     """Return the guide of one lane of a group."""
-    guide = group.lanes.guide
+    guide = guided(group)
     law = ControlLaw(False, *guide.law[1:, lane].tolist())
-    return Guide(law, guide.feedforward[:, lane], guide.tones[:, :, lane])
+    return Guide(law, guide.feedforward[:, lane], guide.tones[:, :, lane], guide.expected[:, lane])
 
 
 def test_a_case_has_the_guide_of_its_setpoint_its_law_and_its_gain(sweep: Sweep) -> None:
@@ -65,9 +72,9 @@ def test_a_case_has_the_guide_of_its_setpoint_its_law_and_its_gain(sweep: Sweep)
     for kind, name in enumerate(names):
         at = np.resize(np.flatnonzero(cases.motions.kind == kind), LANES)
         group = Group(setting, cases, at)
-        gains = group.lanes.guide.gain[0]
+        gains = guided(group).gain[0]
         if name not in setpoints:
-            assert not group.lanes.guide.tracks
+            assert not guided(group).feedforward.size
             assert gains[0] == {"plain": 70.0, "open": sweep.rig.gain_V_per_m}[name]
             continue
         samples = setpoints[name].sample(np.arange(sweep.ticks) * TICK)
@@ -80,6 +87,7 @@ def test_a_case_has_the_guide_of_its_setpoint_its_law_and_its_gain(sweep: Sweep)
             assert found.law == expected.law
             np.testing.assert_array_equal(found.tones, expected.tones)
             np.testing.assert_allclose(found.feedforward, expected.feedforward, atol=1e-5)
+            np.testing.assert_allclose(found.expected, expected.expected, atol=1e-8)
         assert (np.unique(gains).size > 1) == (name == "trapezoid")
 
 
@@ -87,16 +95,46 @@ def test_in_a_group_of_several_motions_the_proportional_ones_stay_so(sweep: Swee
     setting, cases = setting_of(sweep), draw(sweep, 0, 8 * LANES)
     mixed = [int(np.flatnonzero(cases.motions.kind == lane % 4)[0]) for lane in range(LANES)]
     group = Group(setting, cases, np.array(mixed))
-    law, gains = group.lanes.guide.law, group.lanes.guide.gain[0]
+    law, gains = guided(group).law, guided(group).gain[0]
     for lane in range(LANES):
         assert (law[:, lane] == np.array(PROPORTIONAL._replace(proportional=False))).all() == (
             lane % 4 > 1
         )
         if lane % 4 > 1:
-            assert not group.lanes.guide.feedforward[:, lane].any()
+            assert not guided(group).feedforward[:, lane].any()
+            assert np.isnan(guided(group).expected[:, lane]).all()
     assert gains[2] == 70.0
 
 
+@pytest.mark.parametrize(
+    ("names", "is_guided"),
+    [
+        (("open",), False),
+        (("plain",), False),
+        (("plain", "open"), False),
+        (("plain", "thesis"), True),
+        (("sine",), True),
+        (("drawn",), True),
+    ],
+)
+def test_a_sweep_with_the_proportional_loop_and_one_gain_has_no_guides(
+    sweep: Sweep, names: tuple[str, ...], is_guided: bool
+) -> None:
+    plain = sweep.motions[2]
+    known = {motion.name: motion for motion in sweep.motions} | {
+        "thesis": replace(plain, name="thesis", control=ControlSettings()),
+        "drawn": replace(
+            plain,
+            values=dict(plain.values) | {"position_gain": sweep.motions[1].values["position_gain"]},
+        ),
+    }
+    setting = setting_of(replace(sweep, motions=tuple(known[name] for name in names)))
+    assert setting.guided == is_guided
+    if "plain" in names and not is_guided:
+        assert setting.loop.gain == 70.0
+
+
+@pytest.mark.long
 def test_the_integral_of_a_case_takes_up_its_null_bias(sweep: Sweep) -> None:
     bias = 1e-5
     biased = replace(
@@ -110,4 +148,4 @@ def test_the_integral_of_a_case_takes_up_its_null_bias(sweep: Sweep) -> None:
     taken_up = (
         -bias / group.rigs.parameters[biased.rig.plant.parameters._fields.index("valve_gain")]
     )
-    np.testing.assert_allclose(group.lanes.guide.kept[0], taken_up, rtol=0.1)
+    np.testing.assert_allclose(guided(group).kept[0], taken_up, rtol=0.1)
