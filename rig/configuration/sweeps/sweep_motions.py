@@ -249,9 +249,11 @@ class _Reader:
     def _check_rests(self, motion: SweptMotion) -> None:
         """Record a problem if the rests of a trapezoid may leave no time to move."""
         half = 0.5 / motion.values["frequency"][0].support[1]
-        if half - motion.values["hold"][0].support[1] < TICK:
+        longest = motion.values["hold"][0].support[1]
+        if half - longest < TICK:
             limit = f"may leave no time to move in half a period of {show(half, 's')}"
-            self._item.refuse(limit, "rest for less, or move more slowly", key="hold")
+            remedy = "rest for less, or move more slowly"
+            self._item.refuse(limit, remedy, show(longest, "s"), key="hold")
 
     def _check_reach(self, motion: SweptMotion, limits: Physical) -> None:
         """Record a problem if a motion may go beyond the rig's limits."""
