@@ -1,5 +1,10 @@
 from .expected import expected_position as expected_position, reduced_velocity as reduced_velocity
-from .guidance import guide_along as guide_along, guide_of as guide_of, law_of as law_of
+from .guidance import (
+    guide_along as guide_along,
+    guide_of as guide_of,
+    law_of as law_of,
+    moving_guide as moving_guide,
+)
 from .loop_model import (
     corrected_of_multisine as corrected_of_multisine,
     corrected_of_sine as corrected_of_sine,

@@ -27,7 +27,7 @@ _IDEAL: Final = ControlSettings(feedforward="model")
 
 
 @register_jitable
-def reduced_velocity(command, position, before, par):
+def reduced_velocity(command: float, position: float, before: float, par: Parameters) -> float:
     """Return the speed in m/s of a reduced rig, whose oil has no mass and no spring.
 
     It follows from the opening by eqs. 2.1 and 2.2, with friction and load taken from the supply

@@ -13,7 +13,7 @@ from .expected import expected_position
 from .loop_model import feedforward_command, frequencies_of, hold_band, loop_answer
 from .setpoints import Setpoint
 from .settings import ControlSettings
-from .tracking import PLAIN, TONE_NUMBERS, ControlLaw, Guide
+from .tracking import PLAIN, TONE_NUMBERS, Basis, ControlLaw, Guide
 
 Array = NDArray[np.float64]
 
@@ -131,4 +131,26 @@ def guide_along(
         feedforward_command(samples, settings, par, limit),
         _tones(frequencies, settings, par, gain),
         expected_position(samples, settings, par, gain, limit, compiled),
+        Basis(settings, par, gain, limit),
+    )
+
+
+def moving_guide(guide: Guide, setpoint: Array) -> Guide:
+    """Return the guide of a move to the start position of a test: its law, with the move's tables.
+
+    Without them the ram would lag the move, the integral part would sum that up, and the ram would
+    begin the test as far off as the integral then is. There are no tones. A guide that was not made
+    from settings has no tables for a move.
+
+    Args:
+        guide: that of the test.
+        setpoint: (ticks,) of the move, m.
+    """
+    alone = PLAIN._replace(law=guide.law)
+    if guide.basis is None:
+        return alone
+    settings, par, gain, limit = guide.basis
+    return alone._replace(
+        feedforward=feedforward_command(setpoint, settings, par, limit),
+        expected=expected_position(setpoint, settings, par, gain, limit),
     )

@@ -12,6 +12,7 @@ from control import (
     Guide,
     begin_motion,
     control_memory,
+    moving_guide,
     raised_cosine,
 )
 from estimator.accounts import BLOCK_TICKS
@@ -148,7 +149,7 @@ class SimulatedLoop:
         setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
-        self._run(setpoint, False, no_faults, self.guide.moving(), apart=True)
+        self._run(setpoint, False, no_faults, moving_guide(self.guide, setpoint), apart=True)
         begin_motion(True, self._control)
         rig.start_clock(0.0)
         if self._is_stopped:

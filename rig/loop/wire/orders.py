@@ -67,7 +67,7 @@ class Segment:
 
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
-    law, feedforward, tones, expected = segment.guide
+    law, feedforward, tones, expected, _ = segment.guide
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
