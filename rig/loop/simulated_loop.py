@@ -237,7 +237,7 @@ class SimulatedLoop:
             ),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
-                rig.parameters, rig.sensors,
+                rig.parameters, rig.sensors, rig.corrections,
             ),
             compiled_filter(memory, self.assumed),
             self._decided,

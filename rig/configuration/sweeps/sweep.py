@@ -153,6 +153,9 @@ def _read_rig(entry: Located | None) -> Rig | None:
         if getattr(rig.plant.parameters, field) != getattr(NOMINAL, field):
             limit = f"has {field}, which remembers more than the plant's states"
             entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
+    if rig.calibrations:
+        limit = "has calibrations, and sweeps do not correct readings"
+        entry.refuse(limit, "name a rig without them, or run it as a campaign", rig.name)
     return rig
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from control import ControlLaw, ControlMemory, control_memory
 from rig.channels import READINGS, Kind, names_of
-from rig.io import FAST_INPUTS, FAST_OUTPUTS, LoopSettings
+from rig.io import FAST_INPUTS, FAST_OUTPUTS, Corrections, LoopSettings, corrections_of
 from rig.loop.cycle import sample_channels
 from rig.loop.decided import no_decision
 from rig.loop.reaction import ReactionMemory, reaction_memory
@@ -263,10 +263,12 @@ class WireMemory(NamedTuple):
     """Memory of the reaction to a confirmed fault."""
     control: ControlMemory
     """Memory of the position loop."""
+    corrections: Corrections
+    """Calibrations of the transducers, by which inputs are corrected."""
 
 
 def wire_memory() -> WireMemory:
-    """Return the memory of a session before its first tick."""
+    """Return the memory of a session before its first tick, without calibrations."""
     return WireMemory(
         np.zeros(len(Count), np.int64),
         np.zeros(len(Found), np.int64),
@@ -281,4 +283,5 @@ def wire_memory() -> WireMemory:
         no_decision(),
         reaction_memory(),
         control_memory(),
+        corrections_of(),
     )

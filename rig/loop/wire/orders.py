@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide
 from estimator.filters import FilterMemory
-from rig.io import ChannelLimit, DriverSpec, LoopSettings
+from rig.io import ChannelLimit, DriverSpec, LoopSettings, TransducerCalibration
 from rig.loop.interlocks import LimitTable, Tolerances
 from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
@@ -89,6 +89,7 @@ class Open:
         limits: limits of channels, with their actions.
         tolerances: tolerances of the plausibility checks.
         first: the first segment; the loop is compiled for its filter before it starts.
+        calibrations: calibrations of the transducers, by which the inputs are corrected.
     """
 
     driver: DriverSpec
@@ -96,6 +97,7 @@ class Open:
     limits: LimitTable
     tolerances: Tolerances
     first: Segment
+    calibrations: tuple[TransducerCalibration, ...] = ()
 
 
 @dataclass(frozen=True)
