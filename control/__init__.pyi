@@ -1,5 +1,6 @@
 from .expected import expected_position as expected_position, reduced_velocity as reduced_velocity
 from .guidance import (
+    LoopBasis as LoopBasis,
     guide_along as guide_along,
     guide_of as guide_of,
     law_of as law_of,

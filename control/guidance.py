@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import inf, pi
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from .expected import expected_position
 from .loop_model import feedforward_command, frequencies_of, hold_band, loop_answer
 from .setpoints import Setpoint
 from .settings import ControlSettings
-from .tracking import PLAIN, TONE_NUMBERS, Basis, ControlLaw, Guide
+from .tracking import PLAIN, TONE_NUMBERS, ControlLaw, Guide
 
 Array = NDArray[np.float64]
 
@@ -131,25 +131,38 @@ def guide_along(
         feedforward_command(samples, settings, par, limit),
         _tones(frequencies, settings, par, gain),
         expected_position(samples, settings, par, gain, limit, compiled),
-        Basis(settings, par, gain, limit),
     )
 
 
-def moving_guide(guide: Guide, setpoint: Array) -> Guide:
-    """Return the guide of a move to the start position of a test: its law, with the move's tables.
+class LoopBasis(NamedTuple):
+    """What the tables of a motion are made from, beside its setpoint."""
 
-    Without them the ram would lag the move, the integral part would sum that up, and the ram would
-    begin the test as far off as the integral then is. There are no tones. A guide that was not made
-    from settings has no tables for a move.
+    settings: ControlSettings
+    """The control settings."""
+    par: Parameters
+    """The parameters of the model that the loop assumes, SI."""
+    gain: float
+    """Gain of the position loop, V/m."""
+    limit: float
+    """Greatest command of either sign, V."""
+
+
+def moving_guide(law: ControlLaw, basis: LoopBasis | None, setpoint: Array) -> Guide:
+    """Return the guide of a move to the start position of a test.
+
+    The move has feedforward and expected position as the test has. Without them the ram would lag
+    the move, the integral part would sum that up, and the ram would begin the test as far off as
+    the integral then is. There are no tones.
 
     Args:
-        guide: that of the test.
+        law: that of the test.
+        basis: what the move's tables are made from; without it the move has none.
         setpoint: (ticks,) of the move, m.
     """
-    alone = PLAIN._replace(law=guide.law)
-    if guide.basis is None:
+    alone = PLAIN._replace(law=law)
+    if law.proportional or basis is None:
         return alone
-    settings, par, gain, limit = guide.basis
+    settings, par, gain, limit = basis
     return alone._replace(
         feedforward=feedforward_command(setpoint, settings, par, limit),
         expected=expected_position(setpoint, settings, par, gain, limit),

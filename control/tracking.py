@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from rig.jit import njit
 from rig.lanes import anywhere, select
-from rig.plant import Parameters
 
 from .loop_model import MOST_TONES
 from .position_loop import proportional_command
-from .settings import ControlSettings
 
 Array = NDArray[np.float64]
 
@@ -51,19 +49,6 @@ PROPORTIONAL: Final = ControlLaw(True, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 """The law of the thesis, section 5.2: gain times error, limited."""
 
 
-class Basis(NamedTuple):
-    """What a guide was made from, so that a guide for another motion can be made."""
-
-    settings: ControlSettings
-    """The control settings."""
-    par: Parameters
-    """The parameters of the model that the loop assumes, SI."""
-    gain: float
-    """Gain of the position loop, V/m."""
-    limit: float
-    """Greatest command of either sign, V."""
-
-
 class Guide(NamedTuple):
     """A test's control law with what is known of its setpoint beforehand."""
 
@@ -78,8 +63,6 @@ class Guide(NamedTuple):
     expected: Array = np.empty(0)
     """(ticks,) position in m where the ram should be without an integral part
     (`control.expected`); (0,) for none. In a tick beyond its end that is the setpoint."""
-    basis: Basis | None = None
-    """What the guide was made from; None if it was not made from settings."""
 
     def part(self, ticks: slice) -> "Guide":
         """Return the same guide with the tables of some ticks only."""

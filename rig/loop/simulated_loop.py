@@ -10,6 +10,7 @@ from control import (
     PLAIN,
     POSITION_GAIN,
     Guide,
+    LoopBasis,
     begin_motion,
     control_memory,
     moving_guide,
@@ -76,6 +77,7 @@ class SimulatedLoop:
         interlock: judges every sample, as on hardware; if it is None, no sample is judged.
         limits: limits that hold while the test itself runs, and not on the way to its start.
         guide: what the position loop adds to gain times error.
+        basis: what the tables of the move to the start are made from; None for a move without.
 
     Attributes:
         channels: names of the rows' columns (`row_channels`).
@@ -95,6 +97,7 @@ class SimulatedLoop:
     interlock: Interlock | None = None
     limits: tuple[ChannelLimit, ...] = ()
     guide: Guide = PLAIN
+    basis: LoopBasis | None = None
 
     def __post_init__(self) -> None:
         motion, rig, assumed = self.motion, self.rig, self.assumed
@@ -148,8 +151,9 @@ class SimulatedLoop:
         rig = self.rig
         setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
+        guide = moving_guide(self.guide.law, self.basis, setpoint)
         rig.start_clock(-setpoint.size * TICK)
-        self._run(setpoint, False, no_faults, moving_guide(self.guide, setpoint), apart=True)
+        self._run(setpoint, False, no_faults, guide, apart=True)
         begin_motion(True, self._control)
         rig.start_clock(0.0)
         if self._is_stopped:

@@ -118,7 +118,7 @@ class WireLoop:
             drive=Drive.TRACK,
             open_loop=False,
             setpoint=setpoint,
-            guide=moving_guide(self.test.guide, setpoint),
+            guide=moving_guide(self.test.guide.law, self.test.basis, setpoint),
             limits=(),
         )
         self._switch_to(moving)

@@ -34,6 +34,7 @@ from rig.runner.outcomes import Array
 from rig.supervisor import (
     News,
     TripReport,
+    basis_for,
     checks_for,
     gain_for,
     guide_for,
@@ -294,5 +295,6 @@ def loop_of(
         on_fault=Reaction[test.on_fault.name],
         interlock=interlock_of(rig, assumed) if judged else None,
         guide=guide_for(rig, test, motion.setpoint, assumed),
+        basis=basis_for(rig, test, assumed),
         limits=rungs_of(test.limits) if judged else (),
     )
