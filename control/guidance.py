@@ -1,5 +1,6 @@
 """From a rig's control settings and a model to the numbers that the tracking law works with."""
 
+from collections.abc import Sequence
 from math import inf, pi
 from typing import Final, NamedTuple
 
@@ -34,13 +35,17 @@ _LEAST_WIDTH_V: Final = 1e-3
 
 
 def _tones(
-    setpoint: Setpoint, settings: ControlSettings, par: Parameters, gain: float, limit: float
+    frequencies: Sequence[float],
+    settings: ControlSettings,
+    par: Parameters,
+    gain: float,
+    limit: float,
 ) -> Array:
     tones = []
     greatest = settings.cyclic_limit
     if greatest is None:
         greatest = _CORRECTED_PART * limit / gain
-    for frequency in frequencies_of(setpoint) if settings.cyclic else ():
+    for frequency in frequencies if settings.cyclic else ():
         answer = loop_answer(frequency, par, gain, settings)
         if abs(answer) < _LEAST_ANSWER:
             continue
@@ -100,12 +105,42 @@ def guide_of(
         compiled: whether the expected position is computed by compiled code, as
             `control.expected.expected_position`.
     """
-    if settings.is_proportional or setpoint.quantity != "position":
+    if setpoint.quantity != "position":
+        return PLAIN
+    return guide_along(
+        samples, frequencies_of(setpoint), settings, par, sensors, gain, limit, compiled
+    )
+
+
+def guide_along(
+    samples: Array,
+    frequencies: Sequence[float],
+    settings: ControlSettings,
+    par: Parameters,
+    sensors: SensorParameters,
+    gain: float,
+    limit: float,
+    compiled: bool = True,
+) -> Guide:
+    """Return the guide of a motion whose setpoint is known as a table only.
+
+    Args:
+        samples: (ticks,) the setpoint, m, one a tick.
+        frequencies: the setpoint's frequencies that may be corrected, Hz, ascending.
+        settings: the control settings.
+        par: the parameters of the model that the loop assumes, with the test's spring, SI.
+        sensors: data sheet of the transducers.
+        gain: gain of the position loop, V/m.
+        limit: greatest command of either sign, V.
+        compiled: whether the expected position is computed by compiled code, as
+            `control.expected.expected_position`.
+    """
+    if settings.is_proportional:
         return PLAIN
     return Guide(
         law_of(settings, par, sensors, gain),
         feedforward_command(samples, settings, par, limit),
-        _tones(setpoint, settings, par, gain, limit),
+        _tones(frequencies, settings, par, gain, limit),
         expected_position(samples, settings, par, gain, limit, compiled),
     )
 

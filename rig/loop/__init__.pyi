@@ -40,6 +40,7 @@ from .interlocks import (
     tolerances as tolerances,
     with_limits as with_limits,
 )
+from .lane_control import LaneGuide as LaneGuide, lane_guide as lane_guide
 from .lane_ticks import (
     COMMAND as COMMAND,
     LANE_READINGS as LANE_READINGS,
