@@ -1,6 +1,14 @@
 from .expected import expected_position as expected_position, reduced_velocity as reduced_velocity
-from .guidance import guide_of as guide_of, law_of as law_of, moving_guide as moving_guide
+from .guidance import (
+    LoopBasis as LoopBasis,
+    guide_along as guide_along,
+    guide_of as guide_of,
+    law_of as law_of,
+    moving_guide as moving_guide,
+)
 from .loop_model import (
+    corrected_of_multisine as corrected_of_multisine,
+    corrected_of_sine as corrected_of_sine,
     feedforward_command as feedforward_command,
     frequencies_of as frequencies_of,
     hold_band as hold_band,

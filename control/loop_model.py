@@ -3,6 +3,7 @@
 Nothing here is compiled, so that checking a campaign need not wait for the compiler.
 """
 
+from collections.abc import Sequence
 from math import pi, sqrt
 from typing import Final
 
@@ -107,17 +108,31 @@ def feedforward_command(
 def frequencies_of(setpoint: Setpoint) -> tuple[float, ...]:
     """Return the frequencies in Hz that are corrected for a setpoint that repeats itself.
 
-    They ascend; there are none for other setpoints, and at most `MOST_TONES`, the lowest ones. For
-    a sine they are its own, its double and triple: friction and a deadband act twice a period, a
-    constant force and unlike edges once. For a multisine they are its own.
+    They ascend; there are none for other setpoints.
     """
     if setpoint.quantity != "position":
         return ()
     if isinstance(setpoint, Sine):
-        return tuple(k * setpoint.frequency_hz for k in _HARMONICS)
+        return corrected_of_sine(setpoint.frequency_hz)
     if isinstance(setpoint, Multisine):
-        return tuple(sorted(setpoint.frequencies_hz)[:MOST_TONES])
+        return corrected_of_multisine(setpoint.frequencies_hz)
     return ()
+
+
+def corrected_of_sine(frequency_hz: float) -> tuple[float, ...]:
+    """Return the frequencies in Hz that are corrected for a sine: its own, its double and triple.
+
+    Friction and a deadband act twice a period, a constant force and unlike edges once.
+    """
+    return tuple(k * frequency_hz for k in _HARMONICS)
+
+
+def corrected_of_multisine(frequencies_hz: Sequence[float]) -> tuple[float, ...]:
+    """Return the frequencies in Hz that are corrected for a sum of sines: the lowest of its own.
+
+    They ascend, each is there once, and there are at most `MOST_TONES`.
+    """
+    return tuple(sorted(set(frequencies_hz))[:MOST_TONES])
 
 
 def loop_answer(

@@ -1,12 +1,12 @@
 """The rig's proportional position loop (section 5.2), compiled, and the move to a test's start."""
 
-from math import isnan
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.jit import njit
+from rig.lanes import select
 
 Array = NDArray[np.float64]
 
@@ -29,9 +29,8 @@ def proportional_command(setpoint: float, position: float, gain: float, limit: f
     the command is 0 V, the valve's null, as a ram of unknown position must not be driven.
     """
     command = gain * (setpoint - position)
-    if isnan(command):
-        return 0.0
-    return min(max(command, -limit), limit)
+    is_known = command == command  # a NaN is not equal to itself
+    return select(is_known, min(max(command, -limit), limit), 0.0)
 
 
 def raised_cosine(start: float, end: float, ticks: int) -> Array:

@@ -1,22 +1,21 @@
 """The tracking law beside the proportional one, compiled: what it adds to gain times error.
 
 Velocity feedforward and the tones of a cyclic setpoint are prepared before a test begins
-(`control.guidance`), so that a tick only adds them. The law is straight-line code over scalars, and
-the limit of the command is applied once, at its end.
+(`control.guidance`), so that a tick only adds them. The law is straight-line code over floats, or
+over lanes of several rigs (`rig.lanes`), and the limit of the command is applied once, at its end.
 """
 
-from math import cos, isnan, sin, sqrt
+from math import cos, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.jit import njit
-from rig.plant import Parameters
+from rig.lanes import anywhere, select
 
 from .loop_model import MOST_TONES
 from .position_loop import proportional_command
-from .settings import ControlSettings
 
 Array = NDArray[np.float64]
 
@@ -50,19 +49,6 @@ PROPORTIONAL: Final = ControlLaw(True, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 """The law of the thesis, section 5.2: gain times error, limited."""
 
 
-class Basis(NamedTuple):
-    """What a guide was made from, so that a guide for another motion can be made."""
-
-    settings: ControlSettings
-    """The control settings."""
-    par: Parameters
-    """The parameters of the model that the loop assumes, SI."""
-    gain: float
-    """Gain of the position loop, V/m."""
-    limit: float
-    """Greatest command of either sign, V."""
-
-
 class Guide(NamedTuple):
     """A test's control law with what is known of its setpoint beforehand."""
 
@@ -77,8 +63,6 @@ class Guide(NamedTuple):
     expected: Array = np.empty(0)
     """(ticks,) position in m where the ram should be without an integral part
     (`control.expected`); (0,) for none. In a tick beyond its end that is the setpoint."""
-    basis: Basis | None = None
-    """What the guide was made from; None if it was not made from settings."""
 
     def part(self, ticks: slice) -> "Guide":
         """Return the same guide with the tables of some ticks only."""
@@ -149,6 +133,9 @@ def tracking_command(
     null, as a ram of unknown position must not be driven, and the integral part starts again from
     0.
 
+    In compiled code, numbers may be lanes and the memory's arrays arrays of lanes (`in_lanes`); the
+    memory is then updated in all lanes, and sines are right to 1e-9.
+
     Args:
         setpoint: position that is asked for, m.
         position: measured position, m.
@@ -167,10 +154,8 @@ def tracking_command(
         return proportional_command(setpoint, position, gain, limit)
     kept, learnt = memory.kept, memory.learnt
     error = setpoint - position
-    if isnan(error) or isnan(ahead) or isnan(expected):
-        kept[0] = 0.0
-        kept[1] = setpoint
-        return 0.0
+    # A NaN is not equal to itself.
+    known = (error == error) & (ahead == ahead) & (expected == expected)
     correction = 0.0
     for i in range(tones.shape[0]):
         angle = tones[i, 0] * time_s
@@ -180,23 +165,28 @@ def tracking_command(
     bent = law.deadband_V * wanted / sqrt(wanted * wanted + law.width_V * law.width_V)
     free = law.null_V + wanted + bent
     command = min(max(free, -limit), limit)
-    moves = setpoint != kept[1] and not isnan(kept[1])
-    kept[1] = setpoint
-    kept[2] = 0.0 if moves else kept[2] + period
-    outside = abs(error) > law.hold_band_m and kept[2] < law.rest_s
+    is_free = known & (command == free)
+    moves = (setpoint != kept[1]) & (kept[1] == kept[1])
+    rested = select(moves, 0.0, kept[2] + period)
+    outside = (abs(error) > law.hold_band_m) & (rested < law.rest_s)
     behind = expected - position
-    if (command == free or behind * free < 0.0) and (moves or outside):
-        integral += law.integral_rate * behind * period
-        kept[0] = min(max(integral, -law.integral_limit_V), law.integral_limit_V)
-    if command == free:
+    grows = known & (is_free | (behind * free < 0.0)) & (moves | outside)
+    grown = integral + law.integral_rate * behind * period
+    grown = min(max(grown, -law.integral_limit_V), law.integral_limit_V)
+    kept[0] = select(known, select(grows, grown, integral), 0.0)
+    kept[1] = setpoint
+    kept[2] = select(known, rested, kept[2])
+    if anywhere(is_free):
         for i in range(tones.shape[0]):
-            _learn(i, error, time_s, tones, learnt)
-    return command
+            _learn(i, error, time_s, tones, is_free, learnt)
+    return select(known, command, 0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _learn(i, error, time_s, tones, learnt):
+def _learn(i, error, time_s, tones, where, learnt):
     """Move the correction of tone `i` towards what cancels the error at its frequency.
+
+    Where the condition `where` does not hold, the correction stays.
 
     The correction is Re(a exp(jwt)), a = learnt[0] - j learnt[1]. Its step is f e exp(-jwt), whose
     mean over a period is half the error's complex amplitude times the factor f of the tone.
@@ -206,6 +196,6 @@ def _learn(i, error, time_s, tones, learnt):
     real = learnt[i, 0] + tones[i, 1] * c + tones[i, 2] * s
     imaginary = -learnt[i, 1] + tones[i, 2] * c - tones[i, 1] * s
     size = sqrt(real * real + imaginary * imaginary)
-    shrunk = tones[i, 3] / size if size > tones[i, 3] else 1.0
-    learnt[i, 0] = shrunk * real
-    learnt[i, 1] = -shrunk * imaginary
+    shrunk = select(size > tones[i, 3], tones[i, 3] / size, 1.0)
+    learnt[i, 0] = select(where, shrunk * real, learnt[i, 0])
+    learnt[i, 1] = select(where, -shrunk * imaginary, learnt[i, 1])

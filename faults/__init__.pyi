@@ -4,15 +4,19 @@ from .campaign import (
     CampaignTest as CampaignTest,
     Condition as Condition,
     OnFault as OnFault,
+    SegmentEnd as SegmentEnd,
     SpringLoad as SpringLoad,
     Until as Until,
     WhenUnmet as WhenUnmet,
 )
 from .criteria import (
+    DECIDED_FIGURES as DECIDED_FIGURES,
     FOLLOWING_ERROR as FOLLOWING_ERROR,
     MEASURES as MEASURES,
+    WATCHED_FIGURES as WATCHED_FIGURES,
     Criterion as Criterion,
     LimitAction as LimitAction,
+    LimitBand as LimitBand,
     OwnFigure as OwnFigure,
     TestLimit as TestLimit,
 )

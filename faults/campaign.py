@@ -85,6 +85,32 @@ class Until:
 
 
 @dataclass(frozen=True)
+class SegmentEnd:
+    """What ends a segment of a test before its longest duration; the next segment begins then.
+
+    Times are those of the motion as it is laid out, in which every segment lasts its longest.
+
+    Attributes:
+        until: what is awaited; it counts from `begin_s` on.
+        name: name of the segment, or its place such as "segment 3".
+        begin_s: begin of the segment, s, after the blend that leads to it.
+        end_s: its end at the latest, s, where the next segment begins.
+        blend_s: time in s in which the ram is then brought to the next segment.
+    """
+
+    until: Until
+    name: str
+    begin_s: float
+    end_s: float
+    blend_s: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """What is awaited, and where, in words."""
+        return f"{self.until.label} in {self.name}"
+
+
+@dataclass(frozen=True)
 class SpringLoad:
     """A spring that the ram runs against (section 7.1.1).
 
@@ -134,6 +160,8 @@ class CampaignTest:
     """What ends the test; if it has not come after `duration_s`, the test fails."""
     control: ControlSettings | None = field(default=None, metadata={"unless_usual": True})
     """What the position loop adds to gain times error in this test; None for the rig's settings."""
+    segment_ends: tuple[SegmentEnd, ...] = field(default=(), metadata={"unless_usual": True})
+    """What ends segments of the test early, in their order; what does not come fails the test."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """What a test's figures must be, and the limits that its channels must keep, as data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from typing import Final, Literal
 
@@ -19,6 +19,20 @@ MEASURES: Final = {
     "leak": "m^3/s",
 }
 """Figures that a criterion may ask for by name -> SI unit; peak and valley have their channel's."""
+
+
+WATCHED_FIGURES: Final = {
+    "rms_error": "rms(setpoint_m - position_m)",
+    "peak_error": "max(abs(setpoint_m - position_m))",
+    "peak": "max({channel})",
+    "valley": "min({channel})",
+    "residual_pressure_1": "mean(abs(innovation_pressure_1_Pa))",
+    "residual_pressure_2": "mean(abs(innovation_pressure_2_Pa))",
+}
+"""Figures that a limit may watch while a test runs -> the expression that they are, over the last
+samples."""
+DECIDED_FIGURES: Final = {"leak": "m^3/s", "bulk_modulus": "Pa"}
+"""Figures that a limit may watch, of which the detector's newest decision tells -> SI unit."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +88,27 @@ LimitAction = Literal["warn", "hold", "ramp_down", "trip"]
 
 
 @dataclass(frozen=True)
+class LimitBand:
+    """One of the two bands of a limit.
+
+    Attributes:
+        name: "inner" or "outer".
+        low, high: ends of the band, SI; infinite for none.
+        action: what is done beyond it.
+    """
+
+    name: str
+    low: float
+    high: float
+    action: LimitAction
+
+
+@dataclass(frozen=True)
 class TestLimit:
     """A limit that holds while a test runs: an inner band, warned of, and an outer one, acted on.
 
     Attributes:
-        watched: name of a channel, `FOLLOWING_ERROR`, or the name of one of the test's own figures.
+        watched: name of a channel, `FOLLOWING_ERROR`, or the name of a figure.
         unit: SI unit of what is watched.
         low, high: ends of the outer band, SI; infinite for none.
         inner_low, inner_high: ends of the inner band, SI; infinite for none.
@@ -86,6 +116,9 @@ class TestLimit:
         for_s: time in s for which the value must be beyond a band.
         hysteresis: how far back within a band the value must come, SI, before it counts as within.
         over_s: for a figure, the time in s before now over which it is computed; else 0.
+        during: name of the segment in which it holds; empty for the whole test.
+        windows_s: the stretches (begin, end) of the motion as it is laid out, in s, in which it
+            holds; empty for the whole test.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -100,3 +133,17 @@ class TestLimit:
     for_s: float = 0.0
     hysteresis: float = 0.0
     over_s: float = 0.0
+    during: str = field(default="", metadata={"unless_usual": True})
+    windows_s: tuple[tuple[float, float], ...] = field(default=(), metadata={"unless_usual": True})
+
+    expression: Expression | None = field(default=None, metadata={"unless_usual": True})
+    """How a figure that is not the test's own follows from the channels; None for others."""
+
+    @property
+    def bands(self) -> tuple[LimitBand, ...]:
+        """The bands that the limit has, the inner one first."""
+        bands = (
+            LimitBand("inner", self.inner_low, self.inner_high, "warn"),
+            LimitBand("outer", self.low, self.high, self.action),
+        )
+        return tuple(band for band in bands if (band.low, band.high) != (-inf, inf))

@@ -4,11 +4,13 @@ They follow from the classes by which the files are read, so that no key is writ
 cannot see all that `rig check` sees, such as the limits of the rig.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from math import isfinite
 from typing import Any, Final
 
+from faults import MEASURES
 from rig.configuration.campaigns import CampaignFile
-from rig.configuration.reading import Schema, Under
+from rig.configuration.reading import AnyQuantity, Physical, Schema, Under
 from rig.configuration.rigs import RigFile, TransducerFile
 
 EDITED: Final[dict[str, type[Schema]]] = {
@@ -21,6 +23,26 @@ EDITED: Final[dict[str, type[Schema]]] = {
 _DRAFT: Final = "https://json-schema.org/draft/2020-12/schema"
 _REFERENCE: Final = {"type": "string", "pattern": r"\$\{"}
 """A reference to an axis of a matrix, which may stand for any value of a test."""
+
+
+_UNITS_OF_CHANNELS: Final = ("m", "V", "Pa", "N", "K", "s")
+"""Units that the names of channels end with, as `unit_of` reads them."""
+
+
+def _unit_rules(keys: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any], str]]:
+    """Yield (key, schema of its value, SI unit) by which the unit of bounds is known.
+
+    A limit that has a figure beside a channel is that of the channel, as of a peak.
+    """
+    if "channel" in keys:
+        for unit in _UNITS_OF_CHANNELS:
+            # What ends in a unit per another, such as _m3_per_s, is not in the last one.
+            yield "channel", {"type": "string", "pattern": rf"^(?!.*_per_).*_{unit}$"}, unit
+    if "figure" in keys:
+        for unit in dict.fromkeys(MEASURES.values()):
+            names = [name for name, of in MEASURES.items() if of == unit]
+            names = [name for name in names if name not in ("peak", "valley")]
+            yield "figure", {"enum": names}, unit
 
 
 def editor_schema(kind: str) -> dict[str, Any]:
@@ -70,14 +92,36 @@ class _Writer:
         }
         if not optional and written.get("required"):
             found["required"] = written["required"]
+        bounds = [
+            name
+            for name, field in model.model_fields.items()
+            if any(isinstance(each, AnyQuantity) for each in field.metadata)
+        ]
+        if bounds and ("channel" in keys or "figure" in keys):
+            found["allOf"] = [self._unit_of_bounds(*each, bounds) for each in _unit_rules(keys)]
         return found
+
+    def _unit_of_bounds(
+        self, key: str, which: Mapping[str, Any], unit: str, bounds: list[str]
+    ) -> dict[str, Any]:
+        """Return that the bounds of a limit are in a unit if a key has one of some values."""
+        quantity: Any = Physical(unit).json_schema()
+        quantity = {"anyOf": [quantity, _REFERENCE, {"type": "null"}]}
+        return {
+            "if": {"required": [key], "properties": {key: dict(which)}},
+            "then": {"properties": dict.fromkeys(bounds, quantity)},
+        }
 
     def _value(self, model: type[Schema], name: str, schema: Mapping[str, Any]) -> Any:
         under = next((m for m in model.model_fields[name].metadata if isinstance(m, Under)), None)
         if under is not None:
             return self._under(under)
         plain = {key: value for key, value in schema.items() if key != "title"}
-        takes_texts = plain.get("type") == "string" and "enum" not in plain
+        usual = plain.get("default")
+        if isinstance(usual, float) and not isfinite(usual):
+            # JSON has no infinity, which stands for no limit.
+            del plain["default"]
+        takes_texts = plain.get("type") == "string" and not {"enum", "pattern"} & plain.keys()
         if not self._references or not plain or takes_texts:
             return plain
         return {"anyOf": [plain, _REFERENCE]}

@@ -32,7 +32,7 @@ from .driver import (
 )
 from .flow_meters import meter_line as meter_line
 from .libc import bind as bind, monotonic_ns as monotonic_ns, scratch as scratch
-from .limits import ChannelLimit as ChannelLimit, Response as Response
+from .limits import ALWAYS as ALWAYS, ChannelLimit as ChannelLimit, Response as Response
 from .loop_exchange import exchange as exchange
 from .modbus_daq import (
     WORDS as WORDS,

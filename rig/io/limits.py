@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass
 from math import inf
-from typing import Literal
+from typing import Final, Literal
 
 Response = Literal["indicate", "hold", "ramp_down", "trip"]
 """What is done when a channel is beyond its limit, mildest first: inform the operator, hold the
 position, bring the motion to rest, or go to the safe state at once (`Action` in
 `rig.loop.interlocks.ladder`)."""
+
+
+ALWAYS: Final = (-inf, inf)
+"""The stretch of a limit that holds everywhere, s."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class ChannelLimit:
         for_s: time in s that the value must stay beyond the range before the action is taken; with
             0 one sample is enough.
         hysteresis: how far back within the range the value must come for the action to end, SI.
+        from_s, until_s: where in the segment's motion it holds, s; everywhere unless given.
     """
 
     channel: str
@@ -34,3 +39,5 @@ class ChannelLimit:
     action: Response = "trip"
     for_s: float = 0.0
     hysteresis: float = 0.0
+    from_s: float = -inf
+    until_s: float = inf

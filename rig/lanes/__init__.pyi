@@ -12,8 +12,5 @@ from .memory import (
     scatter as scatter,
     store as store,
 )
-from .normal import (
-    fill_normal as fill_normal,
-    sine_and_cosine as sine_and_cosine,
-    start_streams as start_streams,
-)
+from .normal import fill_normal as fill_normal, start_streams as start_streams
+from .sines import sine_and_cosine as sine_and_cosine

@@ -111,10 +111,10 @@ def load_fields(typing_context, array, like, shared):
     """Return a named tuple of the type of `like` whose field i is row i of an array, as lanes.
 
     The array is float64 (n, LANES). The field with index `shared`, a literal, is not lanes: it is
-    one float for all lanes, taken from `like`.
+    one value for all lanes, taken from `like` with its type there.
     """
     kinds: list[Any] = [lanes] * len(like)
-    kinds[shared.literal_value] = types.float64
+    kinds[shared.literal_value] = like.types[shared.literal_value]
     fields = types.NamedTuple(kinds, like.instance_class)
 
     def emit(context, builder, signature, arguments):

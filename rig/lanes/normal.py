@@ -7,7 +7,7 @@ here, accurate to 1e-9, as the C library takes only one number at a time.
 
 import math
 from collections.abc import Sequence
-from math import floor, sqrt
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from rig.jit import njit
 from .choosing import select
 from .kinds import BITS, LANES, VECTOR, intrinsic, lanes
 from .memory import load, store
+from .sines import sine_and_cosine
 
 _WORDS: Final = 4
 _UNIT: Final = 2.0**-53
@@ -94,22 +95,6 @@ def _logarithm(number):
     q = s * s
     series = 1 + q * (1 / 3 + q * (1 / 5 + q * (1 / 7 + q * (1 / 9 + q * (1 / 11)))))
     return exponent * _LN_2 + 2.0 * s * series
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def sine_and_cosine(turns):
-    """Return sine and cosine, accurate to 1e-9, of an angle of 0 to 1 turns."""
-    quarter = floor(4.0 * turns + 0.5)
-    r = (turns - 0.25 * quarter) * (2.0 * math.pi)
-    q = r * r
-    sine = r * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040 - q * (1 / 362880)))))
-    cosine = 1 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320 - q * (1 / 3628800)))))
-    odd = (quarter == 1.0) | (quarter == 3.0)
-    sine, cosine = select(odd, cosine, sine), select(odd, sine, cosine)
-    return (
-        select((quarter == 2.0) | (quarter == 3.0), -sine, sine),
-        select((quarter == 1.0) | (quarter == 2.0), -cosine, cosine),
-    )
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rig.io import SLOW_INPUTS
 
 from .decided import DECIDED
+from .interlocks import PASSING_NUMBERS, PASSINGS_KEPT, PassingLog
 
 Words = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -90,6 +91,14 @@ class Word(IntEnum):
     """Publisher of the live stream: time at which its last turn ended."""
     PUBLISHED = 27
     """Publisher: number of the row that it reads next, where a restarted publisher goes on."""
+    PASSINGS = 40
+    """Loop: number of limits passed so far; stored after the passing itself (release)."""
+    SKIP = 41
+    """Supervisor: its last order to skip a stretch of the setpoints (`skip_order`)."""
+    SKIPPED = 42
+    """Loop: the order in SKIP that it has looked at last; stored after LEAD (release)."""
+    LEAD = 43
+    """Loop: number of setpoints that its segment has skipped so far."""
 
 
 _MARGIN: Final = 256
@@ -98,7 +107,8 @@ _MARGIN: Final = 256
 _WORDS: Final = 64
 _SLOW: Final = 64
 _DECISION: Final = 1 + len(DECIDED)
-_RING_AT: Final = _WORDS + 2 * _SLOW + DECISIONS_KEPT * _DECISION
+_PASSINGS_AT: Final = _WORDS + 2 * _SLOW + DECISIONS_KEPT * _DECISION
+_RING_AT: Final = _PASSINGS_AT + PASSINGS_KEPT * PASSING_NUMBERS
 
 
 class Board(NamedTuple):
@@ -111,6 +121,7 @@ class Board(NamedTuple):
         slow_at: int64 (n,), time on CLOCK_MONOTONIC in ns at which each of these values came.
         decisions: float64 (DECISIONS_KEPT, 1 + len(DECIDED)); decision k of the session is in row
             k % DECISIONS_KEPT, which begins with the number of the segment that it is about.
+        passings: float64 (PASSINGS_KEPT, PASSING_NUMBERS), the rows of a `PassingLog`.
         ring: float64 (RING_ROWS, columns); row k of the session is at k % RING_ROWS.
     """
 
@@ -119,7 +130,13 @@ class Board(NamedTuple):
     slow: Array
     slow_at: Words
     decisions: Array
+    passings: Array
     ring: Array
+
+    @property
+    def passing_log(self) -> PassingLog:
+        """The log of passed limits that is on the board."""
+        return PassingLog(self.words[Word.PASSINGS : Word.PASSINGS + 1], self.passings)
 
     @classmethod
     def create(cls, columns: int) -> "Board":
@@ -141,7 +158,8 @@ class Board(NamedTuple):
             integers[:_WORDS],
             floats[slow : slow + len(SLOW_INPUTS)],
             integers[slow_at : slow_at + len(SLOW_INPUTS)],
-            floats[_WORDS + 2 * _SLOW : _RING_AT].reshape(DECISIONS_KEPT, _DECISION),
+            floats[_WORDS + 2 * _SLOW : _PASSINGS_AT].reshape(DECISIONS_KEPT, _DECISION),
+            floats[_PASSINGS_AT:_RING_AT].reshape(PASSINGS_KEPT, PASSING_NUMBERS),
             floats[_RING_AT:].reshape(RING_ROWS, -1),
         )
 

@@ -71,6 +71,8 @@ class Guard(NamedTuple):
     """(3,): action, cause and channel of the worst action so far."""
     inputs: NDArray[np.float64]
     """(len(FAST_INPUTS),): the sample that was judged last."""
+    lead: int
+    """Number of setpoints that the test has skipped so far."""
 
 
 def guard(interlock: Interlock, watched: bool) -> Guard:
@@ -79,7 +81,7 @@ def guard(interlock: Interlock, watched: bool) -> Guard:
     Unless `watched`, no sample is judged.
     """
     stopped, inputs = np.array([0, 0, NO_CHANNEL]), np.full(len(FAST_INPUTS), nan)
-    return Guard(watched, interlock, int(Action.HOLD), stopped, inputs)
+    return Guard(watched, interlock, int(Action.HOLD), stopped, inputs, 0)
 
 
 def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
@@ -278,7 +280,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
                     command, on_fault, decided, filt.x, filt.parameters, limit, TICK, reaction
                 )
         error = nan if how.open_loop else abs(wanted - reading[0])
-        judged = judge(reading, command, error, guard)
+        judged = judge(reading, command, error, first + k, guard)
         if judged == Action.TRIP.value:
             command = 0.0
         sample_row(
@@ -303,7 +305,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
 
 
 @inlined
-def judge(reading, command, error, guard):
+def judge(reading, command, error, number, guard):
     """Return the interlock's `Action` on a sample, and note it in the guard if it is the worst.
 
     The action is NONE, and nothing is noted, if the guard is not `watched`. No device is between a
@@ -314,13 +316,17 @@ def judge(reading, command, error, guard):
         reading: (9,) in the order of `READINGS`.
         command: command in V that is held from this sample on.
         error: distance between setpoint and position, m; NaN in open loop.
+        number: number of the tick.
         guard: `Guard`; updated.
     """
     if not guard.watched:
         return Action.NONE.value
     for i in range(READING_COUNT):
         guard.inputs[i] = reading[i]
-    tick = Tick(guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True, error)
+    tick = Tick(
+        guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True, error, 0, number,
+        number + guard.lead,
+    )  # fmt: skip
     action, cause, channel = judged_sample(tick, guard.interlock)
     if action > guard.stopped[0]:
         _stop(action, cause, channel, guard)

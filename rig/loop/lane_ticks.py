@@ -28,6 +28,8 @@ from rig.plant import (
     resolving_step,
 )
 
+from .lane_control import tracking_lanes
+
 LOGGED: Final = 7
 """Number of quantities that each step writes to the log for every lane: what the transducers
 measure, the return pressure, and the command. A small log stays in the processor's cache."""
@@ -57,7 +59,7 @@ class LoopSetting(NamedTuple):
     """How simulated rigs are driven, and how finely they are simulated."""
 
     gain: float
-    """Gain of the position loop, V/m."""
+    """Gain of the position loop, V/m, for rigs without a `LaneGuide`."""
     limit: float
     """Greatest command of either sign, V."""
     longest_step: float
@@ -106,7 +108,7 @@ def _faults_at(faults, acts):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def plant_ticks(first, setpoint, open_loop, loop, rigs, like, sensors, log, rows):
+def plant_ticks(first, setpoint, open_loop, loop, guide, rigs, like, sensors, log, rows):
     """Advance plants and position loops by as many ticks as there are setpoints.
 
     Args:
@@ -115,6 +117,9 @@ def plant_ticks(first, setpoint, open_loop, loop, rigs, like, sensors, log, rows
         open_loop: (1, LANES) for all ticks or (ticks, LANES); where it is not 0, the setpoint is
             the command.
         loop: `LoopSetting`.
+        guide: `LaneGuide`; what its control laws remember is updated. None if all rigs have the
+            proportional loop with the gain of `loop`; that is compiled apart, so that nothing of
+            the tracking law slows it.
         rigs: `LaneRigs`; their plants are updated.
         like: any `Parameters` with the friction law of all rigs.
         sensors: `SensorParameters`.
@@ -147,7 +152,12 @@ def plant_ticks(first, setpoint, open_loop, loop, rigs, like, sensors, log, rows
             position = encoder_position(par.position_gain * y[_POSITION], sensors)
             asked = gather(setpoint, tick)
             is_open = load(open_loop, 0) if always else gather(open_loop, tick)
-            asked = select(is_open == 0.0, gain * (asked - position), asked)
+            if guide is None:
+                closed = gain * (asked - position)
+            else:
+                where = begins & (is_open == 0.0)
+                closed = tracking_lanes(asked, position, first + tick, where, limit, guide)
+            asked = select(is_open == 0.0, closed, asked)
             command = select(begins, min(max(asked, -limit), limit), command)
             longest = select(begins, resolving_step(y, longest_step, TICK, par, fault), longest)
             remaining = select(begins, TICK, remaining)

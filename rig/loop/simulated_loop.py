@@ -1,6 +1,6 @@
 """The loop on the simulated backend, which runs compiled ticks in batches of any length."""
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from control import (
     PLAIN,
     POSITION_GAIN,
     Guide,
+    LoopBasis,
     begin_motion,
     control_memory,
     moving_guide,
@@ -25,6 +26,8 @@ from rig.loop.interlocks import (
     Cause,
     Interlock,
     LoopStoppedError,
+    PassingReader,
+    RungPassed,
     channel_name,
     held_position,
     interlock,
@@ -76,6 +79,7 @@ class SimulatedLoop:
         interlock: judges every sample, as on hardware; if it is None, no sample is judged.
         limits: limits that hold while the test itself runs, and not on the way to its start.
         guide: what the position loop adds to gain times error.
+        basis: what the tables of the move to the start are made from; None for a move without.
 
     Attributes:
         channels: names of the rows' columns (`row_channels`).
@@ -95,6 +99,7 @@ class SimulatedLoop:
     interlock: Interlock | None = None
     limits: tuple[ChannelLimit, ...] = ()
     guide: Guide = PLAIN
+    basis: LoopBasis | None = None
 
     def __post_init__(self) -> None:
         motion, rig, assumed = self.motion, self.rig, self.assumed
@@ -109,6 +114,7 @@ class SimulatedLoop:
         self._control = control_memory()
         judged = self.interlock is not None
         self._guard = guard(self.interlock or _no_interlock(rig, assumed), judged)
+        self._passings = PassingReader(self._guard.interlock.log)
         self.channels = row_channels(self.memory.filter.states, motion.open_loop)
 
     @property
@@ -148,13 +154,16 @@ class SimulatedLoop:
         rig = self.rig
         setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
+        guide = moving_guide(self.guide.law, self.basis, setpoint)
         rig.start_clock(-setpoint.size * TICK)
-        self._run(setpoint, False, no_faults, moving_guide(self.guide, setpoint), apart=True)
+        self._run(setpoint, False, no_faults, guide, apart=True)
         begin_motion(True, self._control)
         rig.start_clock(0.0)
         if self._is_stopped:
             self._held[0] = 0.0
             raise self.stopped
+        # What was passed on the way is not the test's.
+        self._passings.take()
 
     def advance(self, ticks: int) -> Array:
         """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`).
@@ -179,6 +188,43 @@ class SimulatedLoop:
         if self._is_stopped and not len(rows):
             raise self.stopped
         return rows
+
+    def passed(self) -> list[RungPassed]:
+        """Return the limits that were found passed since the last call."""
+        return self._passings.take()
+
+    def skip_to(self, place: int, blend_ticks: int) -> int | None:
+        """Go on at a later place of the setpoints, as they were laid out.
+
+        Args:
+            place: index of that setpoint; their number to end the test.
+            blend_ticks: number of ticks in which the setpoint goes over to those from there on,
+                along a raised cosine.
+
+        Returns:
+            The tick of the test at which it goes on there; None if it was there already.
+        """
+        tick, motion = self._tick, self.motion
+        rest = place - self._guard.lead
+        if rest <= tick:
+            return None
+        laid = motion.setpoint[rest:]
+        beside = 0.5 + 0.5 * np.cos(np.pi * np.arange(laid.size) / max(blend_ticks, 1))
+        beside[blend_ticks:] = 0.0
+        if laid.size:
+            beside *= motion.setpoint[tick] - laid[0]
+        setpoint = np.concatenate([motion.setpoint[:tick], laid + beside])
+        self.motion = replace(motion, setpoint=setpoint)
+        ahead, expected = self.guide.feedforward, self.guide.expected
+        later = expected[rest:]
+        # After a skip the setpoint is beside the one that is laid out, and so is the ram.
+        later = later + beside[: later.size]
+        self.guide = self.guide._replace(
+            feedforward=np.concatenate([ahead[:tick], ahead[rest:]]),
+            expected=np.concatenate([expected[:tick], later]),
+        )
+        self._guard = self._guard._replace(lead=self._guard.lead + rest - tick)
+        return tick
 
     def stop(self, action: Action, cause: Cause) -> None:
         """Stop the loop for a cause that its own interlock does not judge; `advance` raises it."""

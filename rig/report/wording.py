@@ -6,6 +6,7 @@ recording, the loop's timing from its events.
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -149,14 +150,30 @@ def story(test: TestOutcome) -> str:
     if test.status is Status.FAILED and verdict != test.expect:
         sentences.append(f"Expected was: {label(test.expect)}.")
     sentences += [f"Not met: {each}." for each in test.missed]
-    if passed := "; ".join(str(each) for each in test.limits[:_LIMITS_SHOWN]):
-        left = len(test.limits) - _LIMITS_SHOWN
-        sentences.append(f"Limits passed: {passed}{f'; and {left} more' if left > 0 else ''}.")
-    if met := [str(each) for each in test.criteria if each.met]:
-        sentences.append(f"Met: {'; '.join(met)}.")
+    sentences.append(_limits_passed(test))
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
-        sentences.append(f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s.")
+        early = any(each.ended_early for each in test.segments)
+        most = " at most, as segments ended early" if early and not test.message else ""
+        ended = f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s"
+        sentences.append(f"{ended}{most}.")
     return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _limits_passed(test: TestOutcome) -> str:
+    """Return which limits were passed, each with its first passing and how often it was again."""
+    first: dict[tuple[str, str, str, float], str] = {}
+    times: Counter[tuple[str, str, str, float]] = Counter()
+    for each in test.limits:
+        which = each.of, each.watched, each.band, each.limit
+        first.setdefault(which, str(each))
+        times[which] += 1
+    told = [
+        text + (f", and {times[which] - 1} times more" if times[which] > 1 else "")
+        for which, text in first.items()
+    ]
+    left = len(told) - _LIMITS_SHOWN
+    more = f"; and {left} more limits" if left > 0 else ""
+    return f"Limits passed: {'; '.join(told[:_LIMITS_SHOWN])}{more}." if told else ""
 
 
 def _injection(injected: Sequence[InjectedFault]) -> str:
@@ -310,6 +327,8 @@ def _setpoint(setpoint: Mapping[str, Any]) -> str:
         for key, value in setpoint.items()
         if key not in ("type", "quantity") and value is not None
     ]
+    if "stretches" in setpoint:
+        return f"{len(setpoint['stretches'])} segments one after the other"
     kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(setpoint.get("type", "setpoint"))).lower()
     return f"{kind}: {', '.join(parts)}" if parts else kind
 

@@ -104,6 +104,7 @@ class ConnectedRig:
         state: the present state of the session; OFF at first.
         offset_m: offset in m that is added to the encoder's position; 0 before homing.
         board: the memory that all processes share; it exists once connected.
+        event_log: the log of the session, from which a trip report is made.
         note: `note(who, what)` records for a trip report who did what at the present time.
         parts: the processes; they exist once connected.
         safety: the safety thread; it exists once connected.
@@ -130,8 +131,8 @@ class ConnectedRig:
         self.model = model
         self.say = say
         self._onlooker = onlooker or Onlooker()
-        self._event_log = EventLog(rig, directory, say, journal)
-        self.note = self._event_log.note
+        self.event_log = EventLog(rig, directory, say, journal)
+        self.note = self.event_log.note
         self.offset_m = 0.0
         self._memory = lambda: start_memory(filter_name, model, rig.sensors)
         self._directory = directory
@@ -159,7 +160,7 @@ class ConnectedRig:
         memory = self._memory()
         self._channels = wire_channels(memory.filter.states, open_loop=False)
         self.board = Board.create(len(self._channels))
-        heard, log = self._event_log.take, self._directory / LOG
+        heard, log = self.event_log.take, self._directory / LOG
 
         def part(name: str, module: str) -> Child:
             return Child(name, f"rig.supervisor.processes.{module}", self.board, log, heard)
@@ -369,7 +370,7 @@ class ConnectedRig:
             self.handle(Event.TRIP)
         if not safe:
             self.note("supervisor", "not everything was made safe in time")
-        return self._event_log.tripped(self.board, self._channels)
+        return self.event_log.tripped(self.board, self._channels)
 
     @contextmanager
     def reporting_stops(self) -> Iterator[None]:
@@ -440,13 +441,13 @@ class ConnectedRig:
                 self.ramp_down()
             if not self.safety.tripped:
                 unsafe |= self._make_field_safe()
-            if self.safety.tripped and self._event_log.report is None:
+            if self.safety.tripped and self.event_log.report is None:
                 ended = self.tripped()
         finally:
             self.safety.stop()
             unsafe |= self._close_loop()
             self._end_parts()
-            self._event_log.complete_report()
+            self.event_log.complete_report()
         self.handle(Event.DISCONNECT)
         line = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
         if line and self.safety.tripped:

@@ -22,6 +22,7 @@ from rig.loop import (
     Action,
     Cause,
     Reaction,
+    RungPassed,
     Timing,
     TripError,
     WireLoop,
@@ -40,7 +41,7 @@ from rig.supervisor.processes import (
 
 from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
-from .guiding import gain_for, guide_for
+from .guiding import basis_for, gain_for, guide_for
 from .moves import moves, preparing_moves
 from .states import Event, State
 
@@ -114,7 +115,8 @@ class Session:
             memory: memory of the filter, at its start.
             assumed: the model that the filter assumes.
         """
-        ticks = round(test.duration_s / TICK)
+        ticks, limits = round(test.duration_s / TICK), rungs_of(test.limits)
+        self.rig.event_log.test_limits = limits
         setpoint = np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK))
         wire = self.rig.tracking(
             test.start_position_m,
@@ -126,7 +128,8 @@ class Session:
             guide=guide_for(self.rig.configured, test, setpoint, assumed),
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
-            limits=rungs_of(test.limits),
+            limits=limits,
+            basis=basis_for(self.rig.configured, test, assumed),
         )
         self._test = HardwareTest(self.rig, wire, test)
         return self._test
@@ -242,6 +245,19 @@ class HardwareTest:
             self._rig.note("detector", found)
         self._found = found
         self._wire.decided(row)
+
+    def passed(self) -> list[RungPassed]:
+        """Return the limits that the loop found passed in the test since the last call."""
+        return self._wire.passed()
+
+    def skip_to(self, place: int, blend_ticks: int) -> int | None:
+        """Go on at a later place of the setpoints; see `WireLoop.skip_to`.
+
+        Raises:
+            TripError: the rig tripped, or the loop does not go on.
+        """
+        with self._rig.reporting_stops():
+            return self._wire.skip_to(place, blend_ticks)
 
     def end_early(self) -> None:
         """Make `safe_state` hold the ram, as after a completed test, with the valve enabled."""

@@ -19,7 +19,18 @@ from numpy.typing import NDArray
 
 from rig.configuration import Rig, show
 from rig.io import ChannelLimit
-from rig.loop import Action, Board, Cause, RingReader, TripError, explain
+from rig.loop import (
+    Action,
+    Board,
+    Cause,
+    RingReader,
+    RungPassed,
+    TripError,
+    Word,
+    explain,
+    latest_passings,
+)
+from rig.plant import TICK
 from rig.recording import Recording, unit_of, write_csv
 from rig.supervisor.processes import STEPS, Driven, News, loop_channel, stage_times, trips_of
 
@@ -51,7 +62,9 @@ class TripReport:
         channels: names of the rows' columns, `time_s` first.
         rows: float64 (n, columns), the last rows of the loop; may be empty.
         channel: the channel that the loop's cause concerns, one of `FAST_INPUTS`; empty if none.
-        limits: the limits of the rig's channels.
+        limits: the limits that the loop judged: those of the rig, then those of the test.
+        of_test: how many of them are the test's.
+        passed: which of them were passed since the test began, the oldest first.
         driven: reports on parts that another master drove out of their safe state.
     """
 
@@ -63,6 +76,8 @@ class TripReport:
     channel: str = ""
     limits: Sequence[ChannelLimit] = ()
     driven: Sequence[Driven] = ()
+    of_test: int = 0
+    passed: Sequence[RungPassed] = ()
 
     @property
     def first(self) -> tuple[str, Cause, int]:
@@ -131,11 +146,53 @@ class TripReport:
             lines.append(f"  {found.sentence}, {span}; it was brought back to its safe state")
         for other, (reason, when) in list(self.trips.items())[1:]:
             lines.append(f"  then the {other} {_after(when, at_ns)}: {explain(reason).sentence}")
+        lines += [f"  {self._passed_in_words(each)}" for each in self.passed]
         for name, stage in stage_times(self.rows, self.channels).items():
             figures = ", ".join(f"{key} {1e6 * value:.0f} us" for key, value in stage.items())
             lines.append(f"  {name.removesuffix('_s')}: {figures}")
         lines += [f"  {_after(note.at_ns, at_ns)} {note.who}: {note.text}" for note in self.notes]
         return lines
+
+    def _whose(self, rung: int) -> str:
+        return "test" if rung >= len(self.limits) - self.of_test else "rig"
+
+    def _passed_in_words(self, passed: RungPassed) -> str:
+        limit, at_s = self.limits[passed.rung], passed.tick * TICK
+        above = passed.value > limit.high
+        unit = unit_of(limit.channel)
+        end = show(limit.high if above else limit.low, unit)
+        return (
+            f"limit of the {self._whose(passed.rung)}: {limit.channel} "
+            f"{show(passed.value, unit)} {'above' if above else 'below'} {end} at {at_s:.3f} s, "
+            f"since {max(at_s - limit.for_s, 0.0):.3f} s: {limit.action}"
+        )
+
+    def _limits(self) -> list[dict[str, Any]]:
+        """Return every limit as JSON values, each with its latest passing, if any.
+
+        Times of passings are in s of the test.
+        """
+        latest = {each.rung: each for each in self.passed}
+        found = []
+        for rung, limit in enumerate(self.limits):
+            passed = latest.get(rung)
+            found.append(
+                {
+                    "of": self._whose(rung),
+                    "channel": limit.channel,
+                    "low": _finite(limit.low),
+                    "high": _finite(limit.high),
+                    "for_s": limit.for_s,
+                    "action": limit.action,
+                    "passed": passed
+                    and {
+                        "value": _finite(passed.value),
+                        "at_s": passed.tick * TICK,
+                        "since_s": max(passed.tick * TICK - limit.for_s, 0.0),
+                    },
+                }
+            )
+        return found
 
     def document(self) -> dict[str, Any]:
         """Return the report as JSON values, without its rows.
@@ -159,6 +216,7 @@ class TripReport:
             "channel": self.concerned or None,
             "value": _finite(self.value),
             "limit": _finite(self.limit),
+            "limits": self._limits(),
             "trips": [
                 {"by": name, "cause": reason.name, "after_s": after_s(when)}
                 for name, (reason, when) in self.trips.items()
@@ -263,6 +321,13 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+def _passed_in_segment(board: Board, limits: int) -> tuple[RungPassed, ...]:
+    """Return which of so many limits were passed in the loop's present segment."""
+    segment = int(board.words[Word.SEGMENT])
+    found = latest_passings(board.passing_log)
+    return tuple(each for each in found if each.segment == segment and each.rung < limits)
+
+
 class EventLog:
     """The log of a session: who did what, what another master drove, and the trip report.
 
@@ -274,6 +339,7 @@ class EventLog:
 
     Attributes:
         report: the report of the trip; None before a trip was reported.
+        test_limits: the limits of the present test that the loop judges beside those of the rig.
     """
 
     def __init__(self, rig: Rig, directory: Path, say: Say, journal: Say) -> None:
@@ -283,6 +349,7 @@ class EventLog:
         self._journal = journal
         self._notes: list[News] = []
         self._driven: dict[tuple[str, str], Driven] = {}
+        self.test_limits: Sequence[ChannelLimit] = ()
         self.report: TripReport | None = None
         self._reported: Path | None = None
 
@@ -324,8 +391,10 @@ class EventLog:
                 channels=channels,
                 rows=RingReader(board).latest(round(LAST_S * self._rig.loop.rate)),
                 channel=loop_channel(board),
-                limits=self._rig.ladder,
+                limits=(*self._rig.ladder, *self.test_limits),
                 driven=tuple(self._driven.values()),
+                of_test=len(self.test_limits),
+                passed=_passed_in_segment(board, len(self._rig.ladder) + len(self.test_limits)),
             )
             self._reported = kept_trip_report(self.report, self._directory, self._say)
         return trip_error(self.report, self._reported)

@@ -13,7 +13,7 @@ from rig.loop import LaneRigs, LoopSetting
 from rig.plant import NO_FAULT, Model, Parameters, SensorParameters, rest_state
 
 from .drawing import Cases
-from .motions import AMPLITUDE, PHASE, SINE_ROWS
+from .guiding import MotionControl, guide_of_cases
 from .ticks import BLOCK, SEEN, SETTLED, CaseLanes, scale_sines
 
 Array = NDArray[np.float64]
@@ -35,6 +35,8 @@ class Setting:
         model: the model that the filter assumes.
         ticks: number of ticks of a case.
         loop: settings of the position loop.
+        controls: control of each motion of the sweep.
+        guided: whether the cases differ in their control, or add something to gain times error.
         middle: middle of the rig's position limits, at which a case in open loop begins, m.
         has_spool, has_supply: whether the rig measures spool position and supply pressure.
     """
@@ -46,6 +48,8 @@ class Setting:
     false_alarms_per_day: float
     ticks: int
     loop: LoopSetting
+    controls: tuple[MotionControl, ...]
+    guided: bool
     middle: float
     has_spool: bool
     has_supply: bool
@@ -59,6 +63,10 @@ class Setting:
 def setting_of(sweep: Sweep) -> Setting:
     """Return the settings that all cases of a sweep share."""
     base = sweep.rig
+    closed = [motion for motion in sweep.motions if motion.quantity == "position"]
+    gains = {sweep.gain_of(motion) for motion in closed}
+    tracks = any(not sweep.control_of(motion).is_proportional for motion in closed)
+    draws = any("position_gain" in motion.values for motion in closed)
     return Setting(
         like=base.plant.parameters,
         sensors=base.sensors,
@@ -66,7 +74,14 @@ def setting_of(sweep: Sweep) -> Setting:
         filter_name=sweep.filter_name,
         false_alarms_per_day=sweep.false_alarms_per_day,
         ticks=sweep.ticks,
-        loop=LoopSetting(base.gain_V_per_m, base.limits.command_V, sweep.longest_step_s),
+        loop=LoopSetting(
+            next(iter(gains), base.gain_V_per_m), base.limits.command_V, sweep.longest_step_s
+        ),
+        controls=tuple(
+            MotionControl(motion.type, sweep.control_of(motion), sweep.gain_of(motion))
+            for motion in sweep.motions
+        ),
+        guided=tracks or draws or len(gains) > 1,
         middle=0.5 * (base.limits.position_min_m + base.limits.position_max_m),
         has_spool=base.has_spool_sensor,
         has_supply=base.has_supply_pressure_sensor,
@@ -103,10 +118,17 @@ class Group:
         faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
         onset = cases.onset_tick[at][None, :].copy()
         self.rigs = LaneRigs(aligned(np.transpose(at_rest)), parameters, faults, onset)
+        setting = self.setting
+        guide = None
+        if setting.guided:
+            guide = guide_of_cases(
+                motions, setting.controls, setting.model.parameters, setting.sensors,
+                setting.loop.limit, setting.ticks,
+            )  # fmt: skip
         self.lanes = CaseLanes(
-            motions.sines, motions.levels, motions.ends, np.zeros((1, LANES)),
-            motions.open_loop[None, :].copy(), cases.noise[at][None, :].copy(), self._stream(0),
-            self._stream(1),
+            motions.sines, motions.wave, motions.levels, motions.ends, np.zeros((1, LANES)),
+            motions.open_loop[None, :].copy(), guide, cases.noise[at][None, :].copy(),
+            self._stream(0), self._stream(1),
         )  # fmt: skip
 
     def _starts(self) -> Array:
@@ -114,10 +136,7 @@ class Group:
 
         A position is the setpoint at time 0; in open loop, the middle of the position limits.
         """
-        sines = self.motions.sines.reshape(-1, SINE_ROWS, LANES)
-        waves = sines[:, AMPLITUDE] * np.sin(2.0 * np.pi * sines[:, PHASE])
-        begins = self.motions.levels[0] + waves.sum(axis=0)
-        return np.where(self.motions.open_loop != 0.0, self.setting.middle, begins)
+        return np.where(self.motions.open_loop != 0.0, self.setting.middle, self.motions.begins())
 
     def _stream(self, row: int) -> NDArray[np.uint64]:
         """Return the initial state of a stream of noise, from a row of `Cases.seeds`."""

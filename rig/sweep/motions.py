@@ -1,4 +1,4 @@
-"""Draws the motions of cases as tables for compiled code: sums of sines, and successive levels."""
+"""Draws the motions of cases as tables for compiled code: sines, a wave of lines, and levels."""
 
 import zlib
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Pseudorandom
+from control import Pseudorandom, Trapezoid
 from rig.configuration import Distribution, SweptMotion
 
 Array = NDArray[np.float64]
@@ -21,7 +21,12 @@ PHASE: Final = 3
 SINE_ROWS: Final = 4
 """Number of rows of a sine: amplitude (m or V), frequency (Hz), half the rate of change of the
 frequency (Hz/s), and phase (turns)."""
-_UNITS: Final = {"frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "phase": "rad",
+WAVE_ROWS: Final = 4
+"""Number of rows of a trapezoid wave: amplitude (m or V), frequency (Hz), rest at either end (s),
+and phase (turns); the same rows as those of a sine but for the rest."""
+HOLD: Final = 2
+_UNITS: Final = {"position_gain": "V/m", "frequency": "Hz",
+                 "start_frequency": "Hz", "end_frequency": "Hz", "phase": "rad",
                  "hold": "s", "hold_min": "s", "hold_max": "s", "frequencies": "Hz"}  # fmt: skip
 
 
@@ -72,27 +77,33 @@ class Streams:
 
 @dataclass(frozen=True)
 class Motions:
-    """The setpoints of n cases: r(t) = level(t) + sum of sines, in m, or in V in open loop.
+    """The setpoints of n cases: r(t) = level(t) + sum of sines + wave(t), in m, in open loop in V.
 
     Attributes:
         sines: `SINE_ROWS` rows for each of s sines, float64 (4 s, n).
         peak: greatest absolute value to which the sum of sines is to be scaled, float64 (n,); NaN
             if it is not scaled.
+        wave: `WAVE_ROWS` rows of a trapezoid wave, float64 (4, n); without a rest it is a triangle,
+            and with amplitude 0 there is none.
         levels: successive levels, float64 (k, n).
         ends: level i lasts until the time ends[i], s, float64 (k, n); the last level has no end.
         open_loop: 1 if the setpoint is the valve's command, else 0, float64 (n,).
         kind: index of the case's motion in the sweep, (n,).
         pace: a measure of the motion's speed, to compare cases with the same motion, float64 (n,);
             1 for motions that rest most of the time.
+        gain: gain of the position loop that was drawn for the case, V/m, float64 (n,); NaN where
+            none was.
     """
 
     sines: Array
     peak: Array
+    wave: Array
     levels: Array
     ends: Array
     open_loop: Array
     kind: NDArray[np.intp]
     pace: Array
+    gain: Array
 
     def of(self, lanes: NDArray[np.intp]) -> "Motions":
         """Return the motions of some of the cases, by the indices of these cases.
@@ -108,9 +119,19 @@ class Motions:
         count = int(np.flatnonzero(has)[-1] + 1) if has.any() else 0
         return Motions(**parts | {"sines": parts["sines"][: SINE_ROWS * count]})
 
+    def begins(self) -> Array:
+        """Return the setpoints at time 0, m or V, (n,)."""
+        sines = self.sines.reshape(-1, SINE_ROWS, self.kind.size)
+        waves = sines[:, AMPLITUDE] * np.sin(2.0 * np.pi * sines[:, PHASE])
+        lines = [
+            Trapezoid(0.0, size, frequency, hold, 2.0 * np.pi * turns).sample(np.zeros(1))[0]
+            for size, frequency, hold, turns in self.wave.T.tolist()
+        ]
+        return self.levels[0] + waves.sum(axis=0) + np.array(lines)
+
 
 class _Course(NamedTuple):
-    """The motion of one case: levels and their ends, rows of sines, peak and pace, as in `Motions`.
+    """The motion of one case: levels, their ends, rows of sines, peak, pace and wave (`Motions`).
 
     The last level has no end, so that the last of `ends` has no effect.
     """
@@ -120,6 +141,7 @@ class _Course(NamedTuple):
     sines: Sequence[float] = ()
     peak: float = np.nan
     pace: float = 1.0
+    wave: Sequence[float] = (0.0, 1.0, 0.0, 0.0)
 
 
 def _columns(of_cases: Sequence[Sequence[float]], padding: float = 0.0) -> Array:
@@ -148,6 +170,7 @@ def drawn_motions(
     names = np.array([motion.name for motion in motions])
     columns = {"motion": Column(names[kind], "", "name of the motion")}
     made: dict[int, _Course] = {}
+    gain = np.full(streams.count, np.nan)
     open_loop = np.array([float(motion.quantity == "command") for motion in motions])
     for index, motion in enumerate(motions):
         called = f"motion {motion.name}"
@@ -155,6 +178,8 @@ def drawn_motions(
             key: [streams.drawn(f"{called} {key} {i}", law) for i, law in enumerate(laws)]
             for key, laws in motion.values.items()
         }
+        if "position_gain" in drawn:
+            gain = np.where(kind == index, drawn["position_gain"][0], gain)
         seeds, waves = streams.seeds(called), len(drawn.get("frequencies", ()))
         phases = [streams.uniform(f"{called} phase {i}") for i in range(waves)]
         for case in np.flatnonzero(kind == index).tolist():
@@ -166,11 +191,13 @@ def drawn_motions(
     setpoints = Motions(
         sines=_columns([each.sines for each in cases]),
         peak=np.array([each.peak for each in cases]),
+        wave=_columns([each.wave for each in cases]),
         levels=_columns([each.levels for each in cases]),
         ends=_columns([(*each.ends[:-1], np.inf) for each in cases], padding=np.inf),
         open_loop=open_loop[kind],
         kind=kind,
         pace=np.array([each.pace for each in cases]),
+        gain=gain,
     )
     return setpoints, columns
 
@@ -218,6 +245,10 @@ def _motion(
         ends, held = Pseudorandom(lower, upper, shortest, longest, seed).sequence(until)
         return _Course(held.tolist(), ends.tolist())
     amplitude, peak = one["amplitude"], np.nan
+    if kind in ("triangle", "trapezoid"):
+        hold, turn = one.get("hold", 0.0), one["phase"] / (2.0 * np.pi)
+        wave = (amplitude, one["frequency"], hold, turn)
+        return _Course(own["mean"], pace=amplitude * one["frequency"], wave=wave)
     if kind == "multisine":
         peak, pace = amplitude, amplitude * sum(own["frequencies"])
         pairs = zip(own["frequencies"], turns, strict=True)

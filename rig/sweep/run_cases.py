@@ -208,9 +208,14 @@ def _still_case(setting: Setting, cases: Cases) -> Cases:
     """
     none, zero = np.full(1, np.nan), np.zeros(1)
     level, endless = np.full((1, 1), setting.middle), np.full((1, 1), np.inf)
+    flat = np.array([[0.0], [1.0], [0.0], [0.0]])
+    # A motion with the tracking law, if the sweep has one, loads the code that prepares it too.
+    kinds = range(len(setting.controls))
+    tracked = [kind for kind in kinds if not setting.controls[kind].settings.is_proportional]
+    kind = np.array([tracked[0] if tracked else 0])
     return replace(
         cases.of(np.zeros(1, dtype=np.intp), 0),
         parameters=np.array(setting.like, dtype=np.float64)[:, None],
         coefficients=np.zeros((len(LEAKS), 1)),
-        motions=Motions(np.zeros((0, 1)), none, level, endless, zero, zero.astype(int), zero),
+        motions=Motions(np.zeros((0, 1)), none, flat, level, endless, zero, kind, zero, none),
     )

@@ -36,6 +36,7 @@ from rig.loop import (
     PRESSURE_1,
     PRESSURE_2,
     RETURN,
+    LaneGuide,
     plant_ticks,
     reading_ticks,
 )
@@ -49,7 +50,7 @@ from rig.plant import (
     signed_root,
 )
 
-from .motions import AMPLITUDE, CHIRP, FREQUENCY, PHASE, SINE_ROWS
+from .motions import AMPLITUDE, CHIRP, FREQUENCY, HOLD, PHASE, SINE_ROWS
 
 BLOCK: Final = 500
 """Ticks of a block, half a second: sums are kept for each block, and a decision follows it."""
@@ -78,6 +79,8 @@ class CaseLanes(NamedTuple):
 
     sines: NDArray[np.float64]
     """Sines of the setpoints as in `rig.sweep.motions.Motions`, (4 s, LANES)."""
+    wave: NDArray[np.float64]
+    """Trapezoid waves of the setpoints as in `rig.sweep.motions.Motions`, (4, LANES)."""
     levels: NDArray[np.float64]
     """Levels of the setpoints as in `rig.sweep.motions.Motions`, (k, LANES)."""
     ends: NDArray[np.float64]
@@ -86,6 +89,9 @@ class CaseLanes(NamedTuple):
     """Index of the present level, (1, LANES); updated in place."""
     open_loop: NDArray[np.float64]
     """Not 0 if the setpoint is the valve's command, (1, LANES)."""
+    guide: LaneGuide | None
+    """Control laws of the cases; what they remember is updated in place. None if all cases have the
+    proportional loop with one gain."""
     scale: NDArray[np.float64]
     """Factor on the standard deviations of the transducers, (1, LANES)."""
     pressures: NDArray[np.uint64]
@@ -108,13 +114,23 @@ class Thesis7Lanes(NamedTuple):
 
 
 @inlined
-def _wave(sines, i, time_s):
+def _sine(sines, i, time_s):
     """Return the value, in m or V, of sine i of a setpoint at a time in s."""
     row = SINE_ROWS * i
     turns = load(sines, row + PHASE)
     turns += time_s * (load(sines, row + FREQUENCY) + time_s * load(sines, row + CHIRP))
     sine, _ = sine_and_cosine(turns - floor(turns))
     return load(sines, row + AMPLITUDE) * sine
+
+
+@inlined
+def _trapezoid(wave, time_s):
+    """Return the value, in m or V, of trapezoid waves at a time in s (`control.Trapezoid`)."""
+    half = 0.5 / load(wave, FREQUENCY)
+    turns = load(wave, FREQUENCY) * time_s + load(wave, PHASE) + 0.25
+    triangle = 1.0 - 4.0 * abs(turns - floor(turns) - 0.5)
+    steep = half / (half - load(wave, HOLD)) * triangle
+    return load(wave, AMPLITUDE) * min(max(steep, -1.0), 1.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -146,7 +162,7 @@ def scale_sines(sines, peak, ticks):
     for k in range(0, ticks, stride):
         total = 0.0 * greatest
         for i in range(count):
-            total += _wave(sines, i, k * TICK)
+            total += _sine(sines, i, k * TICK)
         greatest = max(greatest, abs(total))
     factor = select(scaled, wanted / greatest, 1.0)
     for i in range(count):
@@ -155,12 +171,13 @@ def scale_sines(sines, peak, ticks):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def setpoint_ticks(first, sines, levels, ends, held, setpoint):
+def setpoint_ticks(first, sines, wave, levels, ends, held, setpoint):
     """Fill in the setpoints of some ticks; they are described as in `rig.sweep.motions.Motions`.
 
     Args:
         first: number of the first tick.
         sines: rows of the sines, (4 s, LANES).
+        wave: rows of the trapezoid waves, (4, LANES).
         levels: successive levels, m or V, (k, LANES).
         ends: time at which each level ends, s, (k, LANES).
         held: index of the present level, (1, LANES); updated.
@@ -169,6 +186,7 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
     align_stack()
     at = load(held, 0)
     count = sines.shape[0] // SINE_ROWS
+    has_wave = anywhere(load(wave, AMPLITUDE) != 0.0)
     until, level = gather(ends, at), gather(levels, at)
     for k in range(setpoint.shape[0]):
         time_s = (first + k) * TICK
@@ -179,7 +197,9 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
             over = until <= time_s + _ROUNDING_S
         total = level
         for i in range(count):
-            total += _wave(sines, i, time_s)
+            total += _sine(sines, i, time_s)
+        if has_wave:
+            total += _trapezoid(wave, time_s)
         store(setpoint, k, total)
     store(held, 0, at)
 
@@ -290,10 +310,13 @@ def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
     first = 0
     while first < ticks:
         count = min(batch if first == 0 else batch - 1, ticks - first)
-        setpoint_ticks(first, cases.sines, cases.levels, cases.ends, cases.level, setpoint[:count])
+        setpoint_ticks(
+            first, cases.sines, cases.wave, cases.levels, cases.ends, cases.level, setpoint[:count]
+        )
         if not plant_ticks(
-            first, setpoint[:count], cases.open_loop, loop, rigs, like, sensors, log, rows[:count]
-        ):
+            first, setpoint[:count], cases.open_loop, loop, cases.guide, rigs, like, sensors, log,
+            rows[:count],
+        ):  # fmt: skip
             return False
         done = 0
         while done < count:
@@ -329,8 +352,10 @@ def reading_block(first, rigs, cases, loop, like, sensors, log, readings, flow):
     """
     ticks = readings.shape[0]
     setpoint, rows = empty_lanes(ticks), empty_lanes(ticks)
-    setpoint_ticks(first, cases.sines, cases.levels, cases.ends, cases.level, setpoint)
-    if not plant_ticks(first, setpoint, cases.open_loop, loop, rigs, like, sensors, log, rows):
+    setpoint_ticks(first, cases.sines, cases.wave, cases.levels, cases.ends, cases.level, setpoint)
+    if not plant_ticks(
+        first, setpoint, cases.open_loop, loop, cases.guide, rigs, like, sensors, log, rows
+    ):
         return False
     of_pressures, of_others = empty_lanes(2 * ticks), empty_lanes(2 * ticks)
     fill_normal(cases.pressures, of_pressures)

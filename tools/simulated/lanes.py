@@ -11,8 +11,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, POSITION_GAIN
+from control import COMMAND_LIMIT, POSITION_GAIN, Guide
 from rig.lanes import LANES, aligned, empty_lanes, fill_normal, start_streams
+from rig.loop.lane_control import lane_guide
 from rig.loop.lane_ticks import (
     LOGGED,
     MOST_STEPS,
@@ -53,6 +54,8 @@ class SimulatedLanes:
         sensors: the transducers' data sheet.
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
+        guides: what each rig's position loop adds to gain times error, (LANES,), with tables from
+            the first tick on; None means nothing.
 
     Attributes:
         rigs: true parameters of each rig, (LANES,).
@@ -74,6 +77,7 @@ class SimulatedLanes:
         sensors: SensorParameters = DATA_SHEET,
         gain: float = POSITION_GAIN,
         limit: float = COMMAND_LIMIT,
+        guides: Sequence[Guide] | None = None,
     ) -> None:
         faults = [NO_FAULT] * LANES if faults is None else faults
         onsets = [0] * LANES if onsets is None else onsets
@@ -91,6 +95,7 @@ class SimulatedLanes:
         self._lanes = LaneRigs(self.plant, _by_lane(rigs), _by_lane(faults), onset)
         self._sensors = sensors
         self._loop = LoopSetting(gain, limit, LONGEST_STEP)
+        self._guide = None if guides is None else lane_guide([gain] * LANES, guides)
         self._ticks = 0
         self._streams = start_streams(seeds)
         self._log = empty_lanes(_BATCH * MOST_STEPS * LOGGED).reshape((-1, LOGGED, LANES))
@@ -123,7 +128,7 @@ class SimulatedLanes:
         rows = empty_lanes(ticks)
         enough = plant_ticks(
             self._ticks, np.ascontiguousarray(setpoint), np.ascontiguousarray(open_loop),
-            self._loop, self._lanes, self.rigs[0], self._sensors, self._log, rows,
+            self._loop, self._guide, self._lanes, self.rigs[0], self._sensors, self._log, rows,
         )  # fmt: skip
         if not enough:
             raise RuntimeError(

@@ -10,6 +10,7 @@ from .dry_run import (
     valve_speed as valve_speed,
 )
 from .faults import TYPICAL_PRESSURE as TYPICAL_PRESSURE
+from .following import expected_following as expected_following
 from .schedule import (
     Entry as Entry,
     Missed as Missed,

@@ -29,18 +29,12 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import GAIN, Rig, read_control
 from rig.plant import quantities
 
-from .conditions import awaited_files, read_awaited, read_until, until_files
-from .criteria import (
-    CriterionFile,
-    OwnFigureFile,
-    TestLimitFile,
-    read_criteria,
-    read_own_figures,
-    read_test_limits,
-)
+from .awaited import awaited_files, read_awaited, read_until, until_files
+from .criteria import CriterionFile, OwnFigureFile, read_criteria, read_own_figures
 from .faults import FaultFile, read_faults
-from .segments import DURATION, Cycles, SegmentFile, SegmentLoopFile, Times, context_of, read_motion
-from .setpoints import setpoint_files
+from .limits import TestLimitFile, read_test_limits
+from .segments import Cycles, SegmentFile, SegmentLoopFile, Times, context_of, read_motion
+from .setpoints import DURATION, setpoint_files
 
 _STIFFNESS: Final = quantities()["spring_stiffness"]
 _CONTACT: Final = quantities()["spring_contact"]
@@ -234,6 +228,7 @@ class _TestReader:
                 wait_for=awaited,
                 until=None if until is None else until[0],
                 control=control,
+                segment_ends=motion.ends,
             )
 
     def _until(self) -> tuple[Until, float] | None:

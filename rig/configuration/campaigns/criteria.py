@@ -1,24 +1,16 @@
-"""The `figures`, `criteria` and `limits` of a test are read here."""
+"""The `figures` and `criteria` of a test are read here."""
 
-from collections.abc import Iterator, Mapping, Sequence as Listing
+from collections.abc import Mapping, Sequence as Listing
 from math import inf
 from typing import Annotated, Any, Final
 
 from pydantic import create_model
 
-from control import Sequence
-from faults import (
-    FOLLOWING_ERROR,
-    MEASURES,
-    Criterion,
-    Expression,
-    ExpressionError,
-    LimitAction,
-    OwnFigure,
-    TestLimit,
-)
+from control import Sequence, Stretch
+from faults import FOLLOWING_ERROR, MEASURES, Criterion, Expression, ExpressionError, OwnFigure
 from rig.configuration.reading import (
     DIMENSIONS,
+    AnyQuantity,
     Located,
     Physical,
     Schema,
@@ -46,9 +38,6 @@ _EVERY_TEST: Final = {
 """Figures that tests have by themselves -> SI unit, beside `leak`."""
 _OF_CHANNEL: Final = ("peak", "valley")
 _COMMANDED: Final = ("time_s", "setpoint_m", "setpoint_V", "command_V", FOLLOWING_ERROR)
-_WINDOW_S: Final = Physical("s", 0.5, 60.0, 10.0)
-"""How far back a figure that is watched looks. It is computed anew every 50 ms, so that a minute of
-rows is what a test in real time can afford."""
 
 
 class OwnFigureFile(Schema):
@@ -62,38 +51,17 @@ class CriterionFile(Schema):
     """Keys of a criterion; the unit of its limits is that of its figure."""
 
     figure: str
-    at_least: Any = None
-    at_most: Any = None
+    at_least: Annotated[Any, AnyQuantity()] = None
+    at_most: Annotated[Any, AnyQuantity()] = None
     channel: str | None = None
     during: str | None = None
     from_time: Annotated[float | None, Physical("s", 0.0, 3600.0, 10.0)] = None
     until_time: Annotated[float | None, Physical("s", 0.0, 3600.0, 10.0)] = None
 
 
-class _TestLimitKeys(Schema):
-    """Keys of a limit that holds while a test runs; its bounds have the unit of its channel."""
-
-    __test__ = False  # not a pytest class, whatever its name
-
-    channel: str | None = None
-    figure: str | None = None
-    low: Any = None
-    high: Any = None
-    inner_low: Any = None
-    inner_high: Any = None
-    action: LimitAction = "trip"
-    hysteresis: Any = None
-    over: Annotated[float | None, _WINDOW_S] = None
-
-
-_FOR: Final = Physical("s", 0.0, 600.0, 1.0)
-# `for` is a word of Python, so that the class above cannot have it.
-TestLimitFile = create_model(  # type: ignore[call-overload]
-    "TestLimitFile",
-    __base__=_TestLimitKeys,
-    __doc__=_TestLimitKeys.__doc__,
-    **{"for": (Annotated[float, _FOR], 0.0)},
-)
+def figure_unit(name: str) -> str:
+    """Return the SI unit of a figure that tests have by themselves, one of no channel."""
+    return {**MEASURES, **_EVERY_TEST}[name]
 
 
 def channels_of(rig: Rig | None) -> tuple[str, ...]:
@@ -176,7 +144,7 @@ def _criterion(
     ):  # fmt: skip
         limit = "compares with a setpoint in m, and this test has none"
         item.refuse(limit, "leave it out, or give a setpoint in m", key="figure")
-    ends = _bounds(item, ("at_least", "at_most"), unit)
+    ends = bounds_of(item, ("at_least", "at_most"), unit)
     if problems.reported > before:
         return None
     low, high = ends.get("at_least", -inf), ends.get("at_most", inf)
@@ -243,16 +211,35 @@ def _window(
         return None
     if motion is None:
         return None
-    stretches = motion.setpoint.stretches if isinstance(motion.setpoint, Sequence) else ()
-    names = list(dict.fromkeys(each.name for each in stretches if each.name))
-    if not isinstance(motion.setpoint, Sequence) or file.during not in names:
-        remedy = suggestion(file.during, names, "named segments")
+    windows = windows_of(item, file.during, motion)
+    return (windows[0][0], windows[-1][1]) if windows else None
+
+
+def windows_of(item: Located, name: str, motion: Motion) -> tuple[tuple[float, float], ...]:
+    """Return (begin, end) in s of each segment with a name, as the motion is laid out.
+
+    Blends are left out. If the test has no such segment, record a problem and return ().
+
+    Args:
+        item: the mapping that names the segment under the key `during`.
+        name: the name.
+        motion: the test's motion.
+    """
+    setpoint = motion.setpoint
+    laid: list[tuple[float, Stretch]] = []
+    if isinstance(setpoint, Sequence):
+        laid = list(zip(setpoint.starts_s, setpoint.stretches, strict=True))
+    windows = tuple(
+        (start + each.blend_s, start + each.total_s) for start, each in laid if each.name == name
+    )
+    if not windows:
+        names = list(dict.fromkeys(each.name for _, each in laid if each.name))
+        remedy = suggestion(name, names, "named segments")
         item.refuse("is no segment of this test", remedy, key="during")
-        return None
-    return motion.setpoint.window_s(file.during)
+    return windows
 
 
-def _bounds(item: Located, keys: Listing[str], unit: str) -> Mapping[str, float]:
+def bounds_of(item: Located, keys: Listing[str], unit: str) -> Mapping[str, float]:
     """Return those of some keys that a mapping gives, as quantities; record their problems."""
     kind = Annotated[float, Physical(unit)]
     fields: Any = dict.fromkeys(keys, (kind, None))
@@ -262,133 +249,3 @@ def _bounds(item: Located, keys: Listing[str], unit: str) -> Mapping[str, float]
     )
     found = {} if file is None else file.model_dump()
     return {key: value for key, value in found.items() if value is not None}
-
-
-def read_test_limits(
-    item: Located | None, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
-) -> tuple[TestLimit, ...]:
-    """Return the usable limits of a test; record the problems of the others.
-
-    Args:
-        item: the list under the key `limits`; None if there is none.
-        own: the test's own figures.
-        motion: the test's motion; None if it is not known.
-        rig: the rig; None if it is unusable.
-    """
-    remedy = "write a list: - {channel: following_error_m, high: 5 mm, action: ramp_down}"
-    return tuple(_limits(elements_of(item, remedy), own, motion, rig))
-
-
-def _limits(
-    elements: Listing[Located],
-    own: Listing[OwnFigure],
-    motion: Motion | None,
-    rig: Rig | None,
-) -> Iterator[TestLimit]:
-    for element in elements:
-        limit = _limit(element, own, motion, rig)
-        if limit is not None:
-            yield limit
-
-
-def _limit(
-    item: Located, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
-) -> TestLimit | None:
-    problems = item.sources.problems
-    before = problems.reported
-    file = read_mapping(TestLimitFile, item)
-    if file is None:
-        return None
-    for_s = getattr(file, "for")
-    unit = _unit_of_limit(item, file, own, motion, rig)
-    if unit is None or problems.reported > before:
-        return None
-    keys = ("low", "high", "inner_low", "inner_high", "hysteresis")
-    ends = _bounds(item, keys, unit)
-    if problems.reported > before:
-        return None
-    mine = {each.name: each for each in own}
-    watched = str(file.channel or file.figure)
-    is_figure = watched in mine and mine[watched].expression.is_number
-    if file.over is not None and not is_figure:
-        item.refuse(
-            "is for figures; a channel has a value at each sample", "leave it out", key="over"
-        )
-        return None
-    usual = 10.0 if is_figure else 0.0
-    limit = TestLimit(
-        watched,
-        unit,
-        ends.get("low", -inf),
-        ends.get("high", inf),
-        ends.get("inner_low", -inf),
-        ends.get("inner_high", inf),
-        file.action,
-        for_s,
-        ends.get("hysteresis", 0.0),
-        file.over or usual,
-    )
-    return limit if _is_sound(item, limit) else None
-
-
-def _unit_of_limit(
-    item: Located,
-    file: _TestLimitKeys,
-    own: Listing[OwnFigure],
-    motion: Motion | None,
-    rig: Rig | None,
-) -> str | None:
-    if (file.channel is None) == (file.figure is None):
-        limit = "names both a channel and a figure" if file.channel else "names nothing to watch"
-        item.refuse(limit, "give `channel: ...` or `figure: ...`", "")
-        return None
-    if file.figure is not None:
-        mine = {each.name: each for each in own}
-        if file.figure == "leak":
-            return "m^3/s"
-        if file.figure not in mine:
-            remedy = suggestion(
-                file.figure, ["leak", *mine], "figures that are computed as it runs"
-            )
-            item.refuse("is no figure that is computed as the test runs", remedy, key="figure")
-            return None
-        return mine[file.figure].unit
-    known = [name for name in channels_of(rig) if unit_of(name) and name != "time_s"]
-    if file.channel not in known:
-        remedy = suggestion(str(file.channel), known, "channels")
-        item.refuse("is not measured by this rig", remedy, key="channel")
-        return None
-    if file.channel == FOLLOWING_ERROR and motion and motion.setpoint.quantity != "position":
-        limit = "compares with a setpoint in m, and this test has none"
-        item.refuse(limit, "leave it out, or give a setpoint in m", key="channel")
-        return None
-    return unit_of(str(file.channel))
-
-
-def _is_sound(item: Located, limit: TestLimit) -> bool:
-    """Return whether the bands of a limit make sense; if not, record why."""
-    outer, inner = (limit.low, limit.high), (limit.inner_low, limit.inner_high)
-    if (*outer, *inner) == (-inf, inf, -inf, inf):
-        item.refuse("has no limit", "add `low: ...`, `high: ...` or both", limit.watched)
-        return False
-    if outer == (-inf, inf) and limit.action != "warn":
-        item.refuse("has an inner band only", "add the outer one, or `action: warn`", limit.watched)
-        return False
-    for ends, key in ((outer, "low"), (inner, "inner_low")):
-        if not ends[0] < ends[1]:
-            item.refuse("is not below its upper end", "swap them", key=key)
-            return False
-    if limit.inner_low < limit.low or limit.inner_high > limit.high:
-        wide = (
-            "inner_low" if limit.inner_low > -inf and limit.inner_low < limit.low else "inner_high"
-        )
-        if (wide == "inner_low" and limit.inner_low > -inf) or limit.inner_high < inf:
-            item.refuse(
-                "lies outside of the outer band", "let the inner band be narrower", key=wide
-            )
-            return False
-    width = min(outer[1] - outer[0], inner[1] - inner[0])
-    if not 0.0 <= 2.0 * limit.hysteresis < width:
-        item.refuse("leaves nothing between the ends of a band", "reduce it", key="hysteresis")
-        return False
-    return True

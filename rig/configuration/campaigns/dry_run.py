@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Sequence, Setpoint, period_of
+from control import Sequence, period_of
 from estimator.filters import DEFAULT_FILTER
 from faults import (
     Campaign,
@@ -103,8 +103,9 @@ class PlannedTest:
         if self.command_range_V is not None:
             least, most = self.command_range_V
             motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
-        head = f"{test.name}: {test.duration_s:g} s after {test.settle_s:g} s of settling"
-        lines = [head, f"  motion {motion}", *_segment_lines(test.setpoint)]
+        longest = "at most " if test.segment_ends else ""
+        head = f"{test.name}: {longest}{test.duration_s:g} s after {test.settle_s:g} s of settling"
+        lines = [head, f"  motion {motion}", *_segment_lines(test)]
         if self.following is not None:
             lines.append(f"  {self.following}")
         lines.append(f"  expect {test.expect}")
@@ -130,14 +131,14 @@ def _criterion(criterion: Criterion) -> str:
 
 
 def _limit(limit: TestLimit) -> str:
-    bands = []
-    if isfinite(limit.inner_low) or isfinite(limit.inner_high):
-        bands.append(f"warn {_beyond(limit.inner_low, limit.inner_high, limit.unit)}")
-    if isfinite(limit.low) or isfinite(limit.high):
-        action = limit.action.replace("_", " ")
-        bands.append(f"{action} {_beyond(limit.low, limit.high, limit.unit)}")
+    bands = [
+        f"{band.action.replace('_', ' ')} {_beyond(band.low, band.high, limit.unit)}"
+        for band in limit.bands
+    ]
+    over = f" over {show(limit.over_s, 's')}" if limit.over_s else ""
     lasting = f", for {show(limit.for_s, 's')}" if limit.for_s else ""
-    return f"{limit.watched}: {', '.join(bands)}{lasting}"
+    during = f", in {limit.during}" if limit.during else ""
+    return f"{limit.watched}{over}: {', '.join(bands)}{lasting}{during}"
 
 
 def _range(low: float, high: float, unit: str) -> str:
@@ -151,8 +152,9 @@ def _beyond(low: float, high: float, unit: str) -> str:
     return " or ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
 
 
-def _segment_lines(setpoint: Setpoint) -> list[str]:
-    """Return a line for each segment of a setpoint, up to a few; none if it has no segments."""
+def _segment_lines(test: CampaignTest) -> list[str]:
+    """Return a line for each segment of a test, up to a few; none if it has no segments."""
+    setpoint, ends = test.setpoint, {each.end_s: each.until.label for each in test.segment_ends}
     if not isinstance(setpoint, Sequence):
         return []
     lines = []
@@ -161,9 +163,9 @@ def _segment_lines(setpoint: Setpoint) -> list[str]:
         cycles = f", {each.duration_s / period_s:g} cycles" if period_s else ""
         blend = f", after {each.blend_s:g} s to get there" if each.blend_s else ""
         named = f" {each.name}" if each.name else ""
-        lines.append(
-            f"  segment{named} at {start:g} s: {kind}, {each.duration_s:g} s{cycles}{blend}"
-        )
+        awaited = ends.get(start + each.total_s)
+        lasts = f"{awaited}, at most {each.duration_s:g} s" if awaited else f"{each.duration_s:g} s"
+        lines.append(f"  segment{named} at {start:g} s: {kind}, {lasts}{cycles}{blend}")
     left = len(lines) - _SEGMENTS_SHOWN
     return lines if left <= 0 else [*lines[:_SEGMENTS_SHOWN], f"  and {left} more segments"]
 

@@ -7,11 +7,13 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from control import RequestError
 from faults import LEAK_KINDS, BypassValve, Fault, Verdict, linked
 from rig.configuration.reading import (
+    AnyQuantity,
     Located,
     Physical,
     QuantityError,
     Schema,
     Under,
+    Written,
     elements_of,
     read_mapping,
     refuse_missing,
@@ -49,7 +51,7 @@ class FaultFile(Schema):
     until: Annotated[float | None, Physical("s", 0.0, 3600.0, 30.0)] = None
     ramp: Annotated[float, Physical("s", 0.0, 3600.0, 5.0)] = 0.0
     needle_opening: Annotated[float | None, Physical("", 0.0, 1.0, 0.3)] = None
-    coefficient: Any = None
+    coefficient: Annotated[Any, AnyQuantity()] = None
     linear_coefficient: Annotated[float | None, LINEAR_LEAKAGE] = None
     flow: Annotated[float | None, Physical("m^3/s", 0.0, 1e-3, 1e-5)] = None
     pressure: Annotated[float | None, Physical("Pa", 1e3, 3.5e7, TYPICAL_PRESSURE)] = None
@@ -60,13 +62,13 @@ class ProfileEntryFile(Schema):
     """Keys of an entry of a fault's `profile`: from when on the fault has which size."""
 
     at: Time
-    until: Any = None
-    ramp: Any = 0.0
-    needle_opening: Any = None
-    coefficient: Any = None
-    linear_coefficient: Any = None
-    flow: Any = None
-    pressure: Any = None
+    until: Annotated[Any, Written("s")] = None
+    ramp: Annotated[Any, Written("s")] = 0.0
+    needle_opening: Annotated[Any, Written("")] = None
+    coefficient: Annotated[Any, AnyQuantity()] = None
+    linear_coefficient: Annotated[Any, Written("m^3/(s Pa)")] = None
+    flow: Annotated[Any, Written("m^3/s")] = None
+    pressure: Annotated[Any, Written("Pa")] = None
 
 
 class _Size(NamedTuple):

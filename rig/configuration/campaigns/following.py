@@ -65,8 +65,9 @@ class Following:
     def __str__(self) -> str:
         """Return the expected error as one line of text."""
         reach = f"; {self.out_of_reach}" if self.out_of_reach else ""
+        rms = f"{1e3 * self.rms:.2g}" if self.rms < 0.0995 else f"{1e3 * self.rms:.0f}"
         return (
-            f"following error at most {1e3 * self.worst:.3g} mm, {1e3 * self.rms:.2g} mm rms, "
+            f"following error at most {1e3 * self.worst:.3g} mm, {rms} mm rms, "
             f"expected with {self.law}{reach}"
         )
 

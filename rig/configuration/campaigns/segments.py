@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field as SchemaField
 
 from control import Constant, Sequence, Setpoint, SetpointError, Stretch, period_of
+from faults import SegmentEnd, Until
 from rig.configuration.reading import (
     Located,
     Physical,
@@ -22,11 +23,9 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import Rig
 from rig.plant import TICK
 
-from .setpoints import SetpointContext, read_setpoint, setpoint_files
+from .awaited import read_segment_until, segment_until_files
+from .setpoints import DURATION, SetpointContext, read_setpoint, setpoint_files
 
-DURATION: Final = Physical("s", 5.0, 3600.0, 40.0)
-"""How long a test may last. Below 5 s no filter has settled; beyond an hour the rows of one test
-would not fit beside others in memory, and `repeats` or a `loop` serve better."""
 Cycles = Annotated[int | None, SchemaField(ge=1, le=1_000_000)]
 Times = Annotated[int, SchemaField(ge=1, le=1000)]
 _MOST_SEGMENTS: Final = 1000
@@ -35,7 +34,7 @@ _DEFAULT_S: Final = 60.0
 
 
 class SegmentFile(Schema):
-    """Keys of a segment: a setpoint with a duration or cycles, or `hold` for how long to rest."""
+    """Keys of a segment: a setpoint with duration, cycles or `until`; or `hold` or `wait_for`."""
 
     name: str | None = None
     setpoint: Annotated[Any, Under(setpoint_files)] = None
@@ -43,6 +42,8 @@ class SegmentFile(Schema):
     cycles: Cycles = None
     hold: Annotated[float | None, Physical("s", 1e-3, 3600.0, 10.0)] = None
     blend: Annotated[float, Physical("s", 0.0, 600.0, 2.0)] = 0.0
+    until: Annotated[Any, Under(segment_until_files)] = None
+    wait_for: Annotated[Any, Under(segment_until_files)] = None
 
 
 class SegmentLoopFile(Schema):
@@ -53,10 +54,11 @@ class SegmentLoopFile(Schema):
 
 
 class Motion(NamedTuple):
-    """The setpoint of a test, and how long the test lasts, s."""
+    """The setpoint of a test, how long the test lasts at most, s, and what ends its segments."""
 
     setpoint: Setpoint
     duration_s: float
+    ends: tuple[SegmentEnd, ...] = ()
 
 
 def read_motion(
@@ -140,6 +142,7 @@ class _Reader:
     Attributes:
         stretches: the usable segments so far, with the place of each in the file.
         broken: whether a segment could not be read, so that where the next one begins is unknown.
+        untils: index of a stretch -> what ends it early.
     """
 
     context: SetpointContext
@@ -147,6 +150,7 @@ class _Reader:
     start: float | None
     stretches: list[tuple[Stretch, Located]] = field(default_factory=list)
     broken: bool = False
+    untils: dict[int, Until] = field(default_factory=dict)
 
     def read(self, items: list[Located]) -> None:
         for item in items:
@@ -176,45 +180,91 @@ class _Reader:
         before = problems.reported
         file = read_mapping(SegmentFile, item)
         stretch = None
+        until = self._until(item)
         if file is not None and problems.reported == before:
-            stretch = self._hold(item, file) if file.hold else self._moving(item, file)
-        if stretch is None:
+            lasts_s = None if until is None else until[1]
+            rests = file.hold is not None or item.get("wait_for") is not None
+            stretch = (self._hold if rests else self._moving)(item, file, lasts_s)
+        if stretch is None or not self._is_joined(item, stretch):
             self.broken = True
-        else:
-            self.stretches.append((stretch, item))
+            return
+        if until is not None:
+            self.untils[len(self.stretches)] = until[0]
+        self.stretches.append((stretch, item))
 
-    def _hold(self, item: Located, file: SegmentFile) -> Stretch | None:
+    def _until(self, item: Located) -> tuple[Until, float] | None:
+        """Return what ends a segment, and after how long it ends at the latest, s; None if nothing.
+
+        Record a problem if another key says when it ends.
+        """
+        given = [key for key in ("wait_for", "until") if item.get(key) is not None]
+        if not given:
+            return None
+        others = ("hold", "duration", "cycles", "until", "setpoint", "blend")
+        for key in others if given[0] == "wait_for" else others[:3]:
+            if item.get(key) is not None:
+                limit = f"is given with {given[0]}, which says by itself how the segment goes"
+                remedy = "leave one of both out: `at_most` says how long it lasts at the latest"
+                item.refuse(limit, remedy, key=key)
+                return None
+        return read_segment_until(item.find(given[0]), self.rig)
+
+    def _is_joined(self, item: Located, stretch: Stretch) -> bool:
+        """Return whether a segment can begin wherever the one before ends; if not, record why."""
+        index = len(self.stretches) - 1
+        if index not in self.untils or isinstance(self.stretches[index][0].setpoint, Constant):
+            return True
+        if stretch.blend_s > 0.0:
+            return True
+        limit = "follows a moving segment with until, which may end anywhere"
+        item.refuse(limit, "give it a setpoint and `blend: 2 s`, which brings the ram there", "")
+        return False
+
+    def ends(self, sequence: Sequence) -> tuple[SegmentEnd, ...]:
+        """Return what ends segments early, with the times at which they are laid out."""
+        found = []
+        for index, until in self.untils.items():
+            stretch, start = sequence.stretches[index], sequence.starts_s[index]
+            later = sequence.stretches[index + 1 : index + 2]
+            name = stretch.name or f"segment {index + 1}"
+            begin, end = start + stretch.blend_s, start + stretch.total_s
+            found.append(SegmentEnd(until, name, begin, end, later[0].blend_s if later else 0.0))
+        return tuple(found)
+
+    def _hold(self, item: Located, file: SegmentFile, most_s: float | None) -> Stretch | None:
         for key in ("setpoint", "duration", "cycles", "blend"):
             if item.get(key) is not None:
                 limit = "is given with hold, which says all about a segment that rests"
                 item.refuse(limit, "leave one of both out", key=key)
                 return None
-        assert file.hold is not None
-        if self.broken:
+        lasts_s = file.hold if most_s is None else most_s
+        if self.broken or lasts_s is None:
             return None
         if not self.stretches:
             if self.start is None:
                 remedy = "give the test a start_position, or begin with a setpoint"
                 item.refuse("has nothing to hold at the begin of a test", remedy, key="hold")
                 return None
-            return Stretch(Constant(self.start), file.hold, file.name or "")
+            return Stretch(Constant(self.start), lasts_s, file.name or "")
         before, _ = self.stretches[-1]
         if before.setpoint.quantity != "position":
             remedy = "write a constant setpoint of 0 V"
             item.refuse("holds a position, and this test has no position loop", remedy, key="hold")
             return None
         end = float(before.setpoint.sample(np.array([before.duration_s]))[0])
-        return Stretch(Constant(end), file.hold, file.name or "")
+        return Stretch(Constant(end), lasts_s, file.name or "")
 
-    def _moving(self, item: Located, file: SegmentFile) -> Stretch | None:
+    def _moving(self, item: Located, file: SegmentFile, most_s: float | None) -> Stretch | None:
         given = item.get("setpoint")
         if given is None:
-            item.refuse("has no motion", "give it a setpoint, or `hold: 10 s`", "")
+            item.refuse("has no motion", "give it a setpoint, `hold: 10 s`, or wait_for", "")
             return None
-        if file.duration is None and file.cycles is None:
-            item.refuse("has no end", "give it a duration, or cycles of its setpoint", "")
+        if file.duration is None and file.cycles is None and most_s is None:
+            if item.get("until") is None:
+                remedy = "give it a duration, or cycles of its setpoint, or until"
+                item.refuse("has no end", remedy, "")
             return None
-        duration_s = file.duration or _DEFAULT_S
+        duration_s = file.duration or most_s or _DEFAULT_S
         setpoint = read_setpoint(given, self.context._replace(duration_s=duration_s))
         lasts_s = None if setpoint is None else _duration(item, setpoint, duration_s)
         if setpoint is None or lasts_s is None:
@@ -256,7 +306,7 @@ def _segmented(item: Located, context: SetpointContext, rig: Rig | None) -> Moti
         limit = f"is not within {DURATION.lower:g} s to {DURATION.upper:g} s, as a test lasts"
         entry.refuse(limit, "change the segments, or split the test", f"{sequence.duration_s:g} s")
         return None
-    return Motion(sequence, sequence.duration_s)
+    return Motion(sequence, sequence.duration_s, reader.ends(sequence))
 
 
 def _position(item: Located | None) -> float | None:

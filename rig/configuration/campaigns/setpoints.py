@@ -42,6 +42,9 @@ from rig.configuration.reading import (
 
 S = TypeVar("S")
 
+DURATION: Final = Physical("s", 5.0, 3600.0, 40.0)
+"""How long a test may last. Below 5 s no filter has settled; beyond an hour the rows of one test
+would not fit beside others in memory, and `repeats` or a `loop` serve better."""
 _HOLD: Final = Physical("s", 1e-3, 3600.0, 2.0)
 _LEVELS: Final[tuple[tuple[Physical, Quantity], ...]] = (
     (Physical("m", -5.0, 5.0, 0.3), "position"),
@@ -75,7 +78,8 @@ class LevelField(Field):
 
     def json_schema(self) -> dict[str, Any]:
         """Return a text with a unit."""
-        return {"type": "string", "description": "a position, such as 0.3 m, or a command in V"}
+        choices = [physical.json_schema() for physical, _ in _LEVELS]
+        return {"anyOf": choices, "description": "a position, such as 0.3 m, or a command in V"}
 
 
 _ZERO: Final = Level(0.0, "position")

@@ -1,11 +1,13 @@
 from .document import LONGEST_VALUE as LONGEST_VALUE, Located as Located, Sources as Sources
 from .fields import (
     Adjustable as Adjustable,
+    AnyQuantity as AnyQuantity,
     Field as Field,
     Interval as Interval,
     Is as Is,
     Physical as Physical,
     Relative as Relative,
+    Written as Written,
 )
 from .lookup import (
     FOLDERS as FOLDERS,
@@ -41,6 +43,7 @@ from .quantities import (
     show as show,
     unit_factor as unit_factor,
 )
+from .unit_patterns import known_units as known_units, quantity_pattern as quantity_pattern
 from .validation import (
     Schema as Schema,
     Under as Under,

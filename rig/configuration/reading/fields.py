@@ -9,6 +9,7 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from .quantities import QuantityError, Reading, dimension, read, unit_factor
+from .unit_patterns import any_quantity_pattern, quantity_pattern
 
 
 class Relative(NamedTuple):
@@ -84,9 +85,14 @@ class Physical(Field):
         kind = dimension(self.unit)
         ends = (("at least", self.lower), ("at most", self.upper))
         limits = [f"{word} {end:g} {self.unit}".strip() for word, end in ends if math.isfinite(end)]
-        text = ", ".join([f"{kind.name}, such as {kind.example}", *limits])
-        types: Any = ["number", "string"] if self.unit in ("", "rad") else "string"
-        return {"type": types, "description": text}
+        about = ", ".join([f"{kind.name}, such as {kind.example}", *limits])
+        text = {"type": "string", "pattern": quantity_pattern(self.unit, signed=self.lower < 0.0)}
+        if self.unit not in ("", "rad"):
+            return {**text, "description": about}
+        words = (("minimum", self.lower), ("maximum", self.upper))
+        number: dict[str, Any] = {"type": "number"}
+        number |= {word: end for word, end in words if math.isfinite(end)}
+        return {"anyOf": [number, text], "description": about}
 
     def _fitting(self, reading: Reading) -> str | None:
         """Return, as text, the value that was probably meant, with another decimal point or unit.
@@ -128,6 +134,35 @@ class Is(Field):
 
 
 @dataclass(frozen=True)
+class Written(Field):
+    """An annotation of a quantity of one kind that another schema reads, with its limits."""
+
+    unit: str
+
+    def parse(self, raw: object) -> Any:
+        """Return the value as it is written."""
+        return raw
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return what an editor may know of a quantity with this unit."""
+        return Physical(self.unit, 0.0).json_schema()
+
+
+@dataclass(frozen=True)
+class AnyQuantity(Field):
+    """An annotation of a quantity whose unit follows from another key; it is read by that later."""
+
+    def parse(self, raw: object) -> Any:
+        """Return the value as it is written."""
+        return raw
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return a number, or a text with any unit."""
+        text = {"type": "string", "pattern": any_quantity_pattern()}
+        return {"anyOf": [{"type": "number"}, text], "description": "a quantity, with its unit"}
+
+
+@dataclass(frozen=True)
 class Adjustable(Field):
     """An annotation of a quantity that a file may also give as a deviation from a base model's.
 
@@ -156,7 +191,8 @@ class Adjustable(Field):
     def json_schema(self) -> dict[str, Any]:
         """Return the quantity, or a text with a percentage."""
         known = self.physical.json_schema()
-        return {**known, "type": ["number", "string"]}
+        share = {"type": "string", "pattern": quantity_pattern("")}
+        return {"anyOf": [known, share], "description": known["description"]}
 
 
 @dataclass(frozen=True)

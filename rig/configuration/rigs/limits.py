@@ -13,6 +13,7 @@ from pydantic import create_model
 
 from control import COMMAND_LIMIT, Quantity
 from rig.configuration.reading import (
+    AnyQuantity,
     Interval,
     Located,
     Physical,
@@ -29,6 +30,9 @@ from rig.recording import unit_of
 
 _GLITCH: Final = 3e-3
 """Time in s of three samples. One or two samples beyond a limit may be a glitch of the wire."""
+
+
+_BOUND: Final = Annotated[Any, AnyQuantity()]
 
 
 @dataclass(frozen=True)
@@ -153,13 +157,13 @@ def read_channel_limits(
 
 
 def limit_schema(
-    keys_of: Callable[[Any], dict[str, Any]], bound: Any = Any, name: str = "LimitFile"
+    keys_of: Callable[[Any], dict[str, Any]], bound: Any = _BOUND, name: str = "LimitFile"
 ) -> type[Schema]:
     """Return the class of the keys of a channel's limit.
 
     Args:
         keys_of: type and default of the keys beside `channel`, `low` and `high`.
-        bound: type of a bound.
+        bound: type of a bound; any quantity unless it is given.
         name: name of the class.
     """
     ends = {"channel": (str, ...), "low": (bound, -inf), "high": (bound, inf)}

@@ -23,7 +23,7 @@ from rig.configuration.reading import (
     show,
     suggestion,
 )
-from rig.configuration.rigs import Rig, read_rig
+from rig.configuration.rigs import Rig, read_control, read_rig
 from rig.plant import (
     LONGEST_STEP,
     NOMINAL,
@@ -37,6 +37,7 @@ from rig.plant import (
 )
 
 from .distributions import KINDS, Distribution, Drawn, Random, resolved
+from .expecting import following_lines
 from .sweep_motions import read_motions
 from .sweep_plan import Sweep, SweepFilter, SweptLeaks
 
@@ -69,6 +70,7 @@ class SweepFile(Schema):
     effects: Any = None
     noise: Annotated[Any, Random(Physical("", 0.0, 100.0, 1.0))] = Drawn("fixed", (1.0,))
     leaks: Any = None
+    control: Any = None
     motions: Any
 
 
@@ -103,11 +105,12 @@ def read_sweep(root: Located) -> Sweep | None:
     drawn.read(root)
     drawn.check_together()
     leaks = _read_leaks(root.get("leaks"), file, rig)
-    motions = read_motions(root.get("motions"), rig.limits if rig is not None else None)
+    control = read_control(root.get("control"), rig.control if rig is not None else None)
+    motions = read_motions(root.get("motions"), rig.limits if rig is not None else None, control)
     if file is not None:
         _check_duration(root, file)
     problems, sha256 = root.sources.problems, root.sources.sha256
-    if file is None or rig is None or model is None or problems.found:
+    if file is None or rig is None or model is None or control is None or problems.found:
         return None
     return Sweep(
         name=file.name,
@@ -127,6 +130,7 @@ def read_sweep(root: Located) -> Sweep | None:
         leaks=leaks,
         motions=motions,
         source_files={str(source): digest for source, digest in sha256.items()},
+        control=control,
     )
 
 
@@ -149,9 +153,6 @@ def _read_rig(entry: Located | None) -> Rig | None:
         if getattr(rig.plant.parameters, field) != getattr(NOMINAL, field):
             limit = f"has {field}, which remembers more than the plant's states"
             entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
-    if not rig.control.is_proportional or rig.control.gain is not None:
-        limit = "has a section control, and sweeps run the proportional loop alone"
-        entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
     if rig.calibrations:
         limit = "has calibrations, and sweeps do not correct readings"
         entry.refuse(limit, "name a rig without them, or run it as a campaign", rig.name)
@@ -311,3 +312,4 @@ def sweep_lines(sweep: Sweep) -> Iterator[str]:
     total = sum(motion.share for motion in sweep.motions)
     shares = (f"{motion.name} {100.0 * motion.share / total:.3g} %" for motion in sweep.motions)
     yield f"  motions: {', '.join(shares)}"
+    yield from following_lines(sweep)

@@ -3,10 +3,11 @@
 from math import pi
 from typing import Annotated, Any, Final, cast
 
-from control import Quantity
+from control import ControlSettings, Quantity
 from rig.configuration.campaigns import Level, LevelField, check_unmixed, schema_of
 from rig.configuration.reading import Located, Physical, Schema, quantity_in, read_mapping, show
-from rig.configuration.rigs import Limits
+from rig.configuration.rigs import GAIN, Limits, read_control
+from rig.plant import TICK
 
 from .distributions import Distribution, Drawn, Random, resolved
 from .sweep_plan import MotionType, SweptMotion
@@ -17,6 +18,7 @@ _AnyLevel = Annotated[Any, _LEVEL]
 _AnyFrequency = Annotated[Any, _FREQUENCY]
 _AnySweepEnd = Annotated[Any, Random(Physical("Hz", 0.0, 100.0, 1.0))]
 _AnyPhase = Annotated[Any, Random(Physical("rad", -1e3, 1e3))]
+_AnyGain = Annotated[Any, Random(GAIN)]
 _AnyHold = Annotated[Any, Random(Physical("s", 1e-3, 3600.0, 2.0))]
 _MOST_SINES: Final = 32
 _MOST_LEVELS: Final = 1000
@@ -28,6 +30,8 @@ class MotionFile(Schema):
     type: str
     name: str | None = None
     share: Annotated[float, Physical("", 1e-6, 1e6, 1.0)] = 1.0
+    control: Any = None
+    position_gain: _AnyGain = None
 
 
 class SweptConstantFile(MotionFile):
@@ -43,6 +47,16 @@ class SweptSineFile(MotionFile):
     frequency: _AnyFrequency
     mean: _AnyLevel = None
     phase: _AnyPhase = None
+
+
+class SweptTriangleFile(SweptSineFile):
+    """Keys of a triangle wave, which are those of a sine."""
+
+
+class SweptTrapezoidFile(SweptSineFile):
+    """Keys of a trapezoid wave, which rests for `hold` at each end."""
+
+    hold: _AnyHold
 
 
 class SweptChirpFile(MotionFile):
@@ -83,17 +97,22 @@ class SweptPseudorandomFile(MotionFile):
 SCHEMAS: Final[dict[str, type[MotionFile]]] = {
     "constant": SweptConstantFile,
     "sine": SweptSineFile,
+    "triangle": SweptTriangleFile,
+    "trapezoid": SweptTrapezoidFile,
     "chirp": SweptChirpFile,
     "multisine": SweptMultisineFile,
     "steps": SweptStepsFile,
     "pseudorandom": SweptPseudorandomFile,
 }
+_OF_EVERY_MOTION: Final = ("type", "name", "share", "control")
 _LISTS: Final = {"frequencies": (_FREQUENCY, _MOST_SINES), "levels": (_LEVEL, _MOST_LEVELS)}
 _ANY_PHASE: Final = Distribution("uniform", (0.0, 2.0 * pi))
 _NOTHING: Final = Distribution("fixed", (0.0,))
 
 
-def read_motions(item: Located | None, limits: Limits | None) -> tuple[SweptMotion, ...]:
+def read_motions(
+    item: Located | None, limits: Limits | None, control: ControlSettings | None
+) -> tuple[SweptMotion, ...]:
     """Return the motions of a sweep that can be made; record all problems.
 
     A motion that may go beyond the limits is returned, with a problem. Of motions with the same
@@ -102,6 +121,8 @@ def read_motions(item: Located | None, limits: Limits | None) -> tuple[SweptMoti
     Args:
         item: the list under the key `motions`; None if it is missing.
         limits: limits of the rig, within which motions must stay; None if they are not known.
+        control: the sweep's control settings, of which a motion replaces those that it gives
+            itself; None if they are not known.
     """
     if item is None:
         return ()
@@ -109,7 +130,7 @@ def read_motions(item: Located | None, limits: Limits | None) -> tuple[SweptMoti
         item.refuse("is not a list of motions", "write at least one: `- {type: sine, ...}`")
     found: dict[str, SweptMotion] = {}
     for element in item.elements():
-        motion = _Reader(element, limits).read()
+        motion = _Reader(element, limits, control).read()
         if motion is None:
             continue
         if motion.name in found:
@@ -125,8 +146,10 @@ class _Reader:
     Problems are recorded. A motion that may go beyond the limits is returned all the same.
     """
 
-    def __init__(self, item: Located, limits: Limits | None) -> None:
-        self._item, self._limits = item, limits
+    def __init__(
+        self, item: Located, limits: Limits | None, control: ControlSettings | None
+    ) -> None:
+        self._item, self._limits, self._usual = item, limits, control
         self._quantities: dict[Quantity, str] = {}
 
     def read(self) -> SweptMotion | None:
@@ -134,24 +157,27 @@ class _Reader:
         before = problems.reported
         schema = schema_of(self._item, SCHEMAS, "motion")
         file = read_mapping(schema, self._item) if schema is not None else None
+        own = self._item.get("control")
+        control = None if own is None else read_control(own, self._usual)
         if file is None:
             return None
         values = {
             key: drawn
             for key, field in type(file).model_fields.items()
-            if key not in MotionFile.model_fields and key != "count"
+            if key not in _OF_EVERY_MOTION and key != "count"
             if (drawn := self._values(key, field.metadata, file)) is not None
         }
         check_unmixed(self._quantities, self._item)
         quantity: Quantity = next(iter(self._quantities), "position")
+        self._check_gain(quantity)
         if problems.reported > before:
             return None
         kind = cast(MotionType, file.type)
-        if kind in ("sine", "chirp", "multisine"):
+        if kind in ("sine", "triangle", "trapezoid", "chirp", "multisine"):
             values.setdefault("mean", (_NOTHING,))
-        if kind in ("sine", "chirp"):
+        if kind in ("sine", "triangle", "trapezoid", "chirp"):
             values.setdefault("phase", (_ANY_PHASE,))
-        motion = SweptMotion(file.name or kind, kind, file.share, quantity, values)
+        motion = SweptMotion(file.name or kind, kind, file.share, quantity, values, control)
         self._check_order(motion)
         if self._limits is not None:
             self._check_reach(motion, self._limits.of(quantity))
@@ -196,6 +222,19 @@ class _Reader:
             limits = self._limits.of(first.quantity)
         return resolved(drawn, limits)
 
+    def _check_gain(self, quantity: Quantity) -> None:
+        """Record a problem if a gain is given twice, or where there is no position loop."""
+        if self._item.get("position_gain") is None:
+            return
+        own = self._item.get("control")
+        if own is not None and isinstance(own.value, dict) and "gain" in own.value:
+            limit = "is given beside a gain under control"
+            self._item.refuse(limit, "leave one of them out", key="position_gain")
+        if quantity == "command":
+            limit = "needs a position loop, and this setpoint is the valve command itself"
+            remedy = "leave it out, or give a setpoint in m"
+            self._item.refuse(limit, remedy, key="position_gain")
+
     def _check_order(self, motion: SweptMotion) -> None:
         for smaller, larger in (("lower", "upper"), ("hold_min", "hold_max")):
             if smaller not in motion.values or larger not in motion.values:
@@ -204,6 +243,17 @@ class _Reader:
             least = motion.values[larger][0].support[0]
             if most > least:
                 self._item.refuse(f"may be below {smaller}", "keep their ranges apart", key=larger)
+        if motion.type == "trapezoid":
+            self._check_rests(motion)
+
+    def _check_rests(self, motion: SweptMotion) -> None:
+        """Record a problem if the rests of a trapezoid may leave no time to move."""
+        half = 0.5 / motion.values["frequency"][0].support[1]
+        longest = motion.values["hold"][0].support[1]
+        if half - longest < TICK:
+            limit = f"may leave no time to move in half a period of {show(half, 's')}"
+            remedy = "rest for less, or move more slowly"
+            self._item.refuse(limit, remedy, show(longest, "s"), key="hold")
 
     def _check_reach(self, motion: SweptMotion, limits: Physical) -> None:
         """Record a problem if a motion may go beyond the rig's limits."""

@@ -1,19 +1,21 @@
 """A sweep as its file describes it: the distributions drawn for each case, and the filter."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from control import Quantity
+from control import ControlSettings, Quantity
 from rig.configuration.campaigns import plain
-from rig.configuration.rigs import Rig
+from rig.configuration.rigs import UNLESS_USUAL, Rig
 from rig.plant import Model
 
 from .distributions import Distribution
 
 SweepFilter = Literal["thesis-7", "product"]
-MotionType = Literal["constant", "sine", "chirp", "multisine", "steps", "pseudorandom"]
+MotionType = Literal[
+    "constant", "sine", "triangle", "trapezoid", "chirp", "multisine", "steps", "pseudorandom"
+]
 
 HEALTHY: Final = "healthy"
 
@@ -29,6 +31,8 @@ class SweptMotion:
         quantity: `position` (m, closed loop) or `command` (V, open loop).
         values: key of the file -> its distributions: one for each element of `levels` and
             `frequencies`, and a single one for any other key.
+        control: what the position loop adds to gain times error in this motion; None for the
+            sweep's settings.
     """
 
     name: str
@@ -36,6 +40,7 @@ class SweptMotion:
     share: float
     quantity: Quantity
     values: Mapping[str, tuple[Distribution, ...]]
+    control: ControlSettings | None = field(default=None, metadata=UNLESS_USUAL)
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,8 @@ class Sweep:
         leaks: the leaks of the cases; None if all cases are healthy.
         motions: the motions of the cases.
         source_files: path -> SHA-256 of every file that was read.
+        control: what the position loop adds to gain times error; a motion may have settings of its
+            own.
     """
 
     name: str
@@ -98,6 +105,17 @@ class Sweep:
     leaks: SweptLeaks | None
     motions: tuple[SweptMotion, ...]
     source_files: Mapping[str, str]
+    control: ControlSettings = field(default_factory=ControlSettings)
+
+    def control_of(self, motion: SweptMotion) -> ControlSettings:
+        """Return the control settings of a motion; those of an open-loop one add nothing."""
+        if motion.quantity != "position":
+            return ControlSettings()
+        return self.control if motion.control is None else motion.control
+
+    def gain_of(self, motion: SweptMotion) -> float:
+        """Return the gain of the position loop in a motion, V/m, unless it is drawn for a case."""
+        return self.control_of(motion).gain or self.rig.gain_V_per_m
 
     @property
     def meaning(self) -> Any:
@@ -106,6 +124,8 @@ class Sweep:
         A sweep can be resumed only if this mapping has not changed.
         """
         rig = self.rig
+        # A sweep without such settings means what it meant before there were any.
+        chosen = {} if self.control == ControlSettings() else {"control": self.control}
         return plain(
             {
                 "name": self.name,
@@ -126,6 +146,7 @@ class Sweep:
                 "noise": self.noise,
                 "leaks": self.leaks,
                 "motions": self.motions,
+                **chosen,
             }
         )
 

@@ -20,6 +20,15 @@ from .ladder import (
     explain as explain,
     limit_table as limit_table,
     rungs_of as rungs_of,
+    rungs_with_bands as rungs_with_bands,
+)
+from .passings import (
+    PASSING_NUMBERS as PASSING_NUMBERS,
+    PASSINGS_KEPT as PASSINGS_KEPT,
+    PassingLog as PassingLog,
+    PassingReader as PassingReader,
+    RungPassed as RungPassed,
+    latest_passings as latest_passings,
 )
 from .trip import (
     FULL as FULL,

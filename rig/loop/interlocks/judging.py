@@ -17,6 +17,7 @@ from rig.plant import inlined
 
 from .check_tolerances import Tolerances
 from .ladder import ERROR_AT, NO_CHANNEL, Action, Cause, LimitTable
+from .passings import PassingLog, note_passing, passing_log
 from .plausibility import POSITION, PRESSURE_1, PRESSURE_2, implausible, no_evidence
 
 _ESTOP: Final = FAST_INPUTS.index("estop_closed")
@@ -107,15 +108,17 @@ class Interlock(NamedTuple):
     limits: LimitTable
     tolerances: Tolerances
     memory: InterlockMemory
+    log: PassingLog
+    """Where it writes which limit was passed, when, and with which value."""
 
 
 def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
     """Return an interlock with these limits and tolerances, as it is before its first tick."""
-    return Interlock(limits, tolerances, interlock_memory(limits.channel.size))
+    return Interlock(limits, tolerances, interlock_memory(limits.channel.size), passing_log())
 
 
 def with_limits(known: Interlock, more: LimitTable) -> Interlock:
-    """Return an interlock that judges by more limits, and shares all else of its memory.
+    """Return an interlock that judges by more limits, and shares all else of its memory and log.
 
     How long the known limits have been passed is as it is now; `passed_on` hands it back.
     """
@@ -198,6 +201,13 @@ class Tick(NamedTuple):
     and load pressure are limited (`unhomed_command_V` and `unhomed_load_pressure_Pa`)."""
     error: float = nan
     """Distance between setpoint and position, m; NaN where the ram follows no setpoint in m."""
+    segment: int = 0
+    """Number of the segment, for the log of passed limits; 0 on a simulated rig."""
+    number: int = 0
+    """Number of the tick in the segment, for the same."""
+    place: int = 0
+    """Index in the segment's setpoints, by which limits hold or not; it is ahead of `number` after
+    a stretch of the setpoints was skipped."""
 
 
 @inlined
@@ -217,7 +227,7 @@ def judged_sample(tick, interlock):
         tick.inputs, tick.fresh, tick.elapsed_ticks, tick.exchange_ticks, tick.age_ticks,
     )  # fmt: skip
     command, counter, driving, homed = tick.command, tick.counter, tick.driving, tick.homed
-    limits, tol, memory = interlock
+    limits, tol, memory, log = interlock
     sampled = fresh and _take(inputs, tol, memory)
     worst = _chain(driving, tol, memory)
     if worst[0] < _TRIP:
@@ -229,7 +239,8 @@ def judged_sample(tick, interlock):
     )
     worst = _worse(worst, (_TRIP if why != _NONE else _NONE, why, where))
     worst = _worse(worst, _unhomed(command, homed, tol, memory))
-    action, cause, channel = _worse(worst, _limits(homed, tick.error, limits, memory))
+    when = tick.segment, tick.number, tick.place
+    action, cause, channel = _worse(worst, _limits(homed, tick.error, when, limits, memory, log))
     if memory.latched[0] == _TRIP:
         return memory.latched[0], memory.latched[1], memory.latched[2]
     if not driving:
@@ -371,23 +382,28 @@ def _unhomed(command, homed, tol, memory):
 
 
 @inlined
-def _limits(homed, error, limits, memory):
+def _limits(homed, error, when, limits, memory, log):
     """Judge the limits of all channels; return the worst (action, cause, channel).
 
-    Limits of the position do not count while the ram is not homed.
+    Limits of the position do not count while the ram is not homed. A limit that begins to be passed
+    is written to the log.
     """
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
+    segment, number, place = when
     for i in range(limits.channel.size):
         where = limits.channel[i]
         value = error if where == ERROR_AT else memory.values[where]
         back = limits.hysteresis[i] if memory.active[i] else 0.0
         below = value < limits.low[i] + back
         above = value > limits.high[i] - back
-        if (where == POSITION and not homed) or not (below or above):
+        beyond = (below or above) and limits.begin[i] <= place < limits.end[i]
+        if (where == POSITION and not homed) or not beyond:
             memory.outside[i] = memory.active[i] = 0
             continue
         memory.outside[i] += 1
         if memory.outside[i] >= limits.ticks[i]:
+            if memory.active[i] == 0:
+                note_passing(log, segment, number, i, value)
             memory.active[i] = 1
             if limits.action[i] > worst:
                 worst, channel = limits.action[i], where

@@ -4,16 +4,16 @@ The number of a cause is used on the board and in recordings, so that it must ne
 another cause.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
-from math import inf
+from math import isinf
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from faults import FOLLOWING_ERROR, TestLimit
-from rig.io import FAST_INPUTS, ChannelLimit, Response
+from faults import FOLLOWING_ERROR, LimitBand, TestLimit
+from rig.io import ALWAYS, FAST_INPUTS, ChannelLimit, Response
 
 NO_CHANNEL: Final = -1
 """Number in place of a channel's index in `FAST_INPUTS`, if a cause concerns no channel."""
@@ -107,10 +107,12 @@ _E = Explanation
 EXPLANATIONS: Final = {
     Cause.NONE: _E("nothing is wrong", "none needed"),
     Cause.LIMIT_LOW: _E(
-        "{channel} is below its limit", "find out why, or correct the limit in the rig file"
+        "{channel} is below its limit",
+        "find out why, or correct the limit in the rig or campaign file",
     ),
     Cause.LIMIT_HIGH: _E(
-        "{channel} is above its limit", "find out why, or correct the limit in the rig file"
+        "{channel} is above its limit",
+        "find out why, or correct the limit in the rig or campaign file",
     ),
     Cause.STALE_SAMPLE: _E(
         "no fresh sample came within the stale limit",
@@ -274,6 +276,13 @@ class LimitTable(NamedTuple):
     """`Action` that is taken outside the limit."""
     ticks: NDArray[np.int64]
     """Number of ticks in a row outside the limit at which the action is taken, at least 1."""
+    begin: NDArray[np.int64]
+    """Index in the segment's setpoints from which the limit holds."""
+    end: NDArray[np.int64]
+    """Index in the segment's setpoints before which it ends to hold."""
+
+
+_ALWAYS: Final = np.iinfo(np.int64)
 
 
 def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:
@@ -296,7 +305,16 @@ def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:
         np.array([row.hysteresis for row in rows], np.float64),
         np.array([Action[row.action.upper()] for row in rows], np.int64),
         np.array(ticks, np.int64),
+        np.array([_place(row.from_s, period_s) for row in rows], np.int64),
+        np.array([_place(row.until_s, period_s) for row in rows], np.int64),
     )
+
+
+def _place(time_s: float, period_s: float) -> int:
+    """Return the index of the setpoint at a time in s; the least or greatest one if infinite."""
+    if isinf(time_s):
+        return int(_ALWAYS.max if time_s > 0.0 else _ALWAYS.min)
+    return round(time_s / period_s)
 
 
 def rungs_of(limits: Iterable[TestLimit]) -> tuple[ChannelLimit, ...]:
@@ -305,15 +323,24 @@ def rungs_of(limits: Iterable[TestLimit]) -> tuple[ChannelLimit, ...]:
     These are the limits of channels that the loop samples, and of the following error: the inner
     band of each is indicated, and the outer one acted on. The runner judges the others.
     """
-    rungs = []
-    for each in limits:
-        if each.watched not in LIMITED:
+    return tuple(rung for rung, _, _ in rungs_with_bands(limits))
+
+
+def rungs_with_bands(
+    limits: Iterable[TestLimit],
+) -> Iterator[tuple[ChannelLimit, TestLimit, LimitBand]]:
+    """Yield the rungs of `rungs_of` in their order, each with the limit and band that it judges.
+
+    A band that holds in several stretches of the test has a rung for each of them.
+    """
+    for limit in limits:
+        if limit.watched not in LIMITED:
             continue
-        kept = each.for_s, each.hysteresis
-        if (each.inner_low, each.inner_high) != (-inf, inf):
-            inner = each.inner_low, each.inner_high
-            rungs.append(ChannelLimit(each.watched, *inner, "indicate", *kept))
-        if (each.low, each.high) != (-inf, inf):
-            response: Response = "indicate" if each.action == "warn" else each.action
-            rungs.append(ChannelLimit(each.watched, each.low, each.high, response, *kept))
-    return tuple(rungs)
+        for band in limit.bands:
+            response: Response = "indicate" if band.action == "warn" else band.action
+            for from_s, until_s in limit.windows_s or (ALWAYS,):
+                rung = ChannelLimit(
+                    limit.watched, band.low, band.high, response, limit.for_s, limit.hysteresis,
+                    from_s, until_s,
+                )  # fmt: skip
+                yield rung, limit, band

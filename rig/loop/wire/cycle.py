@@ -28,7 +28,7 @@ from rig.loop.interlocks import (
 from rig.loop.reaction import Reaction, forget, react, tolerating
 from rig.plant import READING_COUNT, inner
 
-from .following import error_of, setpoint_of
+from .following import error_of, setpoint_of, take_skip, wanted_at
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 from .null_check import VALVE_ENABLED, is_null, look_at_null
 from .scaling import bring_to_scale
@@ -82,7 +82,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
     begin_motion(course.drive == Drive.TRACK and not course.open_loop, memory.control)
     at = STATES_AT + filt.x.size + DECISION_COLUMNS
     tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
-    words[Word.TICK] = 0
+    words[Word.TICK] = words[Word.LEAD] = 0
     words[Word.SEGMENT] = course.number
     while load_acquire(words, Word.SWITCH.value) == course.number:
         due, woken, missed = _wait_for_tick(counts, pace)
@@ -100,13 +100,16 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         taken = react(course.on_fault, memory.decided, now * pace.period_s, memory.reaction)
         if taken == Reaction.TRIP:
             _trip(words, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, woken)
-        drive = _drive(course, now, action, taken, words)
+        # Rows of missed ticks come from before a skip.
+        passed = words[Word.LEAD]
+        place = now + take_skip(course, now, action, memory, words)
+        drive = _drive(course, place, action, taken, words)
         command = allowed_command(
-            _command(drive, course, filt, now, pace, interlock.limits, memory, words),
+            _command(drive, course, filt, place, pace, interlock.limits, memory, words),
             words[Word.HOMED] != 0,
             interlock.tolerances, interlock.memory,
         )  # fmt: skip
-        enable = _enable(drive, course, now, pace, memory, words)
+        enable = _enable(drive, course, place, pace, memory, words)
         leaves = counts[Count.LEAVE] != 0
         if leaves:
             command, enable = 0.0, 0.0
@@ -126,9 +129,10 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         # This is a variable because numba would compile the row once more for a constant.
         starts = not started
         for k in range(tick, now):
-            setpoint = setpoint_of(_drive(course, k, action, taken, words), course, k, memory)
+            was = k + passed
+            setpoint = setpoint_of(_drive(course, was, action, taken, words), course, was, memory)
             row = _begin_row(k, setpoint, previous, held, starts, filt, pace, memory, shared)
-            _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
+            _end_row(row, at, _NOT_DONE, course, k, was, action, memory, shared, woken, pace)
             held = previous
         tick = now
 
@@ -139,7 +143,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         whole = not isnan(memory.reading[0] + memory.reading[1] + memory.reading[2])
         starts = not started and whole
         started = started or starts
-        setpoint = setpoint_of(drive, course, tick, memory)
+        setpoint = setpoint_of(drive, course, place, memory)
         command = outputs[_COMMAND]
         if started:
             row = _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared)
@@ -151,7 +155,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             seen = Tick(
                 memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
                 outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
-                error_of(drive, setpoint, course, memory),
+                error_of(drive, setpoint, course, memory), course.number, tick, place,
             )  # fmt: skip
             judged, cause, channel = check_sample(seen, interlock)
             if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
@@ -166,8 +170,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             _S_PER_NS * (done - ended),
             _S_PER_NS * (ended - counts[Count.SAMPLED_NS]), float(status),
         )  # fmt: skip
-        _end_row(row, at, timing, course, tick if started else -1, action, memory, shared, woken,
-                 pace)  # fmt: skip
+        _end_row(row, at, timing, course, tick if started else -1, place, action, memory, shared,
+                 woken, pace)  # fmt: skip
         if started:
             tick += 1
         words[Word.TICK] = tick
@@ -280,12 +284,12 @@ def _acted_upon(judged, cause, channel, action, words):
 
 
 @inner
-def _drive(course, tick, action, taken, words):
-    """Return the `Drive` of a tick: that of the course, unless an action or reaction changes it.
+def _drive(course, place, action, taken, words):
+    """Return the `Drive` at a place: that of the course, unless an action or reaction changes it.
 
     Args:
         course: the segment.
-        tick: number of the tick in the segment.
+        place: index in the segment's setpoints.
         action: `Action` of the interlock or of the operator.
         taken: present `Reaction` to a confirmed fault.
         words: words of the board.
@@ -296,26 +300,29 @@ def _drive(course, tick, action, taken, words):
         return Drive.NULL.value
     if action >= Action.RAMP_DOWN.value:
         return Drive.RAMP_DOWN.value
-    if course.drive == Drive.TRACK and tick < course.setpoint.size and action < Action.HOLD.value:
+    if course.drive == Drive.TRACK and place < course.setpoint.size and action < Action.HOLD.value:
         return Drive.TRACK.value
     return Drive.HOLD.value
 
 
 @inner
-def _command(drive, course, filt, tick, pace, limits, memory, words):
-    """Return the command in V for a tick, as `drive` asks.
+def _command(drive, course, filt, place, pace, limits, memory, words):
+    """Return the command in V at a place in the segment's setpoints, as `drive` asks.
 
     When a hold or a ramp down begins, note in `memory.handling` where it does.
     """
     handling, position = memory.handling, memory.encoder[0] + course.offset
     if drive == Drive.TRACK:
-        setpoint, limit = course.setpoint[tick], course.limit
+        setpoint, limit = wanted_at(course, place, memory), course.limit
         if course.open_loop:
             return limited_command(True, setpoint, position, course.gain, limit)
-        ahead = course.feedforward[tick] if tick < course.feedforward.size else 0.0
-        expected = course.expected[tick] if tick < course.expected.size else setpoint
+        ahead = course.feedforward[place] if place < course.feedforward.size else 0.0
+        expected = setpoint
+        if place < course.expected.size:
+            # After a skip the setpoint is beside the one that is laid out, and so is the ram.
+            expected = course.expected[place] + (setpoint - course.setpoint[place])
         command = tracking_command(
-            setpoint, position, ahead, expected, tick * pace.period_s, course.gain, limit,
+            setpoint, position, ahead, expected, place * pace.period_s, course.gain, limit,
             pace.period_s, course.law, course.tones, memory.control,
         )  # fmt: skip
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
@@ -328,26 +335,26 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
     if drive == Drive.RAMP_DOWN:
         if isnan(handling[Handling.RAMP_FROM]):
             handling[Handling.RAMP_FROM] = memory.outputs[_COMMAND]
-            handling[Handling.RAMP_TICK] = tick
-        return handling[Handling.RAMP_FROM] * _ramp_left(tick, pace, memory)
+            handling[Handling.RAMP_TICK] = place
+        return handling[Handling.RAMP_FROM] * _ramp_left(place, pace, memory)
     return 0.0
 
 
 @inner
-def _ramp_left(tick, pace, memory):
+def _ramp_left(place, pace, memory):
     """Return the part of the ramp down that is still ahead, from 1 to 0."""
-    return max(1.0 - (tick - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
+    return max(1.0 - (place - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
 
 
 @inner
-def _enable(drive, course, tick, pace, memory, words):
-    """Return 1.0 if the valve is to be enabled at a tick, else 0.0.
+def _enable(drive, course, place, pace, memory, words):
+    """Return 1.0 if the valve is to be enabled at a place, else 0.0.
 
     It is not after a trip, at the end of a ramp down, or unless the course enables it.
     """
     if words[Word.LOOP_TRIP] != 0:
         return 0.0
-    if drive == Drive.RAMP_DOWN and _ramp_left(tick, pace, memory) == 0.0:
+    if drive == Drive.RAMP_DOWN and _ramp_left(place, pace, memory) == 0.0:
         return 0.0
     return course.valve_enable
 
@@ -456,7 +463,7 @@ def _waiting_row(setpoint, command, pace, memory, shared):
 
 
 @inner
-def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
+def _end_row(row, at, timing, course, tick, place, action, memory, shared, now, pace):
     """Fill the row from column `at` on, and count it on the board, so that readers see it.
 
     Args:
@@ -465,6 +472,7 @@ def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
         timing: the measured timings, the first `MEASURED` of these columns.
         course: the segment; its number is recorded while its setpoints last, else -1.
         tick: number of the tick in the segment, -1 before its start.
+        place: index in the segment's setpoints.
         action: `Action` of the segment.
         memory: `WireMemory`, for the status inputs, which are NaN without an exchange.
         shared: the board.
@@ -474,7 +482,7 @@ def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
     words = shared.words
     for i in range(MEASURED):
         row[at + i] = timing[i]
-    row[at + MEASURED] = course.number if 0 <= tick < course.setpoint.size else -1.0
+    row[at + MEASURED] = course.number if 0 <= tick <= place < course.setpoint.size else -1.0
     row[at + MEASURED + 1] = tick
     row[at + MEASURED + 2] = action
     for i in range(_STATUS_COUNT):

@@ -231,7 +231,13 @@ class Handling(IntEnum):
     RAMP_FROM = 1
     """Command from which the ramp down began, V."""
     RAMP_TICK = 2
-    """Tick at which the ramp down began."""
+    """Place at which the ramp down began."""
+    SKIP_FROM = 3
+    """Setpoint before the last skip less the one at which it went on, m or V."""
+    SKIP_PLACE = 4
+    """Index of the setpoint at which the loop went on."""
+    SKIP_TICKS = 5
+    """Number of ticks in which the setpoint goes over."""
 
 
 class WireMemory(NamedTuple):

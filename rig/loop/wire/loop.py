@@ -8,10 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control import moving_guide, raised_cosine
-from rig.loop.atomic import store_release
+from rig.loop.atomic import load_acquire, store_release
 from rig.loop.board import DECISIONS_KEPT, Board, RingReader, Word
-from rig.loop.interlocks import Action, Cause, LoopStoppedError, TripError, channel_name
+from rig.loop.interlocks import (
+    Action,
+    Cause,
+    LoopStoppedError,
+    PassingReader,
+    RungPassed,
+    TripError,
+    channel_name,
+)
 
+from .following import skip_order
 from .layout import Drive, wire_channels
 from .orders import Segment
 
@@ -88,7 +97,8 @@ class WireLoop:
         self.number = 0
         self._rows: list[Array] = []
         self._waiting = 0
-        self._done = 0
+        self._done = self._lead = 0
+        self._passings = PassingReader(self.board.passing_log)
         self._stopped: LoopStoppedError | None = None
         self.channels = wire_channels(self.test.memory.filter.states, self.test.open_loop)
         self._segment_column = self.channels.index("segment")
@@ -97,7 +107,7 @@ class WireLoop:
     @property
     def ticks_left(self) -> int:
         """Number of ticks of the test whose rows are still to come."""
-        return self.test.setpoint.size - self._done
+        return self.test.setpoint.size - self._lead - self._done
 
     def position(self) -> None:
         """Bring the ram to its start position by the position loop, along a raised cosine.
@@ -118,7 +128,7 @@ class WireLoop:
             drive=Drive.TRACK,
             open_loop=False,
             setpoint=setpoint,
-            guide=moving_guide(self.test.guide, setpoint),
+            guide=moving_guide(self.test.guide.law, self.test.basis, setpoint),
             limits=(),
         )
         self._switch_to(moving)
@@ -172,6 +182,38 @@ class WireLoop:
     def decided(self, row: Array) -> None:
         """Post a decision on the test, a row of `DECIDED`, which later rows of the loop contain."""
         post_decision(self.board, self.number, row)
+
+    def passed(self) -> list[RungPassed]:
+        """Return the limits that the loop found passed in the test since the last call."""
+        return [each for each in self._passings.take() if each.segment == self.number]
+
+    def skip_to(self, place: int, blend_ticks: int) -> int | None:
+        """Have the test go on at a later place of its setpoints; wait until the loop does.
+
+        Args:
+            place: index of that setpoint; the number of setpoints to end the test.
+            blend_ticks: number of ticks in which the setpoint goes over to those from there on.
+
+        Returns:
+            The tick of the test at which it went on there; None if it was there already.
+
+        Raises:
+            LoopStoppedError: the loop has stopped the motion, or is silent.
+            TripError: the loop did not look at the order within `ANSWER_S`.
+        """
+        words, order = self._words, skip_order(self.number, place, blend_ticks)
+        store_release(words, Word.SKIP.value, order)
+        until = time.monotonic() + ANSWER_S
+        while load_acquire(words, Word.SKIPPED.value) != order:
+            self._check()
+            if time.monotonic() >= until:
+                raise TripError(
+                    f"the loop did not skip to setpoint {place} within {ANSWER_S:g} s of the "
+                    "order; end what else loads this computer, then begin anew"
+                )
+            time.sleep(_NAP_S)
+        before, self._lead = self._lead, int(words[Word.LEAD])
+        return None if self._lead == before else place - self._lead
 
     def safe_state(self) -> None:
         """Order the loop to hold the ram where it is; wait up to `ANSWER_S` until it does.

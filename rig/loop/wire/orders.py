@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide
+from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide, LoopBasis
 from estimator.filters import FilterMemory
 from rig.io import ChannelLimit, DriverSpec, LoopSettings, TransducerCalibration
 from rig.loop.interlocks import LimitTable, Tolerances
@@ -44,6 +44,8 @@ class Segment:
         rearm: whether a watchdog that tripped is acknowledged, once in the segment.
         reset: whether an earlier trip is cleared; the supervisor clears its own words before.
         limits: limits that hold in this segment only, beside those of the rig.
+        basis: what the tables of the move to the start of a test are made from; None for a move
+            without tables.
     """
 
     number: int
@@ -63,11 +65,12 @@ class Segment:
     rearm: bool = False
     reset: bool = False
     limits: tuple[ChannelLimit, ...] = ()
+    basis: LoopBasis | None = None
 
 
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
-    law, feedforward, tones, expected, _ = segment.guide
+    law, feedforward, tones, expected = segment.guide
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),

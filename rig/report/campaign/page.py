@@ -148,6 +148,9 @@ def _chart(test: TestOutcome, scale: float) -> dict[str, float | None]:
     decision, concerned = test.decision, test.injected
     if decision is not None and (kinds := wording.leaks_found(decision)):
         concerned = tuple(fault for fault in test.injected if fault.kind in kinds)
+    if decision is not None and decision.verdict == test.expect and test.truth is not None:
+        # A leak that goes from size to size is one leak, with its mean over all its time.
+        concerned = (test.truth,)
     flows = [flow for fault in concerned if (flow := fault.mean_flow_m3_per_s) is not None]
     interval = None if decision is None else decision.interval_m3_per_s
     lower, upper = interval or (None, None)

@@ -17,6 +17,7 @@ from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_de
 
 from .leaks import compensation, evidence, leak_flows, missing_flow, probability
 from .signals import command, innovation, motion, pressures
+from .tables import LimitRow, SegmentRow, limit_rows, segment_rows
 
 _ACCOUNT_PANELS: Final = (
     motion, command, compensation, pressures, missing_flow, leak_flows, probability, evidence,
@@ -55,6 +56,8 @@ class Section:
             the leak's reference drop: first for leaks that begin during the test, then for leaks
             that are there from the start. The second is empty if it is not known; None stands for
             both if the first is not known.
+        segments: rows of the table of segments, and how many more segments there are.
+        limits: rows of the table of limits.
         opened: whether the page shows the section unfolded at first.
     """
 
@@ -71,6 +74,8 @@ class Section:
     recorded_until_s: float = 0.0
     smallest: tuple[Flows, Flows] | None = None
     opened: bool = False
+    segments: tuple[tuple[SegmentRow, ...], int] = ((), 0)
+    limits: tuple[LimitRow, ...] = ()
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -117,7 +122,10 @@ def _section(
     recording, notes = _recording(test, directory)
     happened = "" if test.status is Status.NOT_RUN else story(test)
     if recording is None:
-        return Section(test, happened, notes, smallest=_smallest(test, None), opened=opened)
+        limits = limit_rows(test, {})
+        return Section(
+            test, happened, notes, smallest=_smallest(test, None), opened=opened, limits=limits
+        )
     parameters = assumed_parameters(recording.metadata)
     accounts = None
     if outcome.filter == DEFAULT_FILTER and parameters is not None:
@@ -141,11 +149,19 @@ def _section(
         _spans(test, last),
         tuple(event for event in recording.events if event.kind != TIMING)[:_MANY_EVENTS],
         float(recording.time_s[0]),
-        max(last, test.duration_s),
+        last if _is_over_early(test) else max(last, test.duration_s),
         last,
         _smallest(test, accounts),
         opened,
+        segment_rows(test, recording),
+        limit_rows(test, recording.metadata),
     )
+
+
+def _is_over_early(test: TestOutcome) -> bool:
+    """Return whether a test ran to its end, and earlier than at the latest as segments ended."""
+    ended = test.status in (Status.PASSED, Status.FAILED)
+    return ended and any(each.ended_early for each in test.segments)
 
 
 def _counted(test: TestOutcome) -> tuple[tuple[str, str], ...]:

@@ -11,7 +11,7 @@ from typing import Any, NoReturn, Protocol, runtime_checkable
 from control import Setpoint
 from estimator.filters import FilterMemory
 from faults import CampaignTest, Verdict
-from rig.loop import Action
+from rig.loop import Action, RungPassed
 from rig.plant import Model
 from rig.runner.outcomes import Array
 
@@ -59,6 +59,23 @@ class Loop(Protocol):
 
         Args:
             row: the decision as a row of `rig.loop.decided.DECIDED`.
+        """
+
+    def passed(self) -> list[RungPassed]:
+        """Return the limits that the loop itself found passed in the test since the last call."""
+
+    def skip_to(self, place: int, blend_ticks: int) -> int | None:
+        """Go on at a later place of the test's setpoints, as they were laid out.
+
+        Args:
+            place: index of that setpoint; the number of setpoints to end the test.
+            blend_ticks: number of ticks in which the setpoint goes over to those from there on.
+
+        Returns:
+            The tick of the test at which it goes on there; None if it was there already.
+
+        Raises:
+            TripError: the rig tripped.
         """
 
     def limited(self, action: Action, text: str) -> NoReturn:

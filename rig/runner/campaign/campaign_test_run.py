@@ -9,6 +9,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from estimator.filters import start_memory
 from estimator.leaks import Detector, DetectorFactory, PatternDetector
 from faults import Campaign, CampaignTest, FaultSchedule
@@ -29,10 +31,13 @@ from rig.runner.outcomes import (
     Measures,
     Observer,
     Reactions,
+    SegmentEnds,
     Status,
     TestOutcome,
+    Timeline,
     figures_of,
     metadata_of,
+    segments_run,
 )
 from rig.runner.run_folder import log_error
 
@@ -218,9 +223,11 @@ class _RunningTest:
         self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
         self._judge = Judge(self._friction, memory, self._loop.channels)
         self._position = self._loop.channels.index("position_m")
-        self._measures = Measures(test, self._loop.channels)
-        self._limits = LimitWatch(test, self._loop.channels)
-        self._end = AwaitedEnd(test, self._loop.channels)
+        channels, self._timeline = self._loop.channels, Timeline()
+        self._measures = Measures(test, channels, self._timeline)
+        self._limits = LimitWatch(test, channels, setting.rig.ladder, self._timeline)
+        self._end = AwaitedEnd(test, channels)
+        self._segments = SegmentEnds(test, channels, self._timeline)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
@@ -305,8 +312,6 @@ class _RunningTest:
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return a copy of an outcome with the test's results so far, such as the decision."""
         decision, figures = self._judge.decision, self._figures
-        if outcome.status is Status.TRIPPED:
-            self._limits.close()
         own = self._measures.figures(figures, decision)
         return replace(
             outcome,
@@ -323,6 +328,7 @@ class _RunningTest:
             criteria=self._criteria,
             limits=tuple(self._limits.passed),
             counted=self._setting.counter.in_test if self._ticks else None,
+            segments=segments_run(self._test, self._timeline, self._ticks * TICK),
             message=self._message(outcome),
         )
 
@@ -341,10 +347,11 @@ class _RunningTest:
     @property
     def _criteria(self) -> tuple[CriterionResult, ...]:
         """What came of the criteria in the rows so far; none before there are any."""
-        if not self._ticks or not (self._test.criteria or self._test.until):
+        test = self._test
+        if not self._ticks or not (test.criteria or test.until or test.segment_ends):
             return ()
         results = self._measures.results(self._figures, self._judge.decision)
-        return (*self._end.results, *results)
+        return (*self._end.results, *self._segments.results, *results)
 
     def _chosen_detector(self) -> Detector:
         campaign = self._setting.campaign
@@ -368,6 +375,8 @@ class _RunningTest:
             self._note_verdict()
         except (TripError, _InterruptedError) as error:
             kind = "trip" if isinstance(error, TripError) else str(error.status)
+            # What stopped the loop may be in no row.
+            self._tell_limits(np.empty((0, len(self._loop.channels))))
             self._event(self._last_s, kind, str(error))
             raise
         except Exception as error:
@@ -383,7 +392,7 @@ class _RunningTest:
         ticks = self._judge.ticks_due
         # A limit that this process acts on is looked at as often at any pace, for the same rows.
         live = pacer.live or self._setting.bench.live or self._limits.acts
-        live = live or self._end.by_channel
+        live = live or self._end.by_channel or self._segments.is_close
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
         self._writer.write(rows)
@@ -398,6 +407,7 @@ class _RunningTest:
         if len(rows):
             self._watch(rows)
             self._end.take(rows, self._judge.decision)
+            self._end_segment(rows)
         for note in self._setting.desk.take_notes():
             self._event(self._last_s, "note", note)
         pacer.wait_until(self._test.settle_s + self._last_s)
@@ -409,13 +419,30 @@ class _RunningTest:
         Raises:
             TripError: such a limit was passed that asks for a hold or worse.
         """
-        for passing in self._limits.take(rows, self._judge.decision):
-            self._event(passing.at_s, "limit", str(passing))
-            self._setting.desk.record("limit", what=str(passing), durable=False)
-            self._setting.observer.rig_tells(f"{self._test.name}: {passing}")
+        self._tell_limits(rows)
         if self._limits.due is not None:
             action = Action[self._limits.due.action.upper()]
             self._loop.limited(action, str(self._limits.due))
+
+    def _tell_limits(self, rows: Array) -> None:
+        """Tell which limits of the test were passed in the next rows, or in the loop since."""
+        for passing in self._limits.take(rows, self._judge.decision, self._loop.passed()):
+            # What the loop does about limits of the rig is told by the rig itself.
+            if passing.of == "test":
+                self._event(passing.at_s, "limit", str(passing))
+                self._setting.desk.record("limit", what=str(passing), durable=False)
+                self._setting.observer.rig_tells(f"{self._test.name}: {passing}")
+
+    def _end_segment(self, rows: Array) -> None:
+        """Let the motion go on with its next segment if what ends the present one has come."""
+        end = self._segments.take(rows, self._judge.decision)
+        if end is None:
+            return
+        place, blend = round(end.end_s / TICK), round(end.blend_s / TICK)
+        tick = self._loop.skip_to(place, blend)
+        if tick is not None:
+            self._timeline.skip(tick * TICK, end.end_s)
+        self._event(self._last_s, "until", f"{end.label}: it came; the next segment begins")
 
     def _event(self, time_s: float, kind: str, text: str) -> None:
         """Write an event to the recording, and tell the observer of it."""

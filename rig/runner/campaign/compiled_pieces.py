@@ -101,7 +101,7 @@ def _plant(needs: Needs) -> None:
 def _interlock(needs: Needs) -> None:
     """Compile how a simulated loop judges a sample."""
     watching = guard(interlock_of(needs.rig, Model()), True)
-    compile_part(judge, np.zeros(READING_COUNT), 0.0, 0.0, watching)
+    compile_part(judge, np.zeros(READING_COUNT), 0.0, 0.0, 0, watching)
 
 
 def _reaction(needs: Needs) -> None:

@@ -20,6 +20,7 @@ from rig.loop import (
     LoopStoppedError,
     Motion,
     Reaction,
+    RungPassed,
     SimulatedLoop,
     TripError,
     confirmed_fault,
@@ -34,6 +35,7 @@ from rig.runner.outcomes import Array
 from rig.supervisor import (
     News,
     TripReport,
+    basis_for,
     checks_for,
     gain_for,
     guide_for,
@@ -52,8 +54,9 @@ class SimulatedTest:
     Attributes:
         loop: the simulated loop, before its first tick.
         directory: folder of the run, to which a trip report is written.
-        ladder: the limits of the loop's interlock, for a trip report.
+        ladder: the limits of the loop's interlock, for a trip report: those of the rig come first.
         say: shows a line to the operator.
+        of_test: how many of these limits are the test's.
         channels: names of the rows' columns.
     """
 
@@ -61,12 +64,15 @@ class SimulatedTest:
     directory: Path
     ladder: Sequence[ChannelLimit]
     say: Callable[[str], None]
+    of_test: int = 0
 
     def __post_init__(self) -> None:
         self.channels = self.loop.channels
         self._indicated = Cause.NONE, ""
         self._last = np.empty((0, len(self.channels)))
         self._found = ""
+        self._passed: list[RungPassed] = []
+        self._told = 0
 
     @property
     def ticks_left(self) -> int:
@@ -125,6 +131,16 @@ class SimulatedTest:
         self._found = confirmed_fault(row)
         self.loop.decided(row)
 
+    def passed(self) -> list[RungPassed]:
+        """Return the limits that the loop found passed in the test since the last call."""
+        self._passed += self.loop.passed()
+        told, self._told = self._told, len(self._passed)
+        return self._passed[told:]
+
+    def skip_to(self, place: int, blend_ticks: int) -> int | None:
+        """Go on at a later place of the setpoints; see `SimulatedLoop.skip_to`."""
+        return self.loop.skip_to(place, blend_ticks)
+
     def limited(self, action: Action, text: str) -> NoReturn:
         """Carry out the action of a limit that the loop itself does not judge.
 
@@ -157,6 +173,7 @@ class SimulatedTest:
             self._last = np.concatenate([self._last, self.loop.come_to_rest()])[-_REPORTED:]
             if self.loop.stopped.action is not Action.TRIP:
                 return TripError(str(error))
+        self._passed += self.loop.passed()
         stopped = self.loop.stopped
         at_ns = time.monotonic_ns()
         self.loop.safe_state()
@@ -169,6 +186,8 @@ class SimulatedTest:
             rows=self._last,
             channel=stopped.channel,
             limits=self.ladder,
+            of_test=self.of_test,
+            passed=tuple(each for each in self._passed if each.rung < len(self.ladder)),
         )
         return trip_error(report, kept_trip_report(report, self.directory, self.say))
 
@@ -202,8 +221,9 @@ class SimulatedBench:
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
         """Return the loop of a test on a new simulated rig, which only this test uses."""
         loop = loop_of(self.rig, test, memory, assumed)
-        ladder = (*self.rig.ladder, *rungs_of(test.limits))
-        self.test = SimulatedTest(loop, self.directory, ladder, self.say)
+        own = rungs_of(test.limits)
+        ladder = (*self.rig.ladder, *own)
+        self.test = SimulatedTest(loop, self.directory, ladder, self.say, len(own))
         return self.test
 
     def reading(self, channel: str) -> float | None:
@@ -294,5 +314,6 @@ def loop_of(
         on_fault=Reaction[test.on_fault.name],
         interlock=interlock_of(rig, assumed) if judged else None,
         guide=guide_for(rig, test, motion.setpoint, assumed),
+        basis=basis_for(rig, test, assumed),
         limits=rungs_of(test.limits) if judged else (),
     )

@@ -1,4 +1,4 @@
-from .awaiting import AwaitedEnd as AwaitedEnd
+from .awaiting import AwaitedEnd as AwaitedEnd, SegmentEnds as SegmentEnds
 from .calibrations import (
     CalibrationUsed as CalibrationUsed,
     calibrations_applied as calibrations_applied,
@@ -55,6 +55,7 @@ from .recorded import (
     sensors_of as sensors_of,
     spring_of as spring_of,
 )
+from .segments import SegmentRun as SegmentRun, segments_run as segments_run
 from .software_state import (
     git_state as git_state,
     model_sha256 as model_sha256,
@@ -65,3 +66,4 @@ from .thresholds import (
     HealthyInnovations as HealthyInnovations,
     HealthyReferences as HealthyReferences,
 )
+from .timeline import Timeline as Timeline

@@ -12,6 +12,7 @@ from faults import FOLLOWING_ERROR, CampaignTest, Criterion
 from rig.configuration import show
 
 from .figures import Array, Figure
+from .timeline import Timeline
 
 _JUMP_M: Final = 1e-3
 """Change of a setpoint within a tick, m, that counts as a step: 1 m/s, faster than the valve can
@@ -41,14 +42,20 @@ class CriterionResult:
 
     def __str__(self) -> str:
         """Return figure, value and limit in words: "rms_error 7.1 mm, at most 3 mm"."""
-        ends = (("at least", self.low), ("at most", self.high))
-        limits = " and ".join(
-            f"{word} {show(end, self.unit)}" for word, end in ends if isfinite(end)
-        )
-        value = show(self.value, self.unit) if isfinite(self.value) else "not known"
+        return f"{self.figure} {self.value_words}, {self.limit_words}"
+
+    @property
+    def value_words(self) -> str:
+        """The figure in words: "7.1 mm"; "never" for what did not come."""
         if self.value == inf:
-            value = "never"
-        return f"{self.figure} {value}, {limits}"
+            return "never"
+        return show(self.value, self.unit) if isfinite(self.value) else "not known"
+
+    @property
+    def limit_words(self) -> str:
+        """The limits in words: "at least 1 mm and at most 3 mm"."""
+        ends = (("at least", self.low), ("at most", self.high))
+        return " and ".join(f"{word} {show(end, self.unit)}" for word, end in ends if isfinite(end))
 
 
 class Rows:
@@ -100,10 +107,14 @@ class Measures:
     Args:
         test: the test.
         channels: names of the rows' columns.
+        timeline: when the motion takes place, as segments of the test end early.
     """
 
-    def __init__(self, test: CampaignTest, channels: Sequence[str]) -> None:
+    def __init__(
+        self, test: CampaignTest, channels: Sequence[str], timeline: Timeline | None = None
+    ) -> None:
         self._test = test
+        self._timeline = timeline or Timeline()
         wanted = [name for each in test.own_figures for name in each.expression.channels]
         wanted += [each.channel for each in test.criteria if each.channel]
         if test.criteria:
@@ -156,7 +167,10 @@ class Measures:
 
     def _value(self, criterion: Criterion) -> float:
         assert self._rows is not None
-        columns = self._rows.columns(criterion.from_s, criterion.until_s)
+        window = criterion.from_s, criterion.until_s
+        if criterion.during:
+            window = self._timeline.test_s(window[0]), self._timeline.test_s(window[1])
+        columns = self._rows.columns(*window)
         own = {each.name: each for each in self._test.own_figures}
         if criterion.figure in own:
             return float(own[criterion.figure].expression.of(columns))

@@ -16,6 +16,7 @@ from .figures import Figure
 from .limits import LimitPassed
 from .measures import CriterionResult
 from .reactions import FaultAction
+from .segments import SegmentRun
 
 
 class Status(StrEnum):
@@ -122,8 +123,9 @@ class TestOutcome:
         figures: the figures to follow from run to run, by name (`rig.runner.outcomes.figures`).
         found: all faults that the verdicts named during the test, also those that ended again.
         counted: what the ram did; None if no sample came.
-        limits: the bands of the test's own limits that were passed.
+        limits: the limits that were passed, the test's own and those of the rig.
         criteria: what came of the criteria by which the test passes beside its verdict.
+        segments: the segments that were begun, with the times at which they took place.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -150,6 +152,7 @@ class TestOutcome:
     criteria: tuple[CriterionResult, ...] = ()
     limits: tuple[LimitPassed, ...] = ()
     counted: Counted | None = None
+    segments: tuple[SegmentRun, ...] = ()
 
     @property
     def missed(self) -> tuple[CriterionResult, ...]:

@@ -160,7 +160,8 @@ class LoopProcess:
             return
         self._driver, self._is_open = driver, True
         self._pace = pace(order.settings, driver.rate_hz)
-        self._interlock = interlock(order.limits, order.tolerances)
+        judging = interlock(order.limits, order.tolerances)
+        self._interlock = judging._replace(log=self._board.passing_log)
         self._memory = self._memory._replace(corrections=corrections_of(order.calibrations))
         self._segments[order.first.number] = order.first
         # This compiles or loads the loop's function before its time matters.

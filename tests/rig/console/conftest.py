@@ -36,7 +36,7 @@ TESTS = (
         "settle": "0.5 s",
         "setpoint": SINE,
         "faults": [
-            {"type": "internal_leakage", "at": "5 s", "flow": "0.6 L/min", "pressure": "2.5 MPa"}
+            {"type": "internal_leakage", "at": "1 s", "flow": "0.6 L/min", "pressure": "2.5 MPa"}
         ],
         "expect": "internal_leakage",
     },

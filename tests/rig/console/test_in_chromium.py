@@ -126,7 +126,7 @@ def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
     stage.wait(lambda: stage.run.poll() is not None, "the run to end", COMPILE_S)
     assert stage.run.returncode == 3
     recording = read_recording(stage.out / "internal_leak_0.6_L_min.mcap")
-    assert recording.time_s[-1] > 5.0
+    assert recording.time_s[-1] > 1.0
     assert "abort" in [event.kind for event in recording.events]
     expect(page.locator("#life")).to_contain_text("campaign ended")
     expect(page.locator("#tests")).to_contain_text("aborted")

@@ -9,6 +9,7 @@ import pytest
 from rig.io.limits import ChannelLimit
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
+from rig.loop.interlocks.passings import RungPassed
 from rig.recording.reading import read_recording
 from rig.supervisor.processes.child import News
 from rig.supervisor.processes.driven import Driven
@@ -171,3 +172,17 @@ def test_a_trip_before_the_first_row_is_reported_too(tmp_path: Path) -> None:
     document = json.loads(write_trip_report(report, tmp_path).read_text())
     assert document["value"] is None
     assert not (tmp_path / "trip-1.csv").exists()
+
+
+def test_limits_of_the_test_stand_beside_those_of_the_rig_with_what_was_passed() -> None:
+    own = ChannelLimit("following_error_m", high=5e-3, action="ramp_down", for_s=0.2)
+    passed = (RungPassed(4, 900, 3, 6e-3), RungPassed(4, 1990, 1, 2.05e7))
+    report = replace(REPORT, limits=(*REPORT.limits, own), of_test=1, passed=passed)
+    limits = report.document()["limits"]
+    assert [each["of"] for each in limits] == ["rig", "rig", "rig", "test"]
+    assert [each["passed"] is None for each in limits] == [True, False, True, False]
+    assert limits[3]["passed"] == {"value": 6e-3, "at_s": 0.9, "since_s": pytest.approx(0.7)}
+    lines = "\n".join(report.lines())
+    told = "limit of the test: following_error_m 6 mm above 5 mm at 0.900 s, since 0.700 s"
+    assert f"{told}: ramp_down" in lines
+    assert "limit of the rig: pressure_1_Pa 20.5 MPa above 20 MPa at 1.990 s" in lines

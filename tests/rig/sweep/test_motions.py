@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from control.setpoints import Chirp, Constant, Multisine, Pseudorandom, Setpoint, Sine, Steps
+from control.setpoints import (
+    Chirp,
+    Constant,
+    Multisine,
+    Pseudorandom,
+    Setpoint,
+    Sine,
+    Steps,
+    Trapezoid,
+    Triangle,
+)
 from rig.configuration.sweeps.distributions import Distribution
 from rig.configuration.sweeps.sweep_plan import MotionType, SweptMotion
 from rig.lanes import LANES
@@ -32,7 +42,7 @@ def made(one: SweptMotion) -> Motions:
 def sampled(motions: Motions) -> Array:
     setpoint, held = np.empty((TICKS, LANES)), np.zeros((1, LANES))
     for first in range(0, TICKS, 500):
-        setpoint_ticks(first, motions.sines, motions.levels, motions.ends, held,
+        setpoint_ticks(first, motions.sines, motions.wave, motions.levels, motions.ends, held,
                        setpoint[first : first + 500])  # fmt: skip
     return setpoint
 
@@ -42,6 +52,14 @@ SETPOINTS: list[tuple[SweptMotion, Callable[[int], Setpoint]]] = [
     (
         motion("sine", mean=0.3, amplitude=0.1, frequency=0.7, phase=0.4),
         lambda _: Sine(0.3, 0.1, 0.7, 0.4),
+    ),
+    (
+        motion("triangle", mean=0.3, amplitude=0.1, frequency=0.7, phase=0.4),
+        lambda _: Triangle(0.3, 0.1, 0.7, 0.4),
+    ),
+    (
+        motion("trapezoid", mean=0.3, amplitude=0.1, frequency=0.7, hold=0.2, phase=0.4),
+        lambda _: Trapezoid(0.3, 0.1, 0.7, 0.2, 0.4),
     ),
     (
         motion("chirp", mean=0.3, amplitude=0.1, start_frequency=0.2, end_frequency=2.0, phase=0.0),
@@ -61,7 +79,9 @@ SETPOINTS: list[tuple[SweptMotion, Callable[[int], Setpoint]]] = [
 def test_a_motion_is_the_setpoint_of_that_type(
     one: SweptMotion, setpoint: Callable[[int], Setpoint]
 ) -> None:
-    found = sampled(made(one))
+    motions = made(one)
+    found = sampled(motions)
+    np.testing.assert_allclose(motions.begins(), found[0], atol=1e-9)
     times = np.arange(TICKS) * 1e-3
     for lane in range(LANES):
         # Sines are series here, right to 1e-9.

@@ -51,7 +51,9 @@ def test_a_group_runs_as_the_lanes_and_the_filter_of_one_rig_do(
         sensors=setting.sensors,
     )
     setpoint, motions = np.empty((setting.ticks, LANES)), group.motions
-    setpoint_ticks(0, motions.sines, motions.levels, motions.ends, np.zeros((1, LANES)), setpoint)
+    setpoint_ticks(
+        0, motions.sines, motions.wave, motions.levels, motions.ends, np.zeros((1, LANES)), setpoint
+    )
     readings = lanes.advance(setpoint, np.zeros_like(setpoint))
     time_s = np.arange(setting.ticks, dtype=np.float64) * 1e-3
     for lane in range(LANES):

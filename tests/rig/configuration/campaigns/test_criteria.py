@@ -60,6 +60,25 @@ def test_a_limit_of_a_figure_looks_back_ten_seconds_unless_it_says_otherwise(
 
 
 @pytest.mark.parametrize(
+    ("keys", "watched", "unit", "over_s"),
+    [
+        ("figure: rms_error, high: 5 mm", "rms_error", "m", 10.0),
+        ("figure: peak_error, high: 5 mm, over: 2 s", "peak_error", "m", 2.0),
+        ("figure: peak, channel: load_N, high: 5 kN", "peak of load_N", "N", 10.0),
+        ("figure: valley, low: 0.1 m", "valley of position_m", "m", 10.0),
+        ("figure: residual_pressure_1, high: 50 kPa", "residual_pressure_1", "Pa", 10.0),
+        ("figure: bulk_modulus, low: 0.5e9 Pa", "bulk_modulus", "Pa", 0.0),
+        ("figure: leak, high: 0.5 L/min", "leak", "m^3/s", 0.0),
+    ],
+)
+def test_a_limit_may_watch_figures_that_every_test_has(
+    tmp_path: Path, keys: str, watched: str, unit: str, over_s: float
+) -> None:
+    (read,) = only_test(tmp_path, limit(keys)).limits
+    assert (read.watched, read.unit, read.over_s) == (watched, unit, over_s)
+
+
+@pytest.mark.parametrize(
     ("keys", "said"),
     [
         (criterion("figure: rms_eror, at_most: 3 mm"), "did you mean rms_error?"),
@@ -100,7 +119,11 @@ def test_a_limit_of_a_figure_looks_back_ten_seconds_unless_it_says_otherwise(
         (limit("channel: position_m, high: 0.5 m, for: 900 s"), "for: 900 s is above 600 s"),
         (limit("channel: position_m, high: 0.5 m, over: 5 s"), "is for figures"),
         (limit("channel: position_m, low: 0.1 m, high: 0.5 m, hysteresis: 0.3 m"), "reduce it"),
-        (limit("figure: rms_error, high: 5 mm"), "is no figure that is computed as the test runs"),
+        (limit("figure: settling, high: 5 s"), "is no figure that is computed as the test runs"),
+        (limit("figure: rms_error, high: 5 V"), "is not a length"),
+        (limit("figure: peak, channel: lod_N, high: 5 N"), "did you mean load_N?"),
+        (limit("figure: leak, high: 1 L/min, over: 5 s"), "is for figures"),
+        (limit("channel: position_m, high: 0.5 m, during: steps"), "is no segment of this test"),
         (limit("figure: lag, high: 5 mm, over: 5 min"), "over: 5 min is above 1 min"),
         (limit("channel: position_m, high: 0.5 m, upto: 3"), "upto: is not a known key"),
         ("limits: 3", "limits: 3 is not a list"),

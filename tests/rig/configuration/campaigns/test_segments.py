@@ -11,6 +11,9 @@ from tests.rig.configuration.campaigns.written import HEAD, load
 
 SINE = "{type: sine, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.5 Hz}"
 STEPS = "{type: steps, levels: [0.3 m, 0.4 m], hold: 3 s}"
+UNTIL = "until: {verdict: internal_leakage, at_most: 20 s}"
+WAIT = "wait_for: {channel: pressure_1_Pa, low: 3 MPa, at_most: 9 s}"
+LIMIT = "limits: [{channel: position_m, high: 0.5 m, during: run}]"
 
 
 def with_tests(*lines: str) -> str:
@@ -61,6 +64,24 @@ def test_a_test_may_have_a_gain_of_its_own(tmp_path: Path) -> None:
     assert load(tmp_path, with_tests(line)).tests[0].gain_V_per_m == 60.0
 
 
+def test_a_segment_may_end_with_what_it_awaits(tmp_path: Path) -> None:
+    keys = (
+        f"segments: [{{name: run, setpoint: {SINE}, {UNTIL}}}, "
+        "{setpoint: {type: constant, value: 0.2 m}, blend: 2 s, duration: 3 s}, "
+        f"{{{WAIT}}}, {{hold: 4 s}}]"
+    )
+    (test,) = load(tmp_path, with_tests(f"{{name: a, {keys}, {LIMIT}}}")).tests
+    first, second = test.segment_ends
+    assert (first.label, first.begin_s, first.end_s, first.blend_s) == (
+        "until internal_leakage in run", 0.0, 20.0, 2.0,
+    )  # fmt: skip
+    assert (second.label, second.begin_s, second.end_s) == (
+        "until pressure_1_Pa in segment 3", 25.0, 34.0,
+    )  # fmt: skip
+    assert test.duration_s == 38.0
+    assert test.limits[0].windows_s == ((0.0, 20.0),)
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
@@ -93,6 +114,18 @@ def test_a_test_may_have_a_gain_of_its_own(tmp_path: Path) -> None:
             "{setpoint: {type: constant, value: 1 V}, duration: 5 s}]",
             "is of another quantity",
         ),
+        (f"segments: [{{setpoint: {SINE}, duration: 9 s, {UNTIL}}}]", "is given with until"),
+        (f"segments: [{{hold: 9 s, {UNTIL}}}], start_position: 0.3 m", "is given with until"),
+        (f"segments: [{{setpoint: {SINE}, {WAIT}}}]", "is given with wait_for"),
+        (f"segments: [{{{WAIT}}}]", "has nothing to hold"),
+        (f"segments: [{{setpoint: {SINE}, until: {{verdict: healthy}}}}]", "lacks the key at_most"),
+        (f"segments: [{{setpoint: {SINE}, until: {{verdict: healthy, at_most: 0.5 s}}}}]",
+         "at_most: 0.5 s is below 1 s"),
+        (f"segments: [{{setpoint: {SINE}, until: {{channel: load_K, low: 3 N, at_most: 9 s}}}}]",
+         "did you mean load_N?"),
+        (f"segments: [{{setpoint: {SINE}, {UNTIL}}}, {{hold: 9 s}}]", "which may end anywhere"),
+        (f"segments: [{{setpoint: {SINE}, {UNTIL}}}, {{setpoint: {SINE}, cycles: 5}}]",
+         "which may end anywhere; give it a setpoint and `blend: 2 s`"),
         ("segments: [{loop: 0, segments: []}]", "should be greater than or equal to 1"),
         ("segments: [{loop: 3}]", "lacks the key segments"),
         ("segments: [{loop: 999, segments: [{loop: 9, segments: [{hold: 1 s}]}]}], "

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from control import ControlSettings
 from rig.configuration import check
 from rig.configuration.reading.problems import ConfigError
 from rig.configuration.sweeps.distributions import Distribution
@@ -112,6 +113,81 @@ def test_what_cannot_be_is_refused(tmp_path: Path, old: str, new: str, says: str
     assert says in problems_of(tmp_path, GOOD.replace(old, new))
 
 
+FOLLOWED = GOOD.replace(
+    "motions:\n",
+    """control: {feedforward: model, integral_time: 1 s}
+motions:
+  - {type: trapezoid, mean: 0.3 m, amplitude: 0.1 m, frequency: {uniform: [0.2 Hz, 0.5 Hz]},
+     hold: {uniform: [0.1 s, 0.5 s]}, position_gain: {uniform: [40 V/m, 80 V/m]}}
+  - {type: triangle, control: {cyclic: true}, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.5 Hz}
+  - {type: triangle, name: thesis, control: proportional, mean: 0.3 m, amplitude: 0.1 m,
+     frequency: 0.5 Hz}
+  - {type: triangle, name: open, amplitude: 2 V, frequency: 0.5 Hz}
+""",
+)
+
+
+def test_a_motion_s_control_replaces_keys_of_the_sweep_s_and_this_those_of_the_rig_s(
+    tmp_path: Path,
+) -> None:
+    rig = "name: tuned\nparent: ideal\ncontrol: {null: 50 mV, integral_time: 2 s}\n"
+    (tmp_path / "tuned.yaml").write_text(rig)
+    file = tmp_path / "sweep.yaml"
+    file.write_text(FOLLOWED.replace("rig: ideal", "rig: ./tuned.yaml"))
+    sweep = load_sweep(file)
+    law = ControlSettings(null=0.05, feedforward="model", integral_time=1.0)
+    plain = ControlSettings()
+    cyclic = ControlSettings(null=0.05, feedforward="model", integral_time=1.0, cyclic=True)
+    assert [sweep.control_of(motion) for motion in sweep.motions] == [
+        law, cyclic, plain, plain, law
+    ]  # fmt: skip
+    assert sweep.motions[0].values["position_gain"][0].support == (40.0, 80.0)
+
+
+def test_control_is_part_of_what_a_sweep_means_only_where_there_is_any(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text(GOOD)
+    plain = load_sweep(file).meaning
+    assert "control" not in plain
+    assert all("control" not in motion for motion in plain["motions"])
+    file.write_text(FOLLOWED)
+    followed = load_sweep(file).meaning
+    assert followed["control"]["integral_time"] == 1.0
+    assert followed["motions"][1]["control"]["cyclic"] is True
+
+
+def test_check_says_what_error_the_fastest_motion_will_have(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text(FOLLOWED)
+    said = str(check(file))
+    for words in (
+        "trapezoid, at its fastest: following error at most",
+        "expected with 40 V/m, feedforward, integral of 1 s",
+        "thesis, at its fastest",
+        "expected with 50 V/m alone",
+    ):
+        assert words in said
+    assert "open, at its fastest" not in said
+    file.write_text(GOOD.replace("frequency: 0.5 Hz", "frequency: {uniform: [0.1 Hz, 1 Hz]}"))
+    assert "warning: sine moves at up to 1.3 m/s" in str(check(file))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("hold: {uniform: [0.1 s, 0.5 s]}", "hold: 1 s", "may leave no time to move"),
+        ("{cyclic: true}", "{cyclik: true}", "did you mean cyclic"),
+        ("{cyclic: true}", "{gain: 60 V/m}, position_gain: 50 V/m", "beside a gain under control"),
+        ("amplitude: 2 V", "amplitude: 2 V, position_gain: 50 V/m", "needs a position loop"),
+        ("integral_time: 1 s", "integral_time: 1 ms", "1 ms is below 10 ms"),
+        ("control: proportional", "control: none", "is not a control law"),
+    ],
+)
+def test_a_control_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
+    assert old in FOLLOWED
+    assert says in problems_of(tmp_path, FOLLOWED.replace(old, new))
+
+
 def test_a_rig_with_calibrations_is_refused_as_sweeps_do_not_correct(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text("name: rig\nparent: ideal\ncalibrations: [pressure_1_example]\n")
@@ -155,5 +231,5 @@ def test_the_sweep_of_the_sweeps_page_reads(tmp_path: Path) -> None:
     (example,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "mine.yaml").write_text(example)
     sweep = load_sweep(tmp_path / "mine.yaml")
-    assert len(sweep.motions) == 5
+    assert len(sweep.motions) == 7
     assert sweep.motions[-1].quantity == "command"

@@ -29,6 +29,7 @@ from rig.loop.interlocks.ladder import (
     explain,
     limit_table,
 )
+from rig.loop.interlocks.passings import passing_log
 from rig.plant import NOMINAL
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
@@ -74,7 +75,7 @@ class Interlock:
         action, cause, channel = check_sample(
             Tick(inputs, fresh, 1, 0.15, self.age, command, self.tick % 65536, self.driving,
                  self.homed),
-            Judged(self.limits, TOL, self.memory),
+            Judged(self.limits, TOL, self.memory, passing_log()),
         )  # fmt: skip
         return Action(action), Cause(cause), FAST_INPUTS[channel] if channel >= 0 else ""
 

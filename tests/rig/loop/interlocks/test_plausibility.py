@@ -26,6 +26,7 @@ from rig.loop.interlocks.judging import (
     interlock_memory,
 )
 from rig.loop.interlocks.ladder import Cause, LimitTable, limit_table
+from rig.loop.interlocks.passings import PassingLog, passing_log
 from rig.loop.interlocks.plausibility import Evidence
 from rig.plant import NOMINAL, Parameters
 from rig.plant.dynamics import leak_flows, spring_force
@@ -77,7 +78,7 @@ def _interlocked(
     in_exchange: bool,
     kind: int, at: int,
     plant: Array, par: Parameters, sensors: SensorParameters, noise: Array, limits: LimitTable,
-    tol: Tolerances, memory: InterlockMemory, peak: Array,
+    tol: Tolerances, memory: InterlockMemory, log: PassingLog, peak: Array,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Run until the ram is stopped; return (tick, cause, channel), tick -1 if it never was."""
     reading, inputs, held_inputs = np.empty(READING_COUNT), np.ones(17), np.ones(17)
@@ -154,8 +155,8 @@ def _interlocked(
             late = elapsed - 1
             elapsed, exchange, owed = 1 + owed, exchange + late, late
         action, cause, channel = check_sample(
-            Tick(inputs, fresh, elapsed, exchange, age, command, k, True, True, np.nan),
-            Interlock(limits, tol, memory),
+            Tick(inputs, fresh, elapsed, exchange, age, command, k, True, True, np.nan, 0, k, k),
+            Interlock(limits, tol, memory, log),
         )
         elapsed = 0
         for i in range(peak.size):
@@ -221,7 +222,7 @@ def run(
     tick, cause, channel = _interlocked(
         motion.setpoint, motion.open_loop, faults, every, exchange, stall, in_exchange,
         FAULTS.index(fault), at, rig.state, par or rig.parameters, rig.sensors, rig.noise(ticks),
-        limits, tol, interlock_memory(limits.channel.size), peak,
+        limits, tol, interlock_memory(limits.channel.size), passing_log(), peak,
     )  # fmt: skip
     return Outcome(
         tick, Cause(cause), FAST_INPUTS[channel] if channel >= 0 else "", Evidence(*peak)

@@ -28,6 +28,7 @@ from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
 from rig.loop.reaction import Reaction
 from rig.loop.wire import cycle as wire_cycle, null_check
+from rig.loop.wire.following import skip_order
 from rig.loop.wire.layout import Count, Course, Drive, Found, Left, pace, wire_channels, wire_memory
 from rig.loop.wire.loop import post_decision
 from rig.loop.wire.orders import Segment, course
@@ -276,6 +277,18 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "after the table": lambda: World().run(tracking(5), 12),
     "calibrated": lambda: World(calibrations=(CALIBRATION,)).run(tracking(), 12),
     "open loop": lambda: World().run(following(np.full(30, 3.0), open_loop=True, limit=2.0), 8),
+    "skip setpoints": lambda: World(
+        before={5: lambda board: board.words.__setitem__(Word.SKIP, skip_order(1, 20, 4))}
+    ).run(tracking(), 12),
+    "skip to the end": lambda: World(
+        before={5: lambda board: board.words.__setitem__(Word.SKIP, skip_order(1, 30, 0))}
+    ).run(tracking(), 12),
+    "skip back": lambda: World(
+        before={5: lambda board: board.words.__setitem__(Word.SKIP, skip_order(1, 2, 0))}
+    ).run(tracking(), 12),
+    "skip of another segment": lambda: World(
+        before={5: lambda board: board.words.__setitem__(Word.SKIP, skip_order(7, 20, 0))}
+    ).run(tracking(), 12),
     "tracking law": lambda: World().run(tracking(guide=GUIDE), 12),
     "skip": lambda: World(late={5: 3_200_000}).run(tracking(), 12),
     "nearly the next tick": lambda: World(late={5: 700_000}).run(tracking(), 12),

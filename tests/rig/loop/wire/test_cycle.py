@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from itertools import pairwise
-from math import isnan
+from math import cos, isnan, pi
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +115,36 @@ def test_after_its_table_a_segment_holds_the_ram_and_is_no_longer_recorded(
     assert rows["segment"] == [1] * 5 + [-1] * 8
     assert len(set(rows["setpoint_m"][5:])) == 1
     assert rows["setpoint_m"][5] == pytest.approx(rows["position_m"][4])
+
+
+def test_skipped_setpoints_are_left_out_and_the_setpoint_goes_over_smoothly(
+    scenario: Scenario,
+) -> None:
+    result = scenario("skip setpoints")
+    setpoint, words = result["rows"]["setpoint_m"], result["words"]
+    lead = words["LEAD"]
+    taken = 20 - lead
+    assert words["SKIPPED"] == words["SKIP"]
+    assert 0 < lead < 20
+    for tick in range(13):
+        share = 0.5 + 0.5 * cos(pi * (tick - taken) / 4) if taken <= tick < taken + 4 else 0.0
+        laid = tick if tick < taken else tick + lead
+        assert setpoint[tick] == pytest.approx(0.3 + 1e-4 * laid - 1e-4 * lead * share)
+    assert result["rows"]["tick"] == list(range(13))
+
+
+def test_a_skip_to_the_end_holds_the_ram(scenario: Scenario) -> None:
+    result = scenario("skip to the end")
+    left = 30 - result["words"]["LEAD"]
+    assert len(set(result["rows"]["setpoint_m"][left:])) == 1
+    assert result["rows"]["segment"] == [1] * left + [-1] * (13 - left)
+
+
+@pytest.mark.parametrize("name", ["skip back", "skip of another segment"])
+def test_an_order_to_skip_that_does_not_fit_changes_nothing(scenario: Scenario, name: str) -> None:
+    result = scenario(name)
+    assert result["words"]["LEAD"] == 0
+    assert result["rows"]["setpoint_m"] == scenario("on time")["rows"]["setpoint_m"]
 
 
 def test_in_open_loop_the_setpoint_is_the_command_within_its_limit(scenario: Scenario) -> None:

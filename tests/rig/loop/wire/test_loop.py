@@ -10,8 +10,10 @@ import pytest
 
 from estimator.filters.registry import start_memory
 from rig.loop.board import Board, Word
+from rig.loop.interlocks.passings import RungPassed, note_passing
 from rig.loop.interlocks.trip import TripError
 from rig.loop.wire import loop
+from rig.loop.wire.following import skip_order
 from rig.loop.wire.layout import Drive, wire_channels
 from rig.loop.wire.loop import WireLoop
 from rig.loop.wire.orders import Segment
@@ -44,6 +46,54 @@ def board() -> Iterator[Board]:
     words[Word.LOOP_BEAT] = time.monotonic_ns()
     yield board
     os.close(board.fd)
+
+
+def skipping(board: Board) -> WireLoop:
+    test = Segment(0, Drive.TRACK, MEMORY, MODEL.parameters, setpoint=np.zeros(TICKS))
+    wire = WireLoop(
+        board, LoopProcess(), test, start_position=None, settle_ticks=0, silence_s=PATIENCE_S
+    )  # fmt: skip
+    wire.ready()
+    return wire
+
+
+def test_a_skip_shortens_the_test_by_what_is_left_out(board: Board) -> None:
+    wire = skipping(board)
+    words = board.words
+    order = skip_order(wire.number, 40, 5)
+    words[Word.SKIPPED], words[Word.LEAD] = order, 30
+    assert wire.skip_to(40, 5) == 10
+    assert words[Word.SKIP] == order
+    assert wire.ticks_left == TICKS - 30
+
+
+def test_a_skip_to_what_was_reached_already_shortens_nothing(board: Board) -> None:
+    wire = skipping(board)
+    board.words[Word.SKIPPED] = skip_order(wire.number, 40, 5)
+    assert wire.skip_to(40, 5) is None
+    assert wire.ticks_left == TICKS
+
+
+def test_a_loop_that_does_not_look_at_an_order_to_skip_is_an_error(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = skipping(board)
+    monkeypatch.setattr(loop, "ANSWER_S", 0.05)
+    with pytest.raises(TripError, match=r"did not skip to setpoint 40 within 0\.05 s"):
+        wire.skip_to(40, 5)
+
+
+@pytest.mark.parametrize(("place", "blend"), [(1 << 22, 0), (0, 1 << 20), (-1, 0)])
+def test_an_order_to_skip_that_does_not_fit_in_its_word_is_refused(place: int, blend: int) -> None:
+    with pytest.raises(ValueError, match="cannot skip"):
+        skip_order(1, place, blend)
+
+
+def test_only_passings_of_the_test_are_told(board: Board) -> None:
+    wire = skipping(board)
+    for segment in (wire.number - 1, wire.number):
+        note_passing(board.passing_log, segment, 7, 0, 1.5)
+    assert wire.passed() == [RungPassed(wire.number, 7, 0, 1.5)]
 
 
 @pytest.mark.parametrize("order", [WireLoop.position, WireLoop.safe_state])

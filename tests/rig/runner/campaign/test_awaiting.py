@@ -4,10 +4,12 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from faults import Condition, Until, Verdict
 from rig.configuration import ConfigError, load_campaign
+from rig.recording import read_recording
 from rig.runner.campaign import run_campaign
 from rig.runner.campaign.simulated_bench import SimulatedBench
 from rig.runner.outcomes import Status, TestOutcome
@@ -52,6 +54,55 @@ def test_a_verdict_ends_a_test(tmp_path: Path) -> None:
     assert 6.0 < test.recorded_s < 20.0
 
 
+SEGMENTS = """\
+name: segments
+rig: simulated
+tests:
+  - name: a
+    settle: 1 s
+    segments:
+      - name: rising
+        setpoint: {type: sine, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.25 Hz}
+        until: {channel: position_m, low: 0.33 m, for: 20 ms, at_most: 30 s}
+      - {name: back, setpoint: {type: constant, value: 0.25 m}, blend: 1 s, duration: 2 s}
+      - {name: rest, wait_for: {verdict: internal_leakage, at_most: 2 s}}
+      - {hold: 1 s}
+    criteria:
+      - {figure: valley, during: back, at_least: 0.24 m, at_most: 0.28 m}
+    limits:
+      - {channel: position_m, high: 0.31 m, during: rising, action: warn}
+      - {channel: position_m, low: 0.29 m, during: back, for: 0.5 s, action: warn}
+      - {figure: rms_error, high: 1 mm, over: 0.5 s, during: back, action: warn}
+"""
+
+
+def test_a_segment_ends_with_what_it_awaits_and_the_next_one_begins(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(SEGMENTS)
+    campaign, rig = load_campaign(tmp_path / "c.yaml")
+    (test,) = run_campaign(campaign, rig, tmp_path / "out").tests
+    came, never, valley = test.criteria
+    assert came.figure == "until position_m in rising"
+    assert came.met
+    assert (str(never), never.met) == ("until internal_leakage in rest never, at most 2 s", False)
+    assert (test.status, valley.met) == (Status.FAILED, True)
+    rising, back, rest, hold = test.segments
+    assert [each.ended_early for each in test.segments] == [True, False, False, False]
+    # What comes between two looks ends the segment at the next one, 50 ms later at most.
+    assert 0.0 <= rising.end_s - came.value <= 0.051
+    assert back.begin_s == pytest.approx(rising.end_s + 1.0)
+    assert rest.end_s - rest.begin_s == pytest.approx(2.0)
+    assert hold.end_s == pytest.approx(test.recorded_s)
+    limits = {(each.watched, each.limit): each for each in test.limits}
+    assert limits["position_m", 0.31].at_s < rising.end_s
+    assert limits["position_m", 0.29].at_s == pytest.approx(back.begin_s + 0.5)
+    assert limits["rms_error", 1e-3].at_s >= back.begin_s + 0.5
+    recording = read_recording(tmp_path / "out/a.mcap")
+    steps = np.abs(np.diff(recording.channels["setpoint_m"]))
+    # The blend is the fastest motion: half a cosine of 0.1 m in 1 s.
+    assert steps.max() < 0.5 * np.pi * 0.1 * 1e-3 + 0.1 * 2 * np.pi * 0.25 * 1e-3
+    assert recording.channels["setpoint_m"][-1] == pytest.approx(0.25)
+
+
 def test_a_test_waits_for_its_channel_before_it_begins(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -60,7 +111,7 @@ def test_a_test_waits_for_its_channel_before_it_begins(
         SimulatedBench, "reading", lambda bench, channel: 320.0 if warm.is_set() else 290.0
     )
     monkeypatch.setattr(
-        "rig.configuration.campaigns.conditions.measured_by", lambda rig: ("oil_temperature_K",)
+        "rig.configuration.campaigns.awaited.measured_by", lambda rig: ("oil_temperature_K",)
     )
     threading.Timer(0.3, warm.set).start()
     begun = time.monotonic()

@@ -1,15 +1,15 @@
 """What figures say of a motion, and what becomes of the criteria on them."""
 
-from math import inf, nan
+from math import inf
 
 import numpy as np
 import pytest
 
 from control import Steps
-from faults import CampaignTest, Criterion, Expression, OwnFigure, TestLimit
+from faults import CampaignTest, Criterion, Expression, OwnFigure
 from rig.runner.campaign.bench import plain_test
-from rig.runner.outcomes.limits import LimitWatch
 from rig.runner.outcomes.measures import CriterionResult, Measures
+from rig.runner.outcomes.timeline import Timeline
 
 CHANNELS = ("time_s", "setpoint_m", "position_m", "load_N")
 
@@ -75,68 +75,11 @@ def test_own_figures_are_kept_and_judged() -> None:
     assert measures.figures({}, None)["pull"].value == 4.0
 
 
-# Limits
-
-
-def watch(limit: TestLimit, **more: object) -> LimitWatch:
-    watched = LimitWatch(a_test(limits=(limit,), **more), CHANNELS)
-    for batch in np.array_split(rows(), 7):
-        watched.take(batch, None)
-    return watched
-
-
-def test_a_passing_names_limit_value_and_time() -> None:
-    watched = watch(TestLimit("following_error_m", "m", high=5e-3, action="ramp_down"))
-    (passing,) = watched.passed
-    assert str(passing) == "following_error_m 10 mm above 5 mm at 1.000 s: ramp_down"
-    assert (watched.acted, watched.due) == (passing, None)
-
-
-def test_bands_are_passed_each_by_itself_and_after_their_time() -> None:
-    limit = TestLimit(
-        "following_error_m", "m", high=8e-3, inner_high=3e-3, action="hold", for_s=0.1
-    )
-    passed = watch(limit).passed
-    assert [(each.band, each.action) for each in passed] == [("inner", "warn"), ("outer", "hold")]
-    assert [each.at_s for each in passed] == pytest.approx([1.1, 1.1])
-    assert not watch(TestLimit("following_error_m", "m", high=8e-3, for_s=0.6)).passed
-
-
-def test_a_figure_over_its_last_seconds_is_the_runners_to_act_on() -> None:
-    own = OwnFigure("pull", Expression("mean(load_N)"), "N")
-    limit = TestLimit("pull", "N", high=3.0, action="hold", over_s=1.0)
-    watched = watch(limit, own_figures=(own,))
-    assert watched.acts
-    assert watched.due is not None
-    assert watched.due.at_s >= 1.0
-
-
-def test_a_value_that_is_not_known_passes_no_limit() -> None:
-    nothing = LimitWatch(a_test(limits=(TestLimit("load_N", "N", high=1.0),)), CHANNELS)
-    unknown = rows()
-    unknown[:, 3] = nan
-    assert nothing.take(unknown, None) == []
-
-
-def test_within_its_hysteresis_a_band_stays_passed() -> None:
-    limit = TestLimit("load_N", "N", high=4.0, hysteresis=1.0, action="warn")
-    batch = rows()
-    batch[1000:1500, 3] = 3.5
-    batch[1500:2000, 3] = 2.0
-    watched = LimitWatch(a_test(limits=(limit,)), CHANNELS)
-    watched.take(batch, None)
-    assert [each.at_s for each in watched.passed] == [0.0, 2.0]
-
-
-def test_what_a_loop_counted_a_tick_earlier_is_noted_when_it_has_tripped() -> None:
-    limit = TestLimit("load_N", "N", high=4.0, for_s=0.5, action="trip")
-    watched = LimitWatch(a_test(limits=(limit,)), CHANNELS)
-    watched.take(rows()[:499], None)
-    assert watched.acted is None
-    watched.close()
-    assert watched.acted is not None
-    assert str(watched.acted) == "load_N 5 N above 4 N at 0.498 s: trip"
-    early = LimitWatch(a_test(limits=(limit,)), CHANNELS)
-    early.take(rows()[:100], None)
-    early.close()
-    assert early.acted is None
+def test_a_segments_figure_is_of_when_the_segment_took_place() -> None:
+    timeline = Timeline()
+    timeline.skip(1.0, 6.0)
+    criterion = Criterion("peak", 0.0, 1.0, "m", during="late", from_s=6.0, until_s=6.4)
+    measures = Measures(a_test(criteria=(criterion,)), CHANNELS, timeline)
+    measures.take(rows())
+    (result,) = measures.results({}, None)
+    assert result.value == pytest.approx(0.31)

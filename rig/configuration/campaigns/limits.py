@@ -1,0 +1,228 @@
+"""The `limits` of a test are read here: what is watched while it runs, and what is done beyond."""
+
+from collections.abc import Iterator, Sequence as Listing
+from math import inf
+from typing import Annotated, Any, Final, NamedTuple
+
+from pydantic import create_model
+
+from faults import (
+    DECIDED_FIGURES,
+    FOLLOWING_ERROR,
+    WATCHED_FIGURES,
+    Expression,
+    LimitAction,
+    OwnFigure,
+    TestLimit,
+)
+from rig.configuration.reading import (
+    AnyQuantity,
+    Located,
+    Physical,
+    Schema,
+    elements_of,
+    read_mapping,
+    suggestion,
+)
+from rig.configuration.rigs import Rig
+from rig.recording import unit_of
+
+from .criteria import bounds_of, channels_of, figure_unit, windows_of
+from .segments import Motion
+
+_WINDOW_S: Final = Physical("s", 0.5, 60.0, 10.0)
+"""How far back a figure that is watched looks. It is computed anew every 50 ms, so that a minute of
+rows is what a test in real time can afford."""
+_MOST_STRETCHES: Final = 100
+"""Most stretches in which one limit holds, such as the turns of a loop. The loop judges each of
+them in every tick, at some nanoseconds each."""
+
+
+class _TestLimitKeys(Schema):
+    """Keys of a limit that holds while a test runs; its bounds have the unit of its channel."""
+
+    __test__ = False  # not a pytest class, whatever its name
+
+    channel: str | None = None
+    figure: str | None = None
+    low: Annotated[Any, AnyQuantity()] = None
+    high: Annotated[Any, AnyQuantity()] = None
+    inner_low: Annotated[Any, AnyQuantity()] = None
+    inner_high: Annotated[Any, AnyQuantity()] = None
+    action: LimitAction = "trip"
+    hysteresis: Annotated[Any, AnyQuantity()] = None
+    during: str | None = None
+    over: Annotated[float | None, _WINDOW_S] = None
+
+
+_FOR: Final = Physical("s", 0.0, 600.0, 1.0)
+# `for` is a word of Python, so that the class above cannot have it.
+TestLimitFile = create_model(  # type: ignore[call-overload]
+    "TestLimitFile",
+    __base__=_TestLimitKeys,
+    __doc__=_TestLimitKeys.__doc__,
+    **{"for": (Annotated[float, _FOR], 0.0)},
+)
+
+
+def read_test_limits(
+    item: Located | None, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
+) -> tuple[TestLimit, ...]:
+    """Return the usable limits of a test; record the problems of the others.
+
+    Args:
+        item: the list under the key `limits`; None if there is none.
+        own: the test's own figures.
+        motion: the test's motion; None if it is not known.
+        rig: the rig; None if it is unusable.
+    """
+    remedy = "write a list: - {channel: following_error_m, high: 5 mm, action: ramp_down}"
+    return tuple(_limits(elements_of(item, remedy), own, motion, rig))
+
+
+def _limits(
+    elements: Listing[Located],
+    own: Listing[OwnFigure],
+    motion: Motion | None,
+    rig: Rig | None,
+) -> Iterator[TestLimit]:
+    for element in elements:
+        limit = _limit(element, own, motion, rig)
+        if limit is not None:
+            yield limit
+
+
+class _Watched(NamedTuple):
+    """What a limit watches."""
+
+    name: str
+    unit: str
+    """SI unit; empty for a plain number."""
+    is_figure: bool
+    """Whether it is one number of the last samples, so that it is computed over some time."""
+    expression: Expression | None = None
+    """How it follows from the channels, for a figure that is not the test's own."""
+
+
+def _limit(
+    item: Located, own: Listing[OwnFigure], motion: Motion | None, rig: Rig | None
+) -> TestLimit | None:
+    problems = item.sources.problems
+    before = problems.reported
+    file = read_mapping(TestLimitFile, item)
+    if file is None:
+        return None
+    watched = _watched(item, file, own, motion, rig)
+    windows = () if file.during is None or motion is None else windows_of(item, file.during, motion)
+    if len(windows) > _MOST_STRETCHES:
+        limit = f"is the name of {len(windows)} segments, and a limit holds in {_MOST_STRETCHES}"
+        item.refuse(limit, "let it hold in the whole test, or loop less often", key="during")
+    if watched is None or problems.reported > before:
+        return None
+    keys = ("low", "high", "inner_low", "inner_high", "hysteresis")
+    ends = bounds_of(item, keys, watched.unit)
+    if file.over is not None and not watched.is_figure:
+        limit = "is for figures; a channel has a value at each sample"
+        item.refuse(limit, "leave it out", key="over")
+    if problems.reported > before:
+        return None
+    usual = _WINDOW_S.typical or 0.0
+    limit_of = TestLimit(
+        watched.name,
+        watched.unit,
+        ends.get("low", -inf),
+        ends.get("high", inf),
+        ends.get("inner_low", -inf),
+        ends.get("inner_high", inf),
+        file.action,
+        getattr(file, "for"),
+        ends.get("hysteresis", 0.0),
+        (file.over or usual) if watched.is_figure else 0.0,
+        file.during or "",
+        windows,
+        watched.expression,
+    )
+    return limit_of if _is_sound(item, limit_of) else None
+
+
+def _watched(
+    item: Located,
+    file: _TestLimitKeys,
+    own: Listing[OwnFigure],
+    motion: Motion | None,
+    rig: Rig | None,
+) -> _Watched | None:
+    """Return what a limit watches; if it cannot be watched, record why, and return None."""
+    of_channel = file.figure in ("peak", "valley")
+    if file.figure is None and file.channel is None:
+        item.refuse("names nothing to watch", "give `channel: ...` or `figure: ...`", "")
+        return None
+    if file.figure is not None and file.channel is not None and not of_channel:
+        limit, remedy = "names both a channel and a figure", "give `channel: ...` or `figure: ...`"
+        item.refuse(limit, remedy, "")
+        return None
+    channel = file.channel or ("position_m" if of_channel else "")
+    if channel:
+        known = [name for name in channels_of(rig) if unit_of(name) and name != "time_s"]
+        if channel not in known:
+            item.refuse(
+                "is not measured by this rig", suggestion(channel, known, "channels"), key="channel"
+            )
+            return None
+    follows = channel == FOLLOWING_ERROR or file.figure in ("rms_error", "peak_error")
+    if follows and motion is not None and motion.setpoint.quantity != "position":
+        limit = "compares with a setpoint in m, and this test has none"
+        key = "channel" if channel else "figure"
+        item.refuse(limit, "leave it out, or give a setpoint in m", key=key)
+        return None
+    if file.figure is None:
+        return _Watched(channel, unit_of(channel), is_figure=False)
+    return _watched_figure(item, file.figure, channel, own)
+
+
+def _watched_figure(
+    item: Located, figure: str, channel: str, own: Listing[OwnFigure]
+) -> _Watched | None:
+    mine = {each.name: each for each in own}
+    if figure in mine:
+        return _Watched(figure, mine[figure].unit, mine[figure].expression.is_number)
+    if figure in DECIDED_FIGURES:
+        return _Watched(figure, DECIDED_FIGURES[figure], is_figure=False)
+    if figure in WATCHED_FIGURES:
+        expression = Expression(WATCHED_FIGURES[figure].format(channel=channel))
+        unit = unit_of(channel) if channel else figure_unit(figure)
+        name = f"{figure} of {channel}" if channel else figure
+        return _Watched(name, unit, True, expression)
+    known = [*DECIDED_FIGURES, *WATCHED_FIGURES, *mine]
+    remedy = suggestion(figure, known, "figures that are computed as it runs")
+    item.refuse("is no figure that is computed as the test runs", remedy, key="figure")
+    return None
+
+
+def _is_sound(item: Located, limit: TestLimit) -> bool:
+    """Return whether the bands of a limit make sense; if not, record why."""
+    outer, inner = (limit.low, limit.high), (limit.inner_low, limit.inner_high)
+    if (*outer, *inner) == (-inf, inf, -inf, inf):
+        item.refuse("has no limit", "add `low: ...`, `high: ...` or both", limit.watched)
+        return False
+    if outer == (-inf, inf) and limit.action != "warn":
+        item.refuse("has an inner band only", "add the outer one, or `action: warn`", limit.watched)
+        return False
+    for ends, key in ((outer, "low"), (inner, "inner_low")):
+        if not ends[0] < ends[1]:
+            item.refuse("is not below its upper end", "swap them", key=key)
+            return False
+    if limit.inner_low < limit.low or limit.inner_high > limit.high:
+        wide = (
+            "inner_low" if limit.inner_low > -inf and limit.inner_low < limit.low else "inner_high"
+        )
+        if (wide == "inner_low" and limit.inner_low > -inf) or limit.inner_high < inf:
+            item.refuse(
+                "lies outside of the outer band", "let the inner band be narrower", key=wide
+            )
+            return False
+    width = min(outer[1] - outer[0], inner[1] - inner[0])
+    if not 0.0 <= 2.0 * limit.hysteresis < width:
+        item.refuse("leaves nothing between the ends of a band", "reduce it", key="hysteresis")
+        return False
+    return True
