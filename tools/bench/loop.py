@@ -1,9 +1,10 @@
 """Times the loop, idle and with the whole chain on an emulated rig, and compares with cyclictest.
 
-`python -m tools.bench.loop` runs three things in each round: cyclictest (of rt-tests), if it is
-installed; the loop with nothing to exchange; and the loop with Modbus exchanges, filter, interlock
-and ring. During the third, the recorder writes all rows to disk, and a subscriber turns every row
-into JSON as fast as it can. `--page FILE` also writes the table into a page, between two marks.
+`python -m tools.bench.loop` runs four things in each round: cyclictest (of rt-tests), if it is
+installed; the loop with nothing to exchange; the loop with Modbus exchanges, filter, interlock and
+ring; and the same under the tracking law with a cyclic setpoint. During the last two, the recorder
+writes all rows to disk, and a subscriber turns every row into JSON as fast as it can. `--page FILE`
+also writes the table into a page, between two marks.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from control import ControlSettings
 from estimator.filters.registry import compiled_filter, start_memory
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.board import Board, RingReader, Word
@@ -32,8 +34,9 @@ from rig.loop.wire.cycle import wire_ticks
 from rig.loop.wire.layout import Drive, pace, wire_memory
 from rig.loop.wire.orders import Segment, course
 from rig.plant.integrator import TICK
+from tools.simulated.tracking_guide import TRACKING
 
-from .loop_chain import CHANNELS, CPU, MODEL, PRIORITY, Chain, fast, wire_tolerances
+from .loop_chain import CHANNELS, CPU, MODEL, PRIORITY, PROPORTIONAL, Chain, fast, wire_tolerances
 
 Array = NDArray[np.float64]
 
@@ -134,8 +137,10 @@ def idle(rig: Rig, seconds: float) -> Array:
     return RingReader(board).latest(round(seconds / TICK))
 
 
-def whole_chain(rig: Rig, seconds: float) -> Array:
+def whole_chain(rig: Rig, seconds: float, control: ControlSettings = PROPORTIONAL) -> Array:
     """Run the loop on an emulated rig with recorder and subscriber for a time, and return its rows.
+
+    `control` is what the position loop adds to gain times error.
 
     They are (rows, columns), as in `CHANNELS`, for `seconds` of the motion.
 
@@ -143,7 +148,7 @@ def whole_chain(rig: Rig, seconds: float) -> Array:
         RuntimeError: rows are missing in the recording.
         TrippedError: the loop tripped.
     """
-    with Chain(rig, seconds + SPARE_S) as chain:
+    with Chain(rig, seconds + SPARE_S, control) as chain:
         fd = chain.board.fd
         subscriber = subprocess.Popen(
             [sys.executable, "-m", "tools.bench.loop", "--subscribe", str(fd)], pass_fds=(fd,)
@@ -179,6 +184,8 @@ def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
     sent = Measured("whole chain: tick to command")
     replied = Measured("whole chain: tick to reply")
     computed = Measured("whole chain: filter, interlock, row")
+    tracked = Measured("whole chain, tracking law: tick to command")
+    followed = Measured("whole chain, tracking law: filter, interlock, row")
     has_cyclictest = shutil.which("cyclictest") is not None
     for _ in range(rounds):
         if has_cyclictest:
@@ -189,10 +196,15 @@ def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
         _add(sent, chain, "sent_s")
         _add(replied, chain, "wakeup_s", "exchange_s")
         _add(computed, chain, "compute_s")
+        chain = whole_chain(rig, seconds, TRACKING)
+        _add(tracked, chain, "sent_s")
+        _add(followed, chain, "compute_s")
     reference = None
     if has_cyclictest:
         reference = np.percentile(np.concatenate(theirs.times), (50.0, 99.0))
-    measured = ([theirs] if has_cyclictest else []) + [alone, woken, sent, replied, computed]
+    measured = ([theirs] if has_cyclictest else []) + [
+        alone, woken, sent, replied, computed, tracked, followed
+    ]  # fmt: skip
     wakings = (theirs, alone, woken)
     rows = [one.row(reference if one in wakings else None) for one in measured]
     return rows, has_cyclictest

@@ -15,6 +15,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from control import ControlSettings, Sine, guide_of
 from estimator.filters.registry import start_memory
 from rig.configuration.rigs.rig import Rig
 from rig.io.registry import DriverSpec
@@ -36,6 +37,9 @@ CPU: Final = 1
 PRIORITY: Final = 80
 MODEL: Final = Model()
 CHANNELS: Final = wire_channels(start_memory("product", MODEL).filter.states, open_loop=False)
+PROPORTIONAL: Final = ControlSettings()
+AMPLITUDE_M: Final = 0.01
+FREQUENCY_HZ: Final = 1.0
 TEST: Final = 3
 """Number of the segment that is recorded."""
 
@@ -56,14 +60,16 @@ class Chain:
     Args:
         rig: the emulated rig, as configured.
         seconds: length of the motion, s.
+        control: what the position loop adds to gain times error.
 
     Attributes:
         board: the board that loop and recorder share.
         recording: file of the recording.
     """
 
-    def __init__(self, rig: Rig, seconds: float) -> None:
+    def __init__(self, rig: Rig, seconds: float, control: ControlSettings = PROPORTIONAL) -> None:
         self._rig = rig
+        self._control = control
         self._ticks = round(seconds / TICK)
         self._ends = ExitStack()
         self._begun = 0
@@ -164,9 +170,13 @@ class Chain:
         column = CHANNELS.index("valve_enabled")
         self._wait(lambda: board.ring[int(words[Word.ROWS]) - 1, column] == 1.0)
         here = board.ring[int(words[Word.ROWS]) - 1, CHANNELS.index("position_m")]
-        motion = here + 0.01 * np.sin(2.0 * np.pi * np.arange(self._ticks) * TICK)
+        sine = Sine(float(here), AMPLITUDE_M, FREQUENCY_HZ, 0.0)
+        motion = sine.sample(np.arange(self._ticks) * TICK)
+        guide = guide_of(
+            sine, motion, self._control, MODEL.parameters, rig.sensors, first.gain, first.limit
+        )
         test = dataclasses.replace(
-            first, number=TEST, drive=Drive.TRACK, setpoint=motion, valve_enable=True
+            first, number=TEST, drive=Drive.TRACK, setpoint=motion, guide=guide, valve_enable=True
         )
         self._recorder.send(BeginRecording(TEST, self.recording, CHANNELS, {}, time.time_ns()))
         self._recorder.answer(_PATIENCE_S)
