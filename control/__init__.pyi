@@ -1,3 +1,14 @@
+from .changing import (
+    FADE_S as FADE_S,
+    ChangeMemory as ChangeMemory,
+    Moment as Moment,
+    Steered as Steered,
+    change_memory as change_memory,
+    changeable as changeable,
+    forget_changes as forget_changes,
+    is_changing as is_changing,
+    offset_of_change as offset_of_change,
+)
 from .guidance import guide_of as guide_of, law_of as law_of
 from .loop_model import (
     feedforward_command as feedforward_command,
@@ -38,6 +49,12 @@ from .setpoints import (
     period_of as period_of,
 )
 from .settings import ControlSettings as ControlSettings
+from .stability import (
+    LoopModel as LoopModel,
+    Margins as Margins,
+    least_margins as least_margins,
+    margins as margins,
+)
 from .tolerant import TOLERANT_STATE as TOLERANT_STATE, tolerant_command as tolerant_command
 from .tracking import (
     PLAIN as PLAIN,

@@ -38,12 +38,14 @@ from .rigs import (
     DEFAULT as DEFAULT,
     OFF as OFF,
     Rig as Rig,
+    control_in_words as control_in_words,
     control_lines as control_lines,
     dump_calibration as dump_calibration,
     find_rig as find_rig,
     load_rig as load_rig,
     load_stream as load_stream,
     load_tolerances as load_tolerances,
+    ordered_control as ordered_control,
     with_control as with_control,
 )
 from .sweeps import (

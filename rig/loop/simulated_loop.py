@@ -10,7 +10,10 @@ from control import (
     PLAIN,
     POSITION_GAIN,
     Guide,
+    Steered,
     begin_motion,
+    change_memory,
+    changeable,
     control_memory,
     raised_cosine,
 )
@@ -106,6 +109,8 @@ class SimulatedLoop:
         self._decided = no_decision()
         self._reaction = reaction_memory()
         self._control = control_memory()
+        self._change = change_memory()
+        self._before = self._steered()
         judged = self.interlock is not None
         self._guard = guard(self.interlock or _no_interlock(rig, assumed), judged)
         self.channels = row_channels(self.memory.filter.states, motion.open_loop)
@@ -179,6 +184,24 @@ class SimulatedLoop:
             raise self.stopped
         return rows
 
+    def change(self, gain: float, guide: Guide) -> int:
+        """Give the running test another control; return the number of the tick from which it holds.
+
+        Args:
+            gain: gain of the position loop, V/m.
+            guide: what the position loop adds to gain times error, for the whole test.
+        """
+        self._before = self._steered()
+        self.gain, self.guide = float(gain), changeable(guide)
+        self._change.state[0] = 1.0
+        return self._tick
+
+    def _steered(self) -> Steered:
+        """Return the present law with its feedforward at the next tick."""
+        ahead, tick = self.guide.feedforward, self._tick
+        now = float(ahead[tick]) if tick < ahead.size else 0.0
+        return Steered(float(self.gain), self.guide.law, now, self.guide.tones)
+
     def stop(self, action: Action, cause: Cause) -> None:
         """Stop the loop for a cause that its own interlock does not judge; `advance` raises it."""
         self._guard.stopped[:] = int(action), int(cause), NO_CHANNEL
@@ -233,6 +256,7 @@ class SimulatedLoop:
             Ticks(setpoint, faults, guide.feedforward, noise),
             Steering(
                 open_loop, self.gain, self.limit, on_fault, guide.law, guide.tones, self._control,
+                self._before, self._change,
             ),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,

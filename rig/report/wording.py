@@ -152,6 +152,8 @@ def story(test: TestOutcome) -> str:
     if passed := "; ".join(str(each) for each in test.limits[:_LIMITS_SHOWN]):
         left = len(test.limits) - _LIMITS_SHOWN
         sentences.append(f"Limits passed: {passed}{f'; and {left} more' if left > 0 else ''}.")
+    if changed := "; ".join(str(each) for each in test.control_changes):
+        sentences.append(f"Control changed {changed}.")
     if met := [str(each) for each in test.criteria if each.met]:
         sentences.append(f"Met: {'; '.join(met)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:

@@ -14,6 +14,7 @@ from typing import Any, Final, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from control import ControlSettings
 from estimator.filters import FilterMemory
 from faults import CampaignTest
 from rig.io import METERS, SLOW_INPUTS
@@ -128,7 +129,7 @@ class Session:
             on_fault=Reaction[test.on_fault.name],
             limits=rungs_of(test.limits),
         )
-        self._test = HardwareTest(self.rig, wire, test)
+        self._test = HardwareTest(self.rig, wire, test, assumed)
         return self._test
 
     @contextmanager
@@ -170,8 +171,11 @@ class HardwareTest:
         channels: names of the columns of the rows that `advance` returns.
     """
 
-    def __init__(self, rig: ConnectedRig, wire: WireLoop, test: CampaignTest) -> None:
+    def __init__(
+        self, rig: ConnectedRig, wire: WireLoop, test: CampaignTest, assumed: Model
+    ) -> None:
         self.channels = wire.channels
+        self._assumed = assumed
         self._rig = rig
         self._wire = wire
         self._test = test
@@ -231,6 +235,25 @@ class HardwareTest:
         self._rig.going_on()
         with self._rig.reporting_stops():
             return self._wire.advance(ticks)
+
+    def change(self, control: ControlSettings) -> float | None:
+        """Give the running test another control, without a bump in the command.
+
+        Return the time of the test in s from which it holds; None if the loop has stopped the
+        motion, which the next `advance` tells.
+
+        Args:
+            control: the control settings, in which the gain is given.
+
+        Raises:
+            TripError: the loop did not take the change.
+        """
+        rig = self._rig
+        setpoint = self._wire.test.setpoint
+        guide = guide_for(rig.configured, self._test, setpoint, self._assumed, control)
+        rig.alive()
+        tick = self._wire.change(control.gain or rig.configured.gain_V_per_m, guide)
+        return None if tick is None else tick * TICK
 
     def decided(self, row: Array) -> None:
         """Pass a decision of the detector, a row of `DECIDED`, to the loop.

@@ -8,7 +8,6 @@ loop waits for nothing but the clock and the device.
 from math import isnan, nan
 from typing import Final
 
-from control import begin_motion, tracking_command
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, ExchangeStatus, exchange, monotonic_ns
 from rig.jit import njit
 from rig.loop.atomic import load_acquire, store_release
@@ -25,9 +24,10 @@ from rig.loop.interlocks import (
     check_sample,
     held_position,
 )
-from rig.loop.reaction import Reaction, forget, react, tolerating
+from rig.loop.reaction import Reaction, react, tolerating
 from rig.plant import READING_COUNT, inner
 
+from .changing import begin_or_go_on, left_for, tracked_command
 from .following import error_of, setpoint_of
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 from .null_check import VALVE_ENABLED, is_null, look_at_null
@@ -60,7 +60,7 @@ _NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
-    """Run one segment until another one is asked for; return why it ended, a `Left`.
+    """Run one segment until another one, or another control, is asked for; return why, a `Left`.
 
     Args:
         course: the segment, `Course`.
@@ -75,15 +75,11 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         shared: the board, `Board`; updated.
     """
     words, counts, outputs = shared.words, memory.counts, memory.outputs
-    memory.handling[:] = nan
-    memory.decided[:] = nan
-    forget(memory.reaction)
-    begin_motion(course.drive == Drive.TRACK and not course.open_loop, memory.control)
     at = STATES_AT + filt.x.size + DECISION_COLUMNS
-    tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
-    words[Word.TICK] = 0
-    words[Word.SEGMENT] = course.number
+    tick, started, action, held = begin_or_go_on(course, outputs[_COMMAND], words, memory)
     while load_acquire(words, Word.SWITCH.value) == course.number:
+        if words[Word.CHANGE] != course.change:
+            return left_for(tick, started, action, held, memory)
         due, woken, missed = _wait_for_tick(counts, pace)
         words[Word.MISSED] += missed
         # Words of other processes are read before any command: this one may have been stopped.
@@ -311,11 +307,7 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
         setpoint, limit = course.setpoint[tick], course.limit
         if course.open_loop:
             return limited_command(True, setpoint, position, course.gain, limit)
-        ahead = course.feedforward[tick] if tick < course.feedforward.size else 0.0
-        command = tracking_command(
-            setpoint, position, ahead, tick * pace.period_s, course.gain, limit, pace.period_s,
-            course.law, course.tones, memory.control,
-        )  # fmt: skip
+        command = tracked_command(course, tick, position, pace.period_s, memory)
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
                           pace.period_s, memory.reaction)  # fmt: skip
     if drive == Drive.HOLD:

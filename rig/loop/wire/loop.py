@@ -7,13 +7,13 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from control import raised_cosine
+from control import Guide, raised_cosine
 from rig.loop.atomic import store_release
 from rig.loop.board import DECISIONS_KEPT, Board, RingReader, Word
 from rig.loop.interlocks import Action, Cause, LoopStoppedError, TripError, channel_name
 
 from .layout import Drive, wire_channels
-from .orders import Segment
+from .orders import ChangeControl, Segment
 
 Array = NDArray[np.float64]
 
@@ -168,6 +168,40 @@ class WireLoop:
         self._rows, self._waiting = [rows[wanted:]], len(rows) - wanted
         self._done += wanted
         return rows[:wanted]
+
+    def change(self, gain: float, guide: Guide) -> int | None:
+        """Give the running test another control; return the number of the tick from which it holds.
+
+        It waits up to `ANSWER_S` until the loop has prepared the change, and again until it has
+        taken it, between two ticks. The ram is held by the new gain after the test, too. The result
+        is None if the loop stopped the motion or fell silent meanwhile, which `advance` raises.
+
+        Args:
+            gain: gain of the position loop, V/m.
+            guide: what the position loop adds to gain times error.
+
+        Raises:
+            TripError: the loop did not take the change in time.
+            ChildError: the loop process did not take the order.
+        """
+        number = int(self._words[Word.CHANGE]) + 1
+        self.process.send(ChangeControl(number, self.number, gain, guide))
+        self.process.answer(ANSWER_S)
+        self._words[Word.CHANGE] = number
+        until = time.monotonic() + ANSWER_S
+        while self._words[Word.CHANGED] != number:
+            try:
+                self._check()
+            except LoopStoppedError:
+                return None
+            if time.monotonic() >= until:
+                raise TripError(
+                    f"the loop has not taken another control within {ANSWER_S:g} s after the "
+                    "order; end what else loads this computer, then begin anew"
+                )
+            time.sleep(_NAP_S)
+        self.test = replace(self.test, gain=gain, guide=guide)
+        return int(self._words[Word.CHANGED_AT])
 
     def decided(self, row: Array) -> None:
         """Post a decision on the test, a row of `DECIDED`, which later rows of the loop contain."""

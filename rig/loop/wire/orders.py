@@ -4,12 +4,12 @@ The supervisor numbers the segments. An ordered segment begins when the board's 
 its number. The segment before it goes on until then, so that exchanges never pause.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide
+from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide, changeable
 from estimator.filters import FilterMemory
 from rig.io import ChannelLimit, DriverSpec, LoopSettings
 from rig.loop.interlocks import LimitTable, Tolerances
@@ -65,17 +65,61 @@ class Segment:
     limits: tuple[ChannelLimit, ...] = ()
 
 
+@dataclass(frozen=True)
+class ChangeControl:
+    """The order of another control for a segment; the answer is its number, once it is prepared.
+
+    The loop takes it between two ticks, as soon as the board's word CHANGE becomes its number, and
+    says so by CHANGED and CHANGED_AT.
+
+    Attributes:
+        number: number of the change, greater than those of all earlier ones in the session.
+        segment: number of the segment, which tracks positions.
+        gain: gain of the position loop, V/m.
+        guide: what the position loop adds to gain times error.
+    """
+
+    number: int
+    segment: int
+    gain: float
+    guide: Guide
+
+
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
-    law, feedforward, tones = segment.guide
+    guide = _compilable(segment.guide)
+    law, feedforward, tones = guide
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
-        ControlLaw(bool(law[0]), *map(float, law[1:])),
-        np.ascontiguousarray(feedforward, np.float64), np.ascontiguousarray(tones, np.float64),
+        law, feedforward, tones,
         int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
-        float(segment.reset_lamp), float(segment.rearm),
+        float(segment.reset_lamp), float(segment.rearm), 0, False, float(segment.gain), guide,
     )  # fmt: skip
+
+
+def prepared(change: ChangeControl) -> ChangeControl:
+    """Return a change with a law that can go on from another, in the types of the compiled loop."""
+    guide = _compilable(changeable(change.guide))
+    return replace(change, gain=float(change.gain), guide=guide)
+
+
+def changed_course(now: Course, change: ChangeControl) -> Course:
+    """Return the course that goes on from `now` after a change that is `prepared`."""
+    law, feedforward, tones = change.guide
+    return now._replace(
+        gain=change.gain, law=law, feedforward=feedforward, tones=tones, goes_on=True,
+        gain_before=now.gain, before=Guide(now.law, now.feedforward, now.tones),
+    )  # fmt: skip
+
+
+def _compilable(guide: Guide) -> Guide:
+    law, feedforward, tones = guide
+    return Guide(
+        ControlLaw(bool(law[0]), *map(float, law[1:])),
+        np.ascontiguousarray(feedforward, np.float64),
+        np.ascontiguousarray(tones, np.float64),
+    )
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from rig.runner.counters import RigCounter
 from rig.runner.outcomes import (
     Array,
     AwaitedEnd,
+    ControlChanged,
     CriterionResult,
     DecisionRows,
     Figure,
@@ -207,6 +208,7 @@ class _RunningTest:
         self._recorded = False
         setting.counter.begins(anew=not setting.bench.live)
         self._ticks = 0
+        self._changes: list[ControlChanged] = []
         self._verdict = ""
         self._timing: Mapping[str, Any] | None = None
         self._learning = setting.references.learning(test)
@@ -322,6 +324,7 @@ class _RunningTest:
             figures={**figures, **own},
             criteria=self._criteria,
             limits=tuple(self._limits.passed),
+            control_changes=tuple(self._changes),
             counted=self._setting.counter.in_test if self._ticks else None,
             message=self._message(outcome),
         )
@@ -360,6 +363,7 @@ class _RunningTest:
             while self._loop.ticks_left and not self._setting.stop.requested and not self._end.came:
                 self._go_on()
                 self._run_batch()
+                self._change_control()
             if self._end.came:
                 # The campaign goes on with the ram held, as at the end of any test.
                 self._loop.end_early()
@@ -402,6 +406,29 @@ class _RunningTest:
             self._event(self._last_s, "note", note)
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
+
+    def _change_control(self) -> None:
+        """Give the loop the control that operators have asked for, and record from when it holds.
+
+        It is done between two batches, once the test has begun, while ticks of it are left.
+
+        Raises:
+            TripError: the loop did not take the change.
+        """
+        if not self._ticks or not self._loop.ticks_left or self._end.came:
+            return
+        asked = self._setting.desk.take_control_changes()
+        at_s = self._loop.change(asked[-1].after) if asked else None
+        if at_s is None:
+            return
+        for change in asked:
+            changed = ControlChanged(at_s, change.who, str(change))
+            self._changes.append(changed)
+            self._event(at_s, "control", f"{change.who}: {change}")
+            self._setting.desk.record(
+                "control", test=self._setting.present, at_s=at_s, who=change.who, what=str(change)
+            )
+            self._setting.observer.rig_tells(f"{self._test.name}: {changed}")
 
     def _watch(self, rows: Array) -> None:
         """Follow the test's limits in the next rows, and act on those that the loop does not judge.

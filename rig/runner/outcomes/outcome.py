@@ -97,6 +97,25 @@ class Happening:
 
 
 @dataclass(frozen=True)
+class ControlChanged:
+    """A change of the control of a test that an operator had made while it ran.
+
+    Attributes:
+        at_s: time of the test from which it held, s.
+        who: name of the operator.
+        what: the keys that changed, each with the value before and after, in words.
+    """
+
+    at_s: float
+    who: str
+    what: str
+
+    def __str__(self) -> str:
+        """Return it in words: "from 12.345 s by anna: gain 50 V/m -> 80 V/m"."""
+        return f"from {self.at_s:.3f} s by {self.who}: {self.what}"
+
+
+@dataclass(frozen=True)
 class TestOutcome:
     """The outcome of one test: what was expected, what was injected, and what was found.
 
@@ -123,6 +142,7 @@ class TestOutcome:
         counted: what the ram did; None if no sample came.
         limits: the bands of the test's own limits that were passed.
         criteria: what came of the criteria by which the test passes beside its verdict.
+        control_changes: changes of the control by operators while the test ran.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -149,6 +169,7 @@ class TestOutcome:
     criteria: tuple[CriterionResult, ...] = ()
     limits: tuple[LimitPassed, ...] = ()
     counted: Counted | None = None
+    control_changes: tuple[ControlChanged, ...] = ()
 
     @property
     def missed(self) -> tuple[CriterionResult, ...]:

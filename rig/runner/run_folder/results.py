@@ -55,7 +55,7 @@ def _test(test: TestOutcome) -> dict[str, Any]:
         "leak_error_L_per_min": litres_per_minute(test.leak_error_m3_per_s),
         "thresholds_from": test.thresholds_from,
         "friction": None if test.friction is None else friction_figures(test.friction),
-        **named(test, "attempts", "figures", "criteria", "limits", "counted"),
+        **named(test, "attempts", "figures", "criteria", "limits", "counted", "control_changes"),
     }
 
 

@@ -1,0 +1,98 @@
+"""What an operator orders of the control of a running test, in the keys of a section `control`."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from control import ControlSettings
+from rig.configuration.reading import Located, Place, Sources, options_of, show
+
+from .control import read_control
+
+_ORDER: Final = Path("set")
+"""The word of the order in place of a file's name in messages, as `rig control DIR set` has it."""
+_NOT_GIVEN: Final = "none"
+"""What takes a key back that may be left out of a file; it is no value of such a key."""
+
+
+def ordered_control(text: str, now: ControlSettings) -> ControlSettings:
+    """Return the control settings that an order asks for; keys that it does not name stay.
+
+    The order is a list of KEY=VALUE with commas between them, the value as a file has it, such as
+    `gain=80 V/m, integral_time=0.5 s`. The value `none` takes back a key that a file may leave out.
+    The word `proportional` alone asks for the loop of the thesis, with the present gain.
+
+    Args:
+        text: the order.
+        now: the present settings.
+
+    Raises:
+        ConfigError: the order cannot be used; it lists all that is wrong.
+    """
+    sources = Sources()
+    place = Place(_ORDER, 0, 0)
+    order = Located(text.strip(), place, "control", sources)
+    if not order.value:
+        order.refuse("names no key", _example())
+        return sources.finished(None)
+    if order.value != "proportional":
+        order = order.with_value(dict(_entries(order)))
+    found = read_control(order, now)
+    if found is not None and order.value == "proportional":
+        return ControlSettings(gain=now.gain)
+    return sources.finished(found)
+
+
+def control_in_words(before: ControlSettings, after: ControlSettings) -> str:
+    """Return the keys that differ, each with both values: "gain 50 V/m -> 80 V/m, ..."."""
+    parts = []
+    for key, option in options_of(ControlSettings).items():
+        old, new = getattr(before, key), getattr(after, key)
+        if old != new:
+            unit = "" if option.quantity is None else option.quantity.unit
+            parts.append(f"{key} {_shown(old, unit)} -> {_shown(new, unit)}")
+    return ", ".join(parts)
+
+
+def _entries(order: Located) -> Iterator[tuple[str, Located]]:
+    """Yield key and value of every item of an order's text; record the problems of the others."""
+    seen = set()
+    optional = {key for key, each in options_of(ControlSettings).items() if each.default is None}
+    for item in order.value.split(","):
+        key, equals, written = (part.strip() for part in item.partition("="))
+        entry = Located(written, order.place, key or "control", order.sources)
+        if not (key and equals and written):
+            order.with_value(item.strip()).refuse("is not of the form KEY=VALUE", _example())
+        elif key in seen:
+            entry.refuse("is given twice", "keep one")
+        else:
+            seen.add(key)
+            is_none = written == _NOT_GIVEN and key in optional
+            yield key, entry.with_value(None if is_none else _scalar(written))
+
+
+def _scalar(written: str) -> object:
+    """Return a value as YAML reads it: a truth value, a number or a text."""
+    try:
+        value = yaml.safe_load(written)
+    except yaml.YAMLError:
+        return written
+    return value if isinstance(value, bool | int | float) else written
+
+
+def _shown(value: object, unit: str) -> str:
+    if value is None:
+        return _NOT_GIVEN
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, int | float):
+        return str(value)
+    # A gain is written in V/m everywhere, and would be shown in V/mm from 1000 V/m on.
+    return f"{value:g} {unit}" if unit == "V/m" else show(float(value), unit)
+
+
+def _example() -> str:
+    keys = ", ".join(options_of(ControlSettings))
+    return f"write as in gain=80V/m integral_time=0.5s; keys: {keys}"
