@@ -12,9 +12,9 @@ from rig.supervisor import control_for
 
 from .operator_requests import RefusedError
 
-_PLACES: Final = 5
-"""Number of places between the position limits at which the margins are looked at. The oil's
-resonance is lowest near the middle, so that more places would find next to nothing less."""
+_PLACES: Final = (0.0, 0.5, 1.0)
+"""Places at which the margins are looked at, as parts of the way between the position limits. The
+oil's resonance is lowest near the middle and highest at an end."""
 _STEP: Final = 0.95
 _STEPS: Final = 90
 """Factor and number of the steps by which a smaller gain is looked for that keeps the margins: down
@@ -110,14 +110,13 @@ class RunningControl:
     def _margins(self, settings: ControlSettings) -> Margins:
         limits, rig = self._rig.limits, self._rig
         width = limits.position_max_m - limits.position_min_m
-        steps = [k / (_PLACES - 1) for k in range(_PLACES)]
         # On hardware a command follows from the sample before it (docs/decisions/0007).
         return least_margins(
             settings,
             settings.gain or rig.gain_V_per_m,
             self._assumed.parameters,
             TICK if rig.backend == "hardware" else 0.0,
-            tuple(limits.position_min_m + step * width for step in steps),
+            tuple(limits.position_min_m + step * width for step in _PLACES),
         )
 
     def _remedy(self, settings: ControlSettings) -> str:
@@ -130,4 +129,6 @@ class RunningControl:
 
 
 def _in_words(margins: Margins) -> str:
+    if margins.gain_dB <= 0.0 or margins.phase <= 0.0:
+        return "no margin at all"
     return f"{margins.gain_dB:.1f} dB and {degrees(margins.phase):.0f} degrees"

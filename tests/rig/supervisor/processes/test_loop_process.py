@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from control import PLAIN
 from estimator.filters.registry import OUTPUTS, run_filter
 from rig.configuration.rigs.rig import load_rig
 from rig.emulator.running import EmulatorThread
@@ -95,6 +96,11 @@ def test_a_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit
     batches = []
     while loop.ticks_left:
         batches.append(loop.advance(70))
+        if len(batches) == 1:
+            # Another gain between two ticks takes no row away and keeps the filter's memory.
+            changed_at = loop.change(80.0, PLAIN)
+            assert changed_at is not None
+            assert changed_at >= 70
     rows = np.concatenate(batches)
     assert rows[:, loop.channels.index("tick")].tolist() == list(range(300))
     again = run_filter(rows[:, 0], rows[:, 2].copy(), rows[:, 3:8].copy(), MODEL)
