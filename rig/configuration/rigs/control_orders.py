@@ -45,14 +45,22 @@ def ordered_control(text: str, now: ControlSettings) -> ControlSettings:
     return sources.finished(found)
 
 
-def control_in_words(before: ControlSettings, after: ControlSettings) -> str:
-    """Return the keys that differ, each with both values: "gain 50 V/m -> 80 V/m, ..."."""
+def control_in_words(control: ControlSettings, before: ControlSettings | None = None) -> str:
+    """Return the keys of control settings that differ from others, with their values.
+
+    Args:
+        control: the settings: "gain 80 V/m, cyclic true".
+        before: the settings before a change, of which the values are given too: "gain 50 V/m -> 80
+            V/m, cyclic false -> true"; if not given, keys that have their default are left out.
+    """
     parts = []
+    usual = before or ControlSettings()
     for key, option in options_of(ControlSettings).items():
-        old, new = getattr(before, key), getattr(after, key)
+        old, new = getattr(usual, key), getattr(control, key)
         if old != new:
             unit = "" if option.quantity is None else option.quantity.unit
-            parts.append(f"{key} {_shown(old, unit)} -> {_shown(new, unit)}")
+            was = "" if before is None else f"{_shown(old, unit)} -> "
+            parts.append(f"{key} {was}{_shown(new, unit)}")
     return ", ".join(parts)
 
 

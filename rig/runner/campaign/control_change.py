@@ -37,7 +37,7 @@ class ControlChange:
 
     def __str__(self) -> str:
         """Return the keys that change, each with both values."""
-        return control_in_words(self.before, self.after)
+        return control_in_words(self.after, self.before)
 
 
 class RunningControl:
@@ -83,6 +83,10 @@ class RunningControl:
         if not str(change):
             raise RefusedError("the control of the running test has these values already")
         return change, self._judged(change)
+
+    def __str__(self) -> str:
+        """Return the keys whose values are not the usual ones, with these values."""
+        return control_in_words(self.settings)
 
     def add(self, change: ControlChange) -> None:
         """Let a change that `asked` returned wait for the loop."""

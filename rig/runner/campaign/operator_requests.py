@@ -235,8 +235,8 @@ class Desk:
         """Return the state of the campaign as JSON-able values.
 
         They are the state ("running", "between tests", "paused", "held" or "ended"), whether a
-        pause is asked for, the reasons for a hold, the present test and its phase, the number of
-        tests, the status of each test that has ended, and what wants attention.
+        pause is asked for, the reasons for a hold, the present test, its phase and its control, the
+        number of tests, the status of each test that has ended, and what wants attention.
         """
         with self._lock:
             state = "running" if self._present is not None else "between tests"
@@ -248,6 +248,7 @@ class Desk:
                 "held": list(self._held),
                 "test": None if self._present is None else self._names[self._present],
                 "phase": self._phase,
+                "control": "" if self._control is None else str(self._control),
                 "tests": len(self._names),
                 "ended": {self._names[index]: status for index, status in self._statuses.items()},
                 "attention": list(self._attention),
@@ -315,7 +316,7 @@ class Desk:
         running = index is not None and index == self._present
         # What came of a SET is an event of its own in the recording.
         if text and request is not Request.SET:
-            self._notes.append(f"{who}: {text if request == 'note' else f'{request}: {text}'}")
+            self._notes.append(f"{who}: {text if request is Request.NOTE else f'{request}: {text}'}")
         match request:
             case Request.PAUSE | Request.RESUME:
                 self.paused = request is Request.PAUSE

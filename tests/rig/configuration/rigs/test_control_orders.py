@@ -12,7 +12,8 @@ def test_an_order_changes_the_keys_that_it_names() -> None:
     found = ordered_control("gain=80V/m, hold_band = 0.5 mm", NOW)
     assert found == ControlSettings(gain=80.0, integral_time=1.0, cyclic=True, hold_band=5e-4)
     words = "gain 50 V/m -> 80 V/m, hold_band none -> 0.5 mm"
-    assert control_in_words(NOW, found) == words
+    assert control_in_words(found, NOW) == words
+    assert control_in_words(NOW) == "gain 50 V/m, integral_time 1 s, cyclic true"
 
 
 def test_a_key_that_may_be_left_out_is_taken_back_by_none() -> None:
