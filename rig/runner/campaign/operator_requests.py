@@ -316,7 +316,9 @@ class Desk:
         running = index is not None and index == self._present
         # What came of a SET is an event of its own in the recording.
         if text and request is not Request.SET:
-            self._notes.append(f"{who}: {text if request is Request.NOTE else f'{request}: {text}'}")
+            self._notes.append(
+                f"{who}: {text if request is Request.NOTE else f'{request}: {text}'}"
+            )
         match request:
             case Request.PAUSE | Request.RESUME:
                 self.paused = request is Request.PAUSE
