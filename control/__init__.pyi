@@ -9,6 +9,7 @@ from .changing import (
     is_changing as is_changing,
     offset_of_change as offset_of_change,
 )
+from .expected import expected_position as expected_position, reduced_velocity as reduced_velocity
 from .guidance import guide_of as guide_of, law_of as law_of
 from .loop_model import (
     feedforward_command as feedforward_command,

@@ -147,10 +147,14 @@ def _taken_over(moment, before, after, memory, scratch, offset):
 
 @inlined
 def _command(moment, steered, offset, limit, memory):
-    """Return the command in V of a law at a moment, within +-`limit`; the memory is updated."""
+    """Return the command in V of a law at a moment, within +-`limit`; the memory is updated.
+
+    What the integral part makes of this tick is in the command of the next one only, so that any
+    expected position will do.
+    """
     return tracking_command(
-        moment.setpoint, moment.position, steered.ahead + offset, moment.time_s, steered.gain,
-        limit, moment.period, steered.law, steered.tones, memory,
+        moment.setpoint, moment.position, steered.ahead + offset, moment.setpoint, moment.time_s,
+        steered.gain, limit, moment.period, steered.law, steered.tones, memory,
     )  # fmt: skip
 
 

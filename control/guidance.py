@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rig.plant import TICK, Parameters, SensorParameters
 
+from .expected import expected_position
 from .loop_model import feedforward_command, frequencies_of, hold_band, loop_answer
 from .setpoints import Setpoint
 from .settings import ControlSettings
@@ -73,8 +74,9 @@ def guide_of(
     sensors: SensorParameters,
     gain: float,
     limit: float,
+    compiled: bool = True,
 ) -> Guide:
-    """Return the guide of a test: law, feedforward and tones.
+    """Return the guide of a test: law, feedforward, tones and expected position.
 
     With settings that add nothing, or a setpoint that is the command itself, it is `PLAIN`.
 
@@ -86,6 +88,8 @@ def guide_of(
         sensors: data sheet of the transducers.
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
+        compiled: whether the expected position is computed by compiled code, as
+            `control.expected.expected_position`.
     """
     if settings.is_proportional or setpoint.quantity != "position":
         return PLAIN
@@ -93,4 +97,5 @@ def guide_of(
         law_of(settings, par, sensors, gain),
         feedforward_command(samples, settings, par, limit),
         _tones(setpoint, settings, par, gain),
+        expected_position(samples, settings, par, gain, limit, compiled),
     )

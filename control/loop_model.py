@@ -20,7 +20,7 @@ MOST_TONES: Final = 16
 """Greatest number of frequencies of a setpoint that are corrected, the lowest ones. Each costs a
 sine and a cosine twice in every tick, so that all of them stay below 1 us."""
 _HARMONICS: Final = (1, 2, 3)
-_LEAST_ROOT: Final = 0.05
+LEAST_ROOT: Final = 0.05
 """Least part of the supply pressure that is assumed to be left for the valve, as in
 `control.tolerant`: a ram that stalls is not driven harder."""
 
@@ -33,7 +33,7 @@ def velocity_gain(par: Parameters, load_pressure: float = 0.0) -> float:
     (Merritt 1967, ch. 6). `load_pressure` is p_L in Pa in the direction of the motion.
     """
     supply = par.supply_pressure - par.return_pressure
-    left = max(supply - load_pressure, _LEAST_ROOT * supply)
+    left = max(supply - load_pressure, LEAST_ROOT * supply)
     opened = par.discharge_coefficient * par.area_gradient * par.valve_gain
     return opened * sqrt(left / par.density) / par.piston_area
 
@@ -97,7 +97,7 @@ def feedforward_command(
     friction = par.coulomb + par.viscous * np.abs(velocity) + sign * par.friction_asymmetry
     load = (friction + sign * (spring + par.constant_force)) / par.piston_area
     supply = par.supply_pressure - par.return_pressure
-    least = _LEAST_ROOT * supply
+    least = LEAST_ROOT * supply
     left = np.maximum(supply - par.supply_droop * (par.piston_area * velocity) ** 2 - load, least)
     opened = par.discharge_coefficient * par.area_gradient * par.valve_gain
     per_volt = opened * np.sqrt(left / par.density) / par.piston_area

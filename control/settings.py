@@ -25,7 +25,8 @@ class ControlSettings:
         deadband: command on either side of null at which the valve begins to open.
         deadband_width: command about null over which the deadband's compensation is smooth; the
             deadband itself if not given, with which the slope at null is at most doubled.
-        integral_time: error is integrated with this time constant; no integral part if not given.
+        integral_time: what the ram is behind its expected position is integrated with this time
+            constant; no integral part if not given.
         integral_limit: greatest integral part of the command, of either sign; the default is just
             above what the largest null bias of a model asks for.
         hold_band: error within which the integral is held while the setpoint rests; if not given,

@@ -59,9 +59,16 @@ class Guide(NamedTuple):
     tones: Array
     """(n, TONE_NUMBERS), the setpoint's frequencies that are corrected; (0, TONE_NUMBERS) for
     none."""
+    expected: Array = np.empty(0)
+    """(ticks,) position in m where the ram should be without an integral part
+    (`control.expected`); (0,) for none. In a tick beyond its end that is the setpoint."""
+
+    def part(self, ticks: slice) -> "Guide":
+        """Return the same guide with the tables of some ticks only."""
+        return self._replace(feedforward=self.feedforward[ticks], expected=self.expected[ticks])
 
     def moving(self) -> "Guide":
-        """Return the same law for a move to a start position, without feedforward and tones."""
+        """Return the same law for a move to a start position, without tables and tones."""
         return Guide(self.law, np.empty(0), np.empty((0, TONE_NUMBERS)))
 
 
@@ -104,7 +111,9 @@ def begin_motion(follows, memory):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def tracking_command(setpoint, position, ahead, time_s, gain, limit, period, law, tones, memory):
+def tracking_command(
+    setpoint, position, ahead, expected, time_s, gain, limit, period, law, tones, memory
+):
     """Return the valve command in V of the tracking law, within +-`limit`; called once a tick.
 
     With error e = setpoint - position the law is
@@ -113,21 +122,26 @@ def tracking_command(setpoint, position, ahead, time_s, gain, limit, period, law
 
     where c is the correction of the setpoint's tones and i the integral part. The smooth form of
     the deadband's compensation has a finite slope at null, 1 + deadband / width, so that noise of
-    the encoder does not make the spool chatter. The integral part grows only while the command is
-    within its limit or returns there (no windup), never beyond its own limit, and is held while the
-    setpoint rests and the error is within the band of a hold: a ram that sticks is then left alone.
-    After a while of rest it is held whatever the error is: with play in valve or encoder an
-    integral swings for ever, a proportional loop does not.
+    the encoder does not make the spool chatter. The integral part sums up what the ram lags behind
+    the expected position, not behind the setpoint: the error by which a loop answers a step is no
+    error of the rig. It grows only while the command is within its limit or returns there (no
+    windup), never beyond its own limit, and is held while the setpoint rests and the error is
+    within the band of a hold: a ram that sticks is then left alone. After a while of rest it is
+    held whatever the error is: with play in valve or encoder an integral swings for ever, a
+    proportional loop does not.
     A tone's correction is the part of the error at its frequency, divided by what the closed loop
     makes of a correction, and followed slowly; while the command is at its limit nothing is learnt.
 
-    If setpoint or position is NaN, the command is 0 V, the valve's null, as a ram of unknown
-    position must not be driven, and the integral part starts again from 0.
+    If setpoint, position, feedforward or expected position is NaN, the command is 0 V, the valve's
+    null, as a ram of unknown position must not be driven, and the integral part starts again from
+    0.
 
     Args:
         setpoint: position that is asked for, m.
         position: measured position, m.
         ahead: feedforward of this tick, V.
+        expected: position in m by which the integral part goes, as `Guide.expected`; the setpoint
+            itself where none is known.
         time_s: time of the tick in its motion, s.
         gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
@@ -140,7 +154,7 @@ def tracking_command(setpoint, position, ahead, time_s, gain, limit, period, law
         return proportional_command(setpoint, position, gain, limit)
     kept, learnt = memory.kept, memory.learnt
     error = setpoint - position
-    if isnan(error) or isnan(ahead):
+    if isnan(error) or isnan(ahead) or isnan(expected):
         kept[0] = 0.0
         kept[1] = setpoint
         return 0.0
@@ -157,8 +171,9 @@ def tracking_command(setpoint, position, ahead, time_s, gain, limit, period, law
     kept[1] = setpoint
     kept[2] = 0.0 if moves else kept[2] + period
     outside = abs(error) > law.hold_band_m and kept[2] < law.rest_s
-    if (command == free or error * free < 0.0) and (moves or outside):
-        integral += law.integral_rate * error * period
+    behind = expected - position
+    if (command == free or behind * free < 0.0) and (moves or outside):
+        integral += law.integral_rate * behind * period
         kept[0] = min(max(integral, -law.integral_limit_V), law.integral_limit_V)
     if command == free:
         for i in range(tones.shape[0]):

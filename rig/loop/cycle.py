@@ -167,6 +167,8 @@ class Ticks(NamedTuple):
     """(ticks, 8) coefficients (`rig.plant.faults.FaultInput`)."""
     feedforward: Array
     """(ticks,) feedforward of the position loop in V; (0,) for none."""
+    expected: Array
+    """(ticks,) position in m that the integral part goes by; (0,) for the setpoint."""
     noise: Array
     """(ticks, 9) standard normal numbers, for the noise of the transducers."""
 
@@ -284,9 +286,10 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
                         Moment(wanted, reading[0], time_s, limit, TICK), how.before,
                         Steered(gain, how.law, ahead, how.tones), how.memory, how.change,
                     )  # fmt: skip
+                expected = ticks.expected[k] if k < ticks.expected.size else wanted
                 command = tracking_command(
-                    wanted, reading[0], ahead, time_s, gain, limit, TICK, how.law, how.tones,
-                    how.memory,
+                    wanted, reading[0], ahead, expected, time_s, gain, limit, TICK, how.law,
+                    how.tones, how.memory,
                 )  # fmt: skip
                 command = tolerating(
                     command, on_fault, decided, filt.x, filt.parameters, limit, TICK, reaction

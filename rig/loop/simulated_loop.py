@@ -177,7 +177,7 @@ class SimulatedLoop:
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
         motion = self.motion
-        guide = self.guide._replace(feedforward=self.guide.feedforward[part])
+        guide = self.guide.part(part)
         rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part], guide)
         self._tick += len(rows)
         if self._is_stopped and not len(rows):
@@ -253,7 +253,7 @@ class SimulatedLoop:
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
             self._tick,
-            Ticks(setpoint, faults, guide.feedforward, noise),
+            Ticks(setpoint, faults, guide.feedforward, guide.expected, noise),
             Steering(
                 open_loop, self.gain, self.limit, on_fault, guide.law, guide.tones, self._control,
                 self._before, self._change,

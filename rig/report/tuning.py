@@ -1,6 +1,6 @@
 """The page of `rig tune`: margins at every place, and the response before and after."""
 
-from math import degrees, pi
+from math import degrees, isfinite, pi
 from typing import Any, Final
 
 from control import Margins
@@ -26,7 +26,7 @@ def tuning_page(tuning: Tuning, started: str) -> str:
         started=started,
         rows=list(margin_rows(tuning)),
         section="\n".join(list(control_lines(tuning.proposed, ""))[1:]),
-        responses=[(each.name, *(MM * rms for rms in each.rms())) for each in tuning.responses],
+        responses=[response_line(each) for each in tuning.responses],
         figures=[_figure(each, error) for each in tuning.responses for error in (False, True)],
     )
 
@@ -53,6 +53,20 @@ def margin_rows(tuning: Tuning) -> list[tuple[str, ...]]:
 def _margins(found: Margins) -> tuple[str, str, str]:
     crossover = f"{found.crossover / (2.0 * pi):.2f}"
     return f"{found.gain_dB:.1f}", f"{degrees(found.phase):.0f}", crossover
+
+
+def response_line(response: Response) -> str:
+    """Return what came of a motion before and after as a line of text."""
+    before, after = (f"{MM * rms:.2f} mm rms" for rms in response.rms())
+    steps = response.steps()
+    if steps is not None:
+        before, after = f"{before}, {_answer(*steps[0])}", f"{after}, {_answer(*steps[1])}"
+    return f"{response.name}: before {before}; after {after}"
+
+
+def _answer(overshoot: float, settling_s: float) -> str:
+    settled = f"in {settling_s:.2f} s" if isfinite(settling_s) else "not before the next step"
+    return f"overshoot {100.0 * overshoot:.1f} %, within 5 % of a step {settled}"
 
 
 def _figure(response: Response, error: bool) -> dict[str, Any]:

@@ -67,8 +67,8 @@ def learnt(integral: float = 0.0, cosine: float = 0.0) -> ControlMemory:
 def command(at: Moment, law: Steered, memory: ControlMemory, offset: float = 0.0) -> float:
     return float(
         tracking_command(
-            at.setpoint, at.position, law.ahead + offset, at.time_s, law.gain, at.limit, at.period,
-            law.law, law.tones, memory,
+            at.setpoint, at.position, law.ahead + offset, at.setpoint, at.time_s, law.gain,
+            at.limit, at.period, law.law, law.tones, memory,
         )
     )  # fmt: skip
 

@@ -35,11 +35,13 @@ def command(
     ahead: float = 0.0,
     time_s: float = 0.0,
     tones: np.ndarray = NONE,
+    expected: float | None = None,
 ) -> float:
+    goes_by = setpoint if expected is None else expected
     return float(
         tracking_command(
-            setpoint, position, ahead, time_s, POSITION_GAIN, COMMAND_LIMIT, TICK, law, tones,
-            memory,
+            setpoint, position, ahead, goes_by, time_s, POSITION_GAIN, COMMAND_LIMIT, TICK, law,
+            tones, memory,
         )
     )  # fmt: skip
 
@@ -65,14 +67,15 @@ def test_command_integral_and_correction_stay_within_their_limits(
 
 
 @pytest.mark.parametrize(
-    ("setpoint", "position", "ahead"), [(nan, 0.3, 0.0), (0.3, nan, 0.0), (0.3, 0.3, nan)]
+    ("setpoint", "position", "ahead", "expected"),
+    [(nan, 0.3, 0.0, 0.3), (0.3, nan, 0.0, 0.3), (0.3, 0.3, nan, 0.3), (0.3, 0.3, 0.0, nan)],
 )
 def test_what_is_not_known_nulls_the_valve_and_empties_the_integral(
-    setpoint: float, position: float, ahead: float
+    setpoint: float, position: float, ahead: float, expected: float
 ) -> None:
     memory = control_memory()
     memory.kept[0] = 0.7
-    assert command(setpoint, position, memory, ahead=ahead) == 0.0
+    assert command(setpoint, position, memory, ahead=ahead, expected=expected) == 0.0
     assert memory.kept[0] == 0.0
 
 
@@ -148,3 +151,13 @@ def test_a_tone_is_learnt_until_the_error_at_its_frequency_is_gone() -> None:
         sent = command(setpoint, position, memory, law, time_s=k * TICK, tones=tones)
         position += speed * sent * TICK
     assert np.abs(errors[-2000:]).max() < 0.02 * np.abs(errors[:4000]).max()
+
+
+def test_the_integral_goes_by_the_expected_position_and_not_by_the_setpoint() -> None:
+    memory = control_memory()
+    for k in range(100):
+        command(0.3 + 1e-5 * k, 0.3, memory, expected=0.3)
+    assert memory.kept[0] == 0.0
+    for k in range(100):
+        command(0.3 + 1e-5 * k, 0.3, memory, expected=0.299)
+    assert memory.kept[0] < 0.0

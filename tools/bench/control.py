@@ -24,18 +24,18 @@ FULL: Final = ControlLaw(False, 0.05, 0.3, 0.3, 50.0, 1.0, 5e-4, 3.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _calls(setpoint, position, ahead, law, tones, memory):
+def _calls(setpoint, position, ahead, expected, law, tones, memory):
     total = 0.0
     for k in range(setpoint.size):
         total += tracking_command(
-            setpoint[k], position[k], ahead[k], k * TICK, POSITION_GAIN, COMMAND_LIMIT, TICK, law,
-            tones, memory,
+            setpoint[k], position[k], ahead[k], expected[k], k * TICK, POSITION_GAIN, COMMAND_LIMIT,
+            TICK, law, tones, memory,
         )  # fmt: skip
     return total
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _changeable_calls(setpoint, position, ahead, law, tones, memory, change, offset):
+def _changeable_calls(setpoint, position, ahead, expected, law, tones, memory, change, offset):
     """Call the law as the loops do, which look for a change; `offset` is set anew for each call."""
     total = 0.0
     for k in range(setpoint.size):
@@ -48,8 +48,8 @@ def _changeable_calls(setpoint, position, ahead, law, tones, memory, change, off
                 memory, change,
             )  # fmt: skip
         total += tracking_command(
-            setpoint[k], position[k], now, time_s, POSITION_GAIN, COMMAND_LIMIT, TICK, law, tones,
-            memory,
+            setpoint[k], position[k], now, expected[k], time_s, POSITION_GAIN, COMMAND_LIMIT, TICK,
+            law, tones, memory,
         )  # fmt: skip
     return total
 
@@ -63,7 +63,7 @@ def measured() -> dict[str, float]:
     """Return the median time of a call in s, by the name of the law."""
     angle = np.pi * TICK * np.arange(CALLS)
     setpoint = 0.3 + 0.15 * np.sin(angle)
-    position, ahead = setpoint - 1e-3, 7.0 * np.cos(angle)
+    position, ahead, expected = setpoint - 1e-3, 7.0 * np.cos(angle), setpoint - 5e-4
     laws = {
         "proportional": (PLAIN.law, PLAIN.tones, None),
         "tracking": (FULL, PLAIN.tones, None),
@@ -78,9 +78,11 @@ def measured() -> dict[str, float]:
             memory, change = control_memory(), change_memory()
             begun = time.thread_time()
             if offset is None:
-                _calls(setpoint, position, ahead, law, tones, memory)
+                _calls(setpoint, position, ahead, expected, law, tones, memory)
             else:
-                _changeable_calls(setpoint, position, ahead, law, tones, memory, change, offset)
+                _changeable_calls(
+                    setpoint, position, ahead, expected, law, tones, memory, change, offset
+                )
             # The first round compiles.
             if round_number:
                 times[name].append((time.thread_time() - begun) / CALLS)

@@ -14,9 +14,12 @@ from rig.plant.integrator import TICK
 from tools.hidden_effects.sizes import SIZES, Sizes
 from tools.simulated.drawn_rigs import drawn_rig
 
-from .runs import SINE, run
+from .runs import SINE, STEPS, run
 
+SEED: Final = 21
+"""Seed of the rigs of docs/tracking.md."""
 SINE_S: Final = 30.0
+STEPS_S: Final = 8.0
 HOLD_S: Final = 60.0
 HELD_FROM_S: Final = 20.0
 """Hunting is looked for from this time of a hold on, s, when the ram has come to rest."""
@@ -35,6 +38,9 @@ class Drawn:
         rms: rms error of the sine from its start on, m.
         worst: greatest error of its last 10 s, m.
         hunting: range of the position in a hold, m.
+        overshoot: greatest overshoot of small steps, as a part of the step.
+        settling_s: longest time until a small step stays within 5 % of it, s; infinite if one is
+            not there after two seconds.
     """
 
     number: int
@@ -43,6 +49,8 @@ class Drawn:
     rms: float
     worst: float
     hunting: float
+    overshoot: float
+    settling_s: float
 
     @property
     def unstable(self) -> bool:
@@ -55,13 +63,13 @@ def _size(sizes: Sizes, rng: Generator) -> float:
     return float(rng.uniform(low, high))
 
 
-def drawn_plant(number: int) -> tuple[Model, str]:
-    """Return the true model of rig `number`, and the effect that is hidden in it.
+def drawn_plant(number: int, seed: int = SEED) -> tuple[Model, str]:
+    """Return the true model of rig `number` of a seed, and the effect that is hidden in it.
 
     Rigs of even number are healthy rigs as docs/detection.md draws them; those of odd number have
     one effect besides, in a size of the trials of `rig gap`.
     """
-    rng = np.random.default_rng([21, number])
+    rng = np.random.default_rng([seed, number])
     model = Model(parameters=drawn_rig(rng))
     if number % 2 == 0:
         return model, ""
@@ -79,14 +87,18 @@ def is_reachable(rig: Rig, plant: Model) -> bool:
     return bool(needed <= rig.limits.command_V)
 
 
-def tracked(rig: Rig, control: ControlSettings, gain: float, count: int) -> Iterator[Drawn]:
-    """Yield what comes of a sine and of a hold on each of `count` drawn rigs."""
+def tracked(
+    rig: Rig, control: ControlSettings, gain: float, count: int, seed: int = SEED
+) -> Iterator[Drawn]:
+    """Yield what comes of a sine, of a hold and of small steps on each of `count` drawn rigs."""
     for number in range(count):
-        plant, effect = drawn_plant(number)
+        plant, effect = drawn_plant(number, seed)
         true = replace(rig, plant=plant)
         moved = run(true, SINE, SINE_S, control, gain, seed=number)
         held = run(true, Constant(0.3), HOLD_S, control, gain, seed=number)
+        answers = run(true, STEPS, STEPS_S, control, gain, seed=number).step_answers()
         yield Drawn(
             number, effect, is_reachable(rig, plant), moved.rms(),
             float(np.abs(moved.error(SINE_S - 10.0)).max()), held.swing(HELD_FROM_S),
+            max(overshoot for overshoot, _ in answers), max(late_s for _, late_s in answers),
         )  # fmt: skip

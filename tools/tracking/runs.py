@@ -6,17 +6,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from control import ControlSettings, Setpoint, Sine
+from control import ControlSettings, Setpoint, Sine, Steps
 from estimator.filters import start_memory
 from rig.configuration import Rig
 from rig.plant import Model
 from rig.runner.campaign.bench import plain_test
 from rig.runner.campaign.simulated_bench import loop_of
+from rig.runner.outcomes import step_answers
 
 Array = NDArray[np.float64]
 
 SINE: Final = Sine(0.3, 0.15, 0.5, 0.1)
 """The motion by which laws are compared: 150 mm at 0.5 Hz about mid stroke."""
+STEPS: Final = Steps((0.3, 0.32, 0.28, 0.3), 2.0)
+"""The steps of `rig tune`: 20 mm, 40 mm back, and 20 mm to where they began."""
 TRACKING: Final = ControlSettings(feedforward="model", integral_time=1.0, cyclic=True)
 """The law that docs/tracking.md recommends where nothing was measured on the rig."""
 SETTLE_S: Final = 2.0
@@ -47,6 +50,11 @@ class Run:
     def rms(self, from_s: float = 0.0) -> float:
         """Return the root mean square of the error from a time on, m."""
         return float(np.sqrt(np.mean(self.error(from_s) ** 2)))
+
+    def step_answers(self) -> list[tuple[float, float]]:
+        """Return overshoot, as a part of the step, and settling time in s of every step."""
+        samples = self.setpoint, self.position, self.time_s
+        return step_answers(dict(zip(("setpoint_m", "position_m", "time_s"), samples, strict=True)))
 
     def swing(self, from_s: float) -> float:
         """Return the range of the true position from a time on, m: how a held ram hunts."""

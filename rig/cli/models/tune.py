@@ -23,7 +23,7 @@ from rig.configuration import (
 )
 from rig.plant import Model
 from rig.recording import replace_text
-from rig.report.tuning import margin_rows, tuning_page
+from rig.report.tuning import margin_rows, response_line, tuning_page
 from rig.runner.campaign import Pace
 from rig.runner.experiments import (
     Tuning,
@@ -115,8 +115,7 @@ def command(
     )  # fmt: skip
     screen.print_table(("position, mm", *right), margin_rows(found), right=right)
     for each in found.responses:
-        before, after = each.rms()
-        screen.print(f"{each.name}: {1e3 * before:.2f} mm rms before, {1e3 * after:.2f} mm after")
+        screen.print(response_line(each), soft_wrap=True)
     for remark in found.remarks:
         screen.print(f"note: {remark}", soft_wrap=True)
     for line in list(control_lines(found.proposed, ""))[1:]:

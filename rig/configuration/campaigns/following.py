@@ -2,12 +2,12 @@
 
 The rig is reduced to what decides that below the oil's resonance: a valve that lags, its null bias
 and overlap, its limit, and a ram whose speed follows from the opening and from friction and spring
-(`control.loop_model`). The loop itself is the one that runs, uncompiled, so that nobody waits for
-the compiler.
+(`control.reduced_velocity`). The loop itself is the one that runs, uncompiled, so that nobody waits
+for the compiler.
 """
 
 from dataclasses import dataclass
-from math import copysign, inf, sqrt
+from math import inf
 from typing import Final
 
 import numpy as np
@@ -22,9 +22,6 @@ Array = NDArray[np.float64]
 
 LONGEST_S: Final = 20.0
 """Time in s from a test's start that is computed: many times what a loop takes to settle."""
-_LEAST_ROOT: Final = 0.05
-"""Least part of the supply pressure that is left for the valve, as in `control.loop_model`."""
-
 _NOTABLE: Final = 1.02
 """Volts that a motion needs, over the limit, from which this is told: what is short by less, for
 the moment of the motion's greatest speed, is made up for at once."""
@@ -88,7 +85,8 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
     ticks = round(min(test.duration_s, LONGEST_S) / TICK)
     setpoint = test.setpoint.sample(np.arange(ticks) * TICK)
     true, believed = (_loaded(model, test).parameters for model in (rig.plant, assumed))
-    error = setpoint - _followed(test, setpoint, settings, rig, true, believed)
+    gain = test.gain_V_per_m or settings.gain or rig.gain_V_per_m
+    error = setpoint - _followed(test, setpoint, settings, gain, rig, true, believed)
     whole = test.setpoint.sample(np.arange(round(test.duration_s / TICK)) * TICK)
     # A tick in which the setpoint jumps farther than any ram goes is no motion to follow.
     smooth = np.abs(np.gradient(whole, TICK)) < _TOO_FAST
@@ -100,9 +98,7 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         rms=float(np.sqrt(np.mean(error**2))),
         needed_V=float(needed[at]),
         needed_at_s=at * TICK,
-        law=law_in_words(
-            settings, settings.gain or rig.gain_V_per_m, bool(frequencies_of(test.setpoint))
-        ),
+        law=law_in_words(settings, gain, bool(frequencies_of(test.setpoint))),
         limit_V=rig.limits.command_V,
         tracks=not settings.is_proportional,
     )
@@ -134,17 +130,21 @@ def _followed(
     test: CampaignTest,
     setpoint: Array,
     settings: ControlSettings,
+    gain: float,
     rig: Rig,
     par: Parameters,
     believed: Parameters,
 ) -> Array:
     """Return the position (ticks,) in m of the reduced rig under the loop of a test."""
     # The import is here so that checking other files need not load the compiler.
-    from control import PLAIN, control_memory, guide_of, tracking_command
+    from control import PLAIN, control_memory, guide_of, reduced_velocity, tracking_command
 
-    gain, limit = settings.gain or rig.gain_V_per_m, rig.limits.command_V
-    guide = guide_of(test.setpoint, setpoint, settings, believed, rig.sensors, gain, limit)
+    limit = rig.limits.command_V
+    guide = guide_of(
+        test.setpoint, setpoint, settings, believed, rig.sensors, gain, limit, compiled=False
+    )
     law, ahead = guide.law, guide.feedforward.tolist() or [0.0] * setpoint.size
+    expected = (guide.expected if guide.expected.size else setpoint).tolist()
     command = getattr(tracking_command, "py_func", tracking_command)
     memory, lag = control_memory(), min(TICK / valve_lag(par), 1.0)
     proportional, no_tones = law.proportional, PLAIN.tones
@@ -157,24 +157,10 @@ def _followed(
             asked = min(max(gain * (wanted - position), -limit), limit)
         else:
             asked = command(
-                wanted, position, ahead[k], k * TICK, gain, limit, TICK, law, no_tones, memory
-            )
+                wanted, position, ahead[k], expected[k], k * TICK, gain, limit, TICK, law, no_tones,
+                memory,
+            )  # fmt: skip
         sent += lag * (asked - sent)
-        velocity = _velocity(sent, position, velocity, par)
+        velocity = reduced_velocity(sent, position, velocity, par)
         position += velocity * TICK
     return found
-
-
-def _velocity(command: float, position: float, before: float, par: Parameters) -> float:
-    """Return the speed in m/s of the reduced ram; `before` is that of the tick before."""
-    opening = par.valve_gain * command + par.spool_null_bias
-    opening = copysign(max(abs(opening) - par.valve_deadband, 0.0), opening)
-    sign = copysign(1.0, opening)
-    friction = par.coulomb + par.viscous * abs(before) + sign * par.friction_asymmetry
-    load = par.constant_force + par.spring_stiffness * max(position - par.spring_contact, 0.0)
-    supply = par.supply_pressure - par.return_pressure
-    least = _LEAST_ROOT * supply
-    supply -= par.supply_droop * (par.piston_area * before) ** 2
-    left = max(supply - (friction + sign * load) / par.piston_area, least)
-    coefficient = par.discharge_coefficient * par.area_gradient
-    return coefficient * opening * sqrt(left / par.density) / par.piston_area

@@ -69,18 +69,20 @@ def left_for(tick, started, action, held, memory):
 
 
 @inner
-def tracked_command(course, tick, position, period, memory):
+def tracked_command(course, setpoint, tick, position, period, memory):
     """Return the position loop's command in V for a tick of the segment's setpoints.
 
     Args:
         course: the segment.
+        setpoint: the setpoint of the tick, m.
         tick: number of the tick in the segment.
         position: newest position, m.
         period: period of the loop, s.
         memory: `WireMemory`; its parts `control` and `change` are updated.
     """
-    setpoint, time_s, limit = course.setpoint[tick], tick * period, course.limit
+    time_s, limit = tick * period, course.limit
     ahead = _ahead(course.feedforward, tick)
+    expected = course.expected[tick] if tick < course.expected.size else setpoint
     if is_changing(memory.change):
         before, earlier = course.before, _ahead(course.before.feedforward, tick)
         ahead += offset_of_change(
@@ -90,8 +92,8 @@ def tracked_command(course, tick, position, period, memory):
             memory.control, memory.change,
         )  # fmt: skip
     return tracking_command(
-        setpoint, position, ahead, time_s, course.gain, limit, period, course.law, course.tones,
-        memory.control,
+        setpoint, position, ahead, expected, time_s, course.gain, limit, period, course.law,
+        course.tones, memory.control,
     )  # fmt: skip
 
 

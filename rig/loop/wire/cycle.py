@@ -307,7 +307,7 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
         setpoint, limit = course.setpoint[tick], course.limit
         if course.open_loop:
             return limited_command(True, setpoint, position, course.gain, limit)
-        command = tracked_command(course, tick, position, pace.period_s, memory)
+        command = tracked_command(course, setpoint, tick, position, pace.period_s, memory)
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
                           pace.period_s, memory.reaction)  # fmt: skip
     if drive == Drive.HOLD:

@@ -167,6 +167,8 @@ class Course(NamedTuple):
     """What the position loop adds to gain times error while it tracks."""
     feedforward: Array
     """(ticks,) feedforward of the position loop in V; (0,) for none."""
+    expected: Array
+    """(ticks,) position in m that the integral part goes by; (0,) for the setpoint."""
     tones: Array
     """(n, TONE_NUMBERS) frequencies of the setpoint that are corrected."""
     on_fault: int

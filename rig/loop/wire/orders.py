@@ -88,11 +88,11 @@ class ChangeControl:
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
     guide = _compilable(segment.guide)
-    law, feedforward, tones = guide
+    law, feedforward, tones, expected = guide
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
-        law, feedforward, tones,
+        law, feedforward, expected, tones,
         int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
         float(segment.reset_lamp), float(segment.rearm), 0, False, float(segment.gain), guide,
     )  # fmt: skip
@@ -106,20 +106,18 @@ def prepared(change: ChangeControl) -> ChangeControl:
 
 def changed_course(now: Course, change: ChangeControl) -> Course:
     """Return the course that goes on from `now` after a change that is `prepared`."""
-    law, feedforward, tones = change.guide
+    law, feedforward, tones, expected = change.guide
     return now._replace(
-        gain=change.gain, law=law, feedforward=feedforward, tones=tones, goes_on=True,
-        gain_before=now.gain, before=Guide(now.law, now.feedforward, now.tones),
+        gain=change.gain, law=law, feedforward=feedforward, expected=expected, tones=tones,
+        goes_on=True, gain_before=now.gain,
+        before=Guide(now.law, now.feedforward, now.tones, now.expected),
     )  # fmt: skip
 
 
 def _compilable(guide: Guide) -> Guide:
-    law, feedforward, tones = guide
-    return Guide(
-        ControlLaw(bool(law[0]), *map(float, law[1:])),
-        np.ascontiguousarray(feedforward, np.float64),
-        np.ascontiguousarray(tones, np.float64),
-    )
+    law, *tables = guide
+    feedforward, tones, expected = (np.ascontiguousarray(each, np.float64) for each in tables)
+    return Guide(ControlLaw(bool(law[0]), *map(float, law[1:])), feedforward, tones, expected)
 
 
 @dataclass(frozen=True)

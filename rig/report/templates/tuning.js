@@ -18,8 +18,9 @@
         hovertemplate: "%{x:.3f} s, %{y:.4~g} mm",
       }));
       Plotly.react(plot, traces, {
-        margin: { l: 56, r: 12, t: 10, b: 40 }, hovermode: "closest",
-        legend: { orientation: "h", font: { color: colour("ink") } },
+        margin: { l: 56, r: 12, t: 30, b: 40 }, hovermode: "closest",
+        // Above the plot: below it the legend would cover the axis's title in small plots.
+        legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", font: { color: colour("ink") } },
         paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
         font: { family: "system-ui, sans-serif", color: colour("ink") },
         modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("quiet"), activecolor: colour("ink") },

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numba.core.types import literal
 
-from control import Constant
+from control import Constant, ControlSettings, expected_position
 from estimator.filters import (
     DEFAULT_FILTER,
     OUTPUTS,
@@ -134,6 +134,12 @@ def _simulated_loop(needs: Needs) -> None:
     loop.advance(2)
 
 
+def _expected(needs: Needs) -> None:
+    """Compile where a ram should be, by which the integral part of the tracking law goes."""
+    par, settings = Model().parameters, ControlSettings(integral_time=1.0)
+    expected_position(np.zeros(2), settings, par, needs.rig.gain_V_per_m, 1.0)
+
+
 def _filter(needs: Needs) -> None:
     """Compile the run of the session's filter, and for the default one its lag of load."""
     samples, _ = _swinging(needs, 2)
@@ -238,6 +244,7 @@ PIECES: Final[dict[str, Piece]] = {
     "interlock": Piece(_interlock),
     "reaction": Piece(_reaction),
     "simulated loop": Piece(_simulated_loop, after=("plant", "estimates", "interlock", "reaction")),
+    "expected position": Piece(_expected),
     "filter": Piece(_filter, after=("estimates",)),
     "detector": Piece(_detector),
     "decisions": Piece(_decisions),

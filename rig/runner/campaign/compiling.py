@@ -36,8 +36,9 @@ SIMULATED: Final[Names] = (
 )  # fmt: skip
 """Pieces of a campaign on a simulated rig; of those that can be compiled next, a worker takes the
 first in this order."""
-ON_HARDWARE: Final[Names] = ("filter", "detector", LOOP, "decisions")
-"""Pieces of a campaign on hardware."""
+ON_HARDWARE: Final[Names] = ("filter", "detector", LOOP, "decisions", "expected position")
+"""Pieces of a campaign on hardware. A simulated rig waits while its code is compiled, so that there
+the expected position may be compiled when a test first needs it."""
 WITHOUT_TESTS: Final[Names] = ("filter", LOOP)
 """Pieces of a session on hardware that moves the ram without any test."""
 

@@ -33,7 +33,7 @@ from estimator.friction import (
 from rig.configuration import Rig
 from rig.plant import Model
 from rig.recording import Recording
-from rig.runner.campaign import Pace, StopFlag, bench_of
+from rig.runner.campaign import Pace, StopFlag
 from rig.runner.outcomes import Observer, friction_figures, jsonable, model_sha256, named, versions
 
 from .friction_plan import (
@@ -48,7 +48,7 @@ from .friction_plan import (
     sliding_campaign,
     strokes_of,
 )
-from .parts import Parts
+from .parts import connected_parts
 
 SCHEMA: Final = "rig-friction"
 """Value of the key `schema`, by which `friction.json` is recognized."""
@@ -124,12 +124,9 @@ def run_friction_experiment(
         TripError: the rig tripped before or between the tests.
         OSError: the results cannot be written.
     """
-    stop, observer = stop or StopFlag(), observer or Observer()
     sliding = sliding_campaign(rig, assumed, speeds=speeds, seed=seed)
-    bench = bench_of(sliding, rig, directory, observer, stop)
-    parts = Parts(rig, directory, bench, pace, observer, stop)
     area = assumed.parameters.piston_area
-    with bench:
+    with connected_parts(sliding, rig, directory, pace, observer, stop) as parts:
         slid = parts.run(sliding)
         null_V = _null_command(slid[NULL])  # noqa: N806
         where = places_of(rig, null_V, places)

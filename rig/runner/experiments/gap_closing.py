@@ -39,12 +39,12 @@ from rig.configuration import Rig
 from rig.loop import StopRequestedError, TripError
 from rig.plant import Model
 from rig.recording import Recording, read_recording
-from rig.runner.campaign import Pace, StopFlag, bench_of
+from rig.runner.campaign import Pace, StopFlag
 from rig.runner.outcomes import EXIT_STOPPED, Observer
 
 from .gap_motions import CHECK, EXPERIMENT_S, FITTED, HELD, Motions, motions_campaign, room_of
 from .gap_results import rig_plant, with_terms
-from .parts import ExperimentStoppedError, Parts
+from .parts import ExperimentStoppedError, Parts, connected_parts
 from .worker_process import Said, Worker
 
 ROUNDS: Final = 4
@@ -196,16 +196,13 @@ def close_gap(
         OSError: the results cannot be written.
         ApartError: the worker's process gave no result.
     """
-    stop, observer = stop or StopFlag(), observer or Observer()
     question = Question(rig, given, wanted or Wanted())
 
     def campaign(name: str, motions: Motions, number: int) -> Campaign:
         return motions_campaign(name, motions, rig, given, 1000 * seed + number)
 
     first = campaign("held_out", HELD, rounds)
-    bench = bench_of(first, rig, directory, observer, stop)
-    with bench:
-        parts = Parts(rig, directory, bench, pace, observer, stop)
+    with connected_parts(first, rig, directory, pace, observer, stop) as parts:
         return _Closing(question, campaign, parts, worker).run(first, rounds)
 
 

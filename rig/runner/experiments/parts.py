@@ -1,6 +1,7 @@
 """Runs the campaigns of an experiment one after the other, with a rig that is armed only once."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -12,7 +13,7 @@ from faults import Campaign, CampaignTest, Verdict
 from rig.configuration import Rig
 from rig.plant import Model
 from rig.recording import Recording, read_recording
-from rig.runner.campaign import Bench, Pace, StopFlag, run_campaign
+from rig.runner.campaign import Bench, Pace, StopFlag, bench_of, run_campaign
 from rig.runner.outcomes import EXIT_STOPPED, Observer, Status
 
 MARGIN_M: Final = 0.02
@@ -127,6 +128,34 @@ class Parts:
             found[test.name] = file
             self.bench.idle()
         return found
+
+
+@contextmanager
+def connected_parts(
+    first: Campaign,
+    rig: Rig,
+    directory: Path,
+    pace: Pace | None = None,
+    observer: Observer | None = None,
+    stop: StopFlag | None = None,
+) -> Iterator[Parts]:
+    """Connect a rig, yield what runs an experiment's campaigns on it, and leave the rig at the end.
+
+    Args:
+        first: the campaign that is run first.
+        rig: a simulated rig, or one on hardware.
+        directory: an existing folder; each campaign gets a folder in it.
+        pace: as `Parts.pace`.
+        observer: as `Parts.observer`; nobody is told if it is not given.
+        stop: as `Parts.stop`; nobody stops the experiment if it is not given.
+
+    Raises:
+        DriverError: a device of the rig is missing, or is not the configured one.
+        TripError: the rig tripped before the first test.
+    """
+    stop, observer = stop or StopFlag(), observer or Observer()
+    with bench_of(first, rig, directory, observer, stop) as bench:
+        yield Parts(rig, directory, bench, pace, observer, stop)
 
 
 class _Undecided:

@@ -34,11 +34,11 @@ from faults import Campaign, CampaignTest
 from rig.configuration import Rig, plain
 from rig.plant import TICK, Model
 from rig.recording import Recording
-from rig.runner.campaign import Pace, StopFlag, bench_of, plain_test
-from rig.runner.outcomes import Observer, jsonable
+from rig.runner.campaign import Pace, StopFlag, plain_test
+from rig.runner.outcomes import Observer, jsonable, step_answers
 
 from .loop_fit import fitted_loop
-from .parts import Parts, part_campaign, stroke_of
+from .parts import connected_parts, part_campaign, stroke_of
 from .tuning_proposal import as_fast_as_the_strokes, calmer, fast_motion, proposal
 
 Array = NDArray[np.float64]
@@ -118,6 +118,22 @@ class Response:
             for each in (self.before, self.after)
         )
         return before, after
+
+    def steps(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Return the worst overshoot and settling time before, and after; None without steps.
+
+        An overshoot is a part of its step. A step is settled, s, when the ram stays within 5 % of
+        it; infinite if it did not before the next step.
+        """
+        found = []
+        for each in (self.before, self.after):
+            steps = step_answers(
+                {"setpoint_m": self.setpoint, "position_m": each, "time_s": self.time_s}
+            )
+            if not steps:
+                return None
+            found.append((max(over for over, _ in steps), max(late_s for _, late_s in steps)))
+        return found[0], found[1]
 
 
 @dataclass(frozen=True)
@@ -254,13 +270,10 @@ def run_tuning(
         TripError: the rig tripped before or between the tests.
         OSError: the results cannot be written.
     """
-    stop, observer = stop or StopFlag(), observer or Observer()
     exciting = exciting_campaign(rig, assumed, seed)
-    bench = bench_of(exciting, rig, directory, observer, stop)
-    parts = Parts(rig, directory, bench, pace, observer, stop)
     # On hardware a command follows from the sample before it (docs/decisions/0007).
     delay_s = TICK if rig.backend == "hardware" else 0.0
-    with bench:
+    with connected_parts(exciting, rig, directory, pace, observer, stop) as parts:
         setpoint = _exciting(rig, assumed, seed)
         compared = parts.run(exciting)
         models = fitted_models(compared[_STROKE], setpoint)
@@ -391,6 +404,14 @@ def tuning_figures(tuning: Tuning) -> dict[str, Any]:
         "rms_error_m": {
             each.name: dict(zip(("before", "after"), each.rms(), strict=True))
             for each in tuning.responses
+        },
+        "steps": {
+            each.name: {
+                when: dict(zip(("overshoot", "settling_s"), found, strict=True))
+                for when, found in zip(("before", "after"), steps, strict=True)
+            }
+            for each in tuning.responses
+            if (steps := each.steps())
         },
         "remarks": list(tuning.remarks),
         "recordings": list(tuning.recordings),

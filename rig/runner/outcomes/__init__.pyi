@@ -18,7 +18,12 @@ from .in_words import (
     reaction as reaction,
 )
 from .limits import LimitPassed as LimitPassed, LimitWatch as LimitWatch
-from .measures import CriterionResult as CriterionResult, Measures as Measures, Rows as Rows
+from .measures import (
+    CriterionResult as CriterionResult,
+    Measures as Measures,
+    Rows as Rows,
+    step_answers as step_answers,
+)
 from .observer import Observer as Observer
 from .outcome import (
     EXIT_BAD_INPUT as EXIT_BAD_INPUT,

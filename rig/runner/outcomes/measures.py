@@ -161,9 +161,9 @@ class Measures:
         if criterion.figure in own:
             return float(own[criterion.figure].expression.of(columns))
         if criterion.figure == "overshoot":
-            return max((overshoot for overshoot, _ in _steps(columns)), default=nan)
+            return max((overshoot for overshoot, _ in step_answers(columns)), default=nan)
         if criterion.figure == "settling":
-            return max((settled_s for _, settled_s in _steps(columns)), default=nan)
+            return max((settled_s for _, settled_s in step_answers(columns)), default=nan)
         usual = "position_m" if criterion.figure in ("peak", "valley") else FOLLOWING_ERROR
         samples = columns[criterion.channel or usual]
         samples = samples[np.isfinite(samples)]
@@ -179,8 +179,10 @@ class Measures:
         return nan
 
 
-def _steps(columns: Mapping[str, Array]) -> list[tuple[float, float]]:
+def step_answers(columns: Mapping[str, Array]) -> list[tuple[float, float]]:
     """Return (overshoot, settling time in s) of every step of the setpoint in some samples.
+
+    The samples are those of `setpoint_m`, `position_m` and `time_s`, each (n,).
 
     The overshoot is a part of the step; the settling time is infinite if the ram was not within 5 %
     of the step when it ended. A step lasts until the setpoint moves again, or to the last sample.

@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from control import Constant, ControlSettings
+from estimator.filters import start_memory
 from rig.configuration.rigs.rig import Rig, load_rig
-from tools.tracking.runs import SINE, TRACKING, run
+from rig.plant import Model
+from rig.runner.campaign.bench import plain_test
+from rig.runner.campaign.simulated_bench import loop_of
+from tools.tracking.runs import SINE, STEPS, TRACKING, run
 
 PROPORTIONAL: Final = ControlSettings()
 
@@ -42,3 +46,18 @@ def test_the_integral_takes_up_a_null_bias(rig: Rig) -> None:
     left = np.abs(run(off, SINE, 10.0, PROPORTIONAL).error(8.0)).max()
     assert left > 0.1
     assert run(off, SINE, 12.0, TRACKING).rms(8.0) < 3e-3
+
+
+def test_a_test_that_runs_in_parts_has_the_same_rows_as_one_that_runs_at_once(rig: Rig) -> None:
+    tuned = replace(rig, control=TRACKING)
+    found = []
+    for ticks in (3000, 700):
+        memory = start_memory("product", Model(), rig.sensors)
+        test = plain_test("steps", STEPS, 3.0, 0.3, 0.5)
+        loop = loop_of(tuned, test, memory, Model(), judged=False)
+        loop.position()
+        parts = []
+        while loop.ticks_left:
+            parts.append(loop.advance(ticks))
+        found.append(np.concatenate(parts))
+    np.testing.assert_array_equal(found[0], found[1])

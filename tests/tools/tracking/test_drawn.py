@@ -17,3 +17,8 @@ def test_a_sine_against_a_stiff_spring_is_out_of_reach() -> None:
     assert is_reachable(rig, Model())
     stiff = Model().with_effect("spring_load", stiffness=6e4, contact=0.22)
     assert not is_reachable(rig, stiff)
+
+
+def test_another_seed_draws_other_rigs() -> None:
+    assert drawn_plant(4, 22) == drawn_plant(4, 22)
+    assert drawn_plant(4, 22)[0] != drawn_plant(4)[0]

@@ -33,7 +33,8 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_section_is_written_anew_and_the_old_file_is_kept(invoke: Invoke, mine: Path) -> None:
     done = invoke("tune", "mine.yaml", "--folder", "out")
     assert done.code == 0, done.err
-    assert "mm rms before" in done.out
+    (steps,) = (line for line in done.out.splitlines() if line.startswith("steps: before "))
+    assert ", within 5 % of a step in 0." in steps.split("after")[1]
     (backup,) = mine.parent.glob("mine.yaml.*.bak")
     assert backup.read_text() == RIG
     text = mine.read_text()
@@ -43,6 +44,7 @@ def test_the_section_is_written_anew_and_the_old_file_is_kept(invoke: Invoke, mi
     assert load_rig(mine).control.feedforward == "model"
     figures = json.loads((mine.parent / "out" / "tuning.json").read_text())
     assert figures["safe"]
+    assert figures["steps"]["steps"]["after"]["overshoot"] < 0.03
     assert "Proposed control" in (mine.parent / "out" / "tuning.html").read_text()
 
 

@@ -10,7 +10,7 @@ from rig.configuration import Rig, load_rig
 from rig.configuration.campaigns.following import expected_following
 from rig.plant import Model
 from rig.runner.campaign.bench import plain_test
-from tools.tracking.runs import run
+from tools.tracking.runs import STEPS, run
 
 AHEAD = ControlSettings(feedforward="model", integral_time=1.0)
 FAST = Sine(0.3, 0.15, 0.5, 0.1)
@@ -40,6 +40,15 @@ def test_the_motion_itself_asks_for_so_many_volts(
 ) -> None:
     test = plain_test("sine", setpoint, 5.0, 0.3, 2.0)
     assert expected_following(test, rig, Model()).needed_V == pytest.approx(needs, rel=0.02)
+
+
+def test_the_error_of_steps_is_foreseen_with_the_gain_of_the_test(rig: Rig) -> None:
+    control = replace(AHEAD, integral_time=0.6)
+    moved = run(rig, STEPS, 6.0, control, 100.0)
+    test = replace(plain_test("steps", STEPS, 6.0, 0.3, 2.0), gain_V_per_m=100.0)
+    found = expected_following(test, replace(rig, control=control), Model())
+    assert found.rms == pytest.approx(moved.rms(), rel=0.1)
+    assert found.law.startswith("100 V/m")
 
 
 def test_a_jump_is_an_error_but_no_motion_that_needs_volts(rig: Rig) -> None:

@@ -255,12 +255,20 @@ def _leaving() -> dict[str, Any]:
 
 def _changed() -> dict[str, Any]:
     """A segment whose control is changed twice: to another law, and back to the thesis's."""
-    changes = {1: ChangeControl(1, 1, 80.0, GUIDE), 2: ChangeControl(2, 1, 50.0, PLAIN)}
+    changes = {1: ChangeControl(1, 1, 80.0, OTHER), 2: ChangeControl(2, 1, 50.0, PLAIN)}
     world = World(changes=changes, before={4: say(Word.CHANGE, 1), 9: say(Word.CHANGE, 2)})
     return world.run(tracking(), 14) | {"offset": float(world.memory.change.state[1])}
 
 
-GUIDE = Guide(PROPORTIONAL._replace(proportional=False, null_V=0.25), np.full(8, 1.5), PLAIN.tones)
+OTHER = Guide(PROPORTIONAL._replace(proportional=False, null_V=0.25), np.full(8, 1.5), PLAIN.tones)
+GUIDE = Guide(
+    PROPORTIONAL._replace(
+        proportional=False, null_V=0.25, integral_rate=100.0, integral_limit_V=1.0, rest_s=1.0
+    ),
+    np.full(8, 1.5),
+    PLAIN.tones,
+    np.full(8, 0.35),
+)
 SETTINGS = LoopSettings(stale_limit=0.1, exchange_timeout=2e-3)
 TRIP = (int(Action.TRIP), int(Cause.LIMIT_HIGH), 1)
 HOLD = (int(Action.HOLD), int(Cause.LIMIT_LOW), 0)

@@ -104,14 +104,17 @@ def test_the_loop_says_from_which_tick_a_change_of_control_holds(scenario: Scena
     assert scenario("control changed")["words"]["CHANGED_AT"] == 10
 
 
-def test_the_tracking_law_adds_its_null_and_its_feedforward_to_the_same_loop(
+def test_the_tracking_law_adds_its_null_its_tables_and_its_integral_to_the_same_loop(
     scenario: Scenario,
 ) -> None:
-    rows = scenario("tracking law")["rows"]
+    rows, integral = scenario("tracking law")["rows"], 0.0
     for tick in range(1, 13):
-        ahead = 1.5 if tick < 8 else 0.0
-        error = rows["setpoint_m"][tick] - rows["position_m"][tick - 1]
-        assert rows["command_V"][tick] == pytest.approx(0.25 + ahead + 50.0 * error)
+        setpoint, position = rows["setpoint_m"][tick], rows["position_m"][tick - 1]
+        ahead, expected = (1.5, 0.35) if tick < 8 else (0.0, setpoint)
+        wanted = 0.25 + ahead + 50.0 * (setpoint - position) + integral
+        assert rows["command_V"][tick] == pytest.approx(wanted)
+        integral += 100.0 * (expected - position) * 1e-3
+    assert integral > 0.02
 
 
 def test_before_any_sample_the_valve_is_commanded_to_null(scenario: Scenario) -> None:

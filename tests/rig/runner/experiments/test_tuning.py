@@ -52,6 +52,16 @@ def test_the_proposed_gains_keep_their_margins_and_follow_within_a_millimetre(
     assert after < 1e-3
 
 
+def test_the_proposed_control_neither_overshoots_steps_nor_is_late(tuned: Tuning) -> None:
+    steps, sine = tuned.responses
+    answers = steps.steps()
+    assert answers is not None
+    overshoot, settling_s = answers[1]
+    assert overshoot < 0.02
+    assert settling_s < 0.6
+    assert sine.steps() is None
+
+
 def test_the_null_of_the_rig_is_measured(rig: Rig, tuned: Tuning) -> None:
     par = rig.plant.parameters
     assert tuned.proposed.null == pytest.approx(-par.spool_null_bias / par.valve_gain, abs=0.015)
