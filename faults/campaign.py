@@ -98,6 +98,20 @@ class SpringLoad:
 
 
 @dataclass(frozen=True)
+class ControlFrom:
+    """Another control of a running test.
+
+    Attributes:
+        at_s: time from which it holds, s of the test.
+        control: what the position loop adds to gain times error then; without a gain, the gain is
+            that with which the test begins.
+    """
+
+    at_s: float
+    control: ControlSettings
+
+
+@dataclass(frozen=True)
 class CampaignTest:
     """One test of a campaign, after matrices and repeats have been expanded; SI units.
 
@@ -134,6 +148,8 @@ class CampaignTest:
     """What ends the test; if it has not come after `duration_s`, the test fails."""
     control: ControlSettings | None = field(default=None, metadata={"unless_usual": True})
     """What the position loop adds to gain times error in this test; None for the rig's settings."""
+    control_changes: tuple[ControlFrom, ...] = field(default=(), metadata={"unless_usual": True})
+    """Other control settings that hold from times of the test on, in the order of these times."""
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,8 @@ from .rigs import (
     load_rig as load_rig,
     load_stream as load_stream,
     load_tolerances as load_tolerances,
+    margins_by_model as margins_by_model,
+    margins_in_words as margins_in_words,
     ordered_control as ordered_control,
     with_control as with_control,
 )

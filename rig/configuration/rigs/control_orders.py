@@ -1,20 +1,26 @@
 """What an operator orders of the control of a running test, in the keys of a section `control`."""
 
 from collections.abc import Iterator
+from math import degrees
 from pathlib import Path
 from typing import Final
 
 import yaml
 
-from control import ControlSettings
+from control import ControlSettings, Margins, least_margins
 from rig.configuration.reading import Located, Place, Sources, options_of, show
+from rig.plant import TICK, Parameters
 
 from .control import read_control
+from .rig import Rig
 
 _ORDER: Final = Path("set")
 """The word of the order in place of a file's name in messages, as `rig control DIR set` has it."""
 _NOT_GIVEN: Final = "none"
 """What takes a key back that may be left out of a file; it is no value of such a key."""
+_PLACES: Final = (0.0, 0.5, 1.0)
+"""Places at which the margins are looked at, as parts of the way between the position limits. The
+oil's resonance is lowest near the middle and highest at an end."""
 
 
 def ordered_control(text: str, now: ControlSettings) -> ControlSettings:
@@ -43,6 +49,30 @@ def ordered_control(text: str, now: ControlSettings) -> ControlSettings:
     if found is not None and order.value == "proportional":
         return ControlSettings(gain=now.gain)
     return sources.finished(found)
+
+
+def margins_by_model(settings: ControlSettings, gain: float, rig: Rig, par: Parameters) -> Margins:
+    """Return the margins that a model expects of a rig's position loop, the least of its stroke.
+
+    Args:
+        settings: the control settings.
+        gain: gain of the position loop, V/m.
+        rig: the rig, with its position limits and its backend.
+        par: the parameters of the model, SI.
+    """
+    limits = rig.limits
+    width = limits.position_max_m - limits.position_min_m
+    places = tuple(limits.position_min_m + part * width for part in _PLACES)
+    # On hardware a command follows from the sample before it (docs/decisions/0007).
+    delay_s = TICK if rig.backend == "hardware" else 0.0
+    return least_margins(settings, gain, par, delay_s, places)
+
+
+def margins_in_words(margins: Margins) -> str:
+    """Return margins in words: "12.3 dB and 45 degrees", or that there are none."""
+    if margins.gain_dB <= 0.0 or margins.phase <= 0.0:
+        return "no margin at all"
+    return f"{margins.gain_dB:.1f} dB and {degrees(margins.phase):.0f} degrees"
 
 
 def control_in_words(control: ControlSettings, before: ControlSettings | None = None) -> str:

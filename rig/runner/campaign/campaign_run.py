@@ -371,7 +371,7 @@ class _CampaignRun(Setting):
             "phase", test=index, attempt=attempt, phase=Phase.SETUP, kept=kept, durable=False
         )
         outcome = run_test(self, test, recording)
-        for change in self.desk.take_control_changes():
+        for change in self.desk.take_control_changes(0.0):
             # The test had come to its end before the loop could take it.
             self.desk.record("control", test=index, at_s=None, who=change.who, what=str(change))
         self.counter.save()

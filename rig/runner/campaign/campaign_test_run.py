@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from math import ceil, inf
 from pathlib import Path
 from typing import Any, Final
 
@@ -48,6 +49,8 @@ from .suspending import Suspenders
 CLEANUP_S: Final = 60.0
 """How long cleaning up may take, s. On hardware the ramp and the answers of loop and recorder, each
 with a limit of its own, add up to 35 s."""
+_ROUNDED: Final = 1e-3
+"""Part of a tick by which the time of a change may be later than a tick, by rounding."""
 
 
 class Phase(StrEnum):
@@ -384,7 +387,7 @@ class _RunningTest:
 
     def _run_batch(self) -> None:
         pacer = self._setting.pacer
-        ticks = self._judge.ticks_due
+        ticks = self._ticks_due
         # A limit that this process acts on is looked at as often at any pace, for the same rows.
         live = pacer.live or self._setting.bench.live or self._limits.acts
         live = live or self._end.by_channel
@@ -407,8 +410,15 @@ class _RunningTest:
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
 
+    @property
+    def _ticks_due(self) -> int:
+        """Number of ticks to the end of the block, or to where the file changes the control."""
+        ticks, change_s = self._judge.ticks_due, self._setting.desk.next_control_change_s
+        left = ticks if change_s == inf else ceil(change_s / TICK - _ROUNDED) - self._ticks
+        return min(ticks, max(left, 1))
+
     def _change_control(self) -> None:
-        """Give the loop the control that operators have asked for, and record from when it holds.
+        """Give the loop the control that is asked for now, and record from when it holds.
 
         It is done between two batches, once the test has begun, while ticks of it are left.
 
@@ -417,7 +427,7 @@ class _RunningTest:
         """
         if not self._ticks or not self._loop.ticks_left or self._end.came:
             return
-        asked = self._setting.desk.take_control_changes()
+        asked = self._setting.desk.take_control_changes(self._ticks * TICK)
         at_s = self._loop.change(asked[-1].after) if asked else None
         if at_s is None:
             return

@@ -1,20 +1,28 @@
 """The control of the running test: what operators may ask for, and what waits for the loop."""
 
 from dataclasses import dataclass, replace
-from math import degrees
+from math import inf
 from typing import Final
 
-from control import ControlSettings, Margins, least_margins
+from control import ControlSettings, Margins
 from faults import CampaignTest
-from rig.configuration import ConfigError, Rig, control_in_words, ordered_control
-from rig.plant import TICK, Model
+from rig.configuration import (
+    ConfigError,
+    Rig,
+    control_in_words,
+    margins_by_model,
+    margins_in_words,
+    ordered_control,
+)
+from rig.plant import Model
 from rig.supervisor import control_for
 
 from .operator_requests import RefusedError
 
-_PLACES: Final = (0.0, 0.5, 1.0)
-"""Places at which the margins are looked at, as parts of the way between the position limits. The
-oil's resonance is lowest near the middle and highest at an end."""
+_CAMPAIGN: Final = "campaign"
+"""Name in place of an operator's for a change that stands in the campaign's file."""
+_INSTANT_S: Final = 1e-6
+"""Time in s by which a change may be later than the tick at which it is due, by rounding."""
 _STEP: Final = 0.95
 _STEPS: Final = 90
 """Factor and number of the steps by which a smaller gain is looked for that keeps the margins: down
@@ -23,10 +31,10 @@ to a hundredth of the gain that was asked for, within half a second."""
 
 @dataclass(frozen=True)
 class ControlChange:
-    """A change of the running test's control that an operator has asked for.
+    """A change of the running test's control, asked for by an operator or by the campaign's file.
 
     Attributes:
-        who: name of the operator.
+        who: name of the operator; `campaign` for a change of the file.
         before: the settings before, in which the gain is given.
         after: the settings that are asked for, in which the gain is given.
     """
@@ -57,7 +65,9 @@ class RunningControl:
         self._test = test
         self._assumed = assumed
         self._waiting: list[ControlChange] = []
+        self._coming = list(test.control_changes)
         self.settings = control_for(rig, test)
+        self._first_gain = self.settings.gain
 
     def asked(self, who: str, text: str) -> tuple[ControlChange, str]:
         """Return the change that an order asks for, and what the model says of it; do nothing yet.
@@ -93,35 +103,42 @@ class RunningControl:
         self.settings = change.after
         self._waiting.append(change)
 
-    def take(self) -> list[ControlChange]:
-        """Return the changes that wait, in the order in which they were asked for; forget them."""
+    @property
+    def next_s(self) -> float:
+        """The time of the test at which its file changes the control next, s; inf if never."""
+        return self._coming[0].at_s if self._coming else inf
+
+    def take(self, time_s: float) -> list[ControlChange]:
+        """Return the changes that are due at a time of the test, s, in their order; forget them.
+
+        They are what operators have asked for, and then what the file asks for up to that time,
+        which takes the place of all that was set before.
+        """
+        while self._coming and self._coming[0].at_s <= time_s + _INSTANT_S:
+            after = self._coming.pop(0).control
+            after = replace(after, gain=after.gain or self._first_gain)
+            if after != self.settings:
+                self.add(ControlChange(_CAMPAIGN, self.settings, after))
         waiting, self._waiting = self._waiting, []
         return waiting
 
     def _judged(self, change: ControlChange) -> str:
         """Return in words which margins a change leaves by the model; refuse too small ones."""
         found = self._margins(change.after)
+        leaves = margins_in_words(found)
         if found.kept:
-            return f"by the model it leaves {_in_words(found)}"
+            return f"by the model it leaves {leaves}"
         present = self._margins(change.before)
         if found.gain_dB >= present.gain_dB and found.phase >= present.phase:
-            return f"by the model it leaves {_in_words(found)}, too little, but more than before"
+            return f"by the model it leaves {leaves}, too little, but more than before"
         raise RefusedError(
-            f"set control: {change} leaves {_in_words(found)} by the model, below the 6 dB and 30 "
-            f"degrees that a loop must keep; {self._remedy(change.after)}"
+            f"set control: {change} leaves {leaves} by the model, below the 6 dB and 30 degrees "
+            f"that a loop must keep; {self._remedy(change.after)}"
         )
 
     def _margins(self, settings: ControlSettings) -> Margins:
-        limits, rig = self._rig.limits, self._rig
-        width = limits.position_max_m - limits.position_min_m
-        # On hardware a command follows from the sample before it (docs/decisions/0007).
-        return least_margins(
-            settings,
-            settings.gain or rig.gain_V_per_m,
-            self._assumed.parameters,
-            TICK if rig.backend == "hardware" else 0.0,
-            tuple(limits.position_min_m + step * width for step in _PLACES),
-        )
+        gain = settings.gain or self._rig.gain_V_per_m
+        return margins_by_model(settings, gain, self._rig, self._assumed.parameters)
 
     def _remedy(self, settings: ControlSettings) -> str:
         gain = settings.gain or self._rig.gain_V_per_m
@@ -130,9 +147,3 @@ class RunningControl:
             if self._margins(replace(settings, gain=gain)).kept:
                 return f"the greatest gain that keeps them is about {gain:.3g} V/m"
         return "give it a longer integral_time, or less deadband"
-
-
-def _in_words(margins: Margins) -> str:
-    if margins.gain_dB <= 0.0 or margins.phase <= 0.0:
-        return "no margin at all"
-    return f"{margins.gain_dB:.1f} dB and {degrees(margins.phase):.0f} degrees"

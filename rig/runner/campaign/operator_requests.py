@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
+from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
 from .stopping import StopFlag
@@ -172,13 +173,19 @@ class Desk:
             notes, self._notes = self._notes, []
         return notes
 
-    def take_control_changes(self) -> "list[ControlChange]":
-        """Return the changes of the running test's control that operators asked for since then.
+    def take_control_changes(self, time_s: float) -> "list[ControlChange]":
+        """Return the changes of the running test's control that are due at a time of it, s.
 
-        They are in the order in which they were asked for, and forgotten.
+        They are in their order, and forgotten.
         """
         with self._lock:
-            return [] if self._control is None else self._control.take()
+            return [] if self._control is None else self._control.take(time_s)
+
+    @property
+    def next_control_change_s(self) -> float:
+        """The time at which the running test's file changes its control next, s; inf if never."""
+        with self._lock:
+            return inf if self._control is None else self._control.next_s
 
     # -- operators --------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ import pytest
 
 from control import ControlSettings, Sine
 from estimator.leaks.detection import Decision
-from faults.campaign import Campaign, CampaignTest
+from faults.campaign import Campaign, CampaignTest, ControlFrom
 from rig.configuration.rigs.rig import Rig
 from rig.control_socket import ControlError, ask
 from rig.plant import Model
@@ -74,6 +74,25 @@ def test_a_change_is_taken_without_a_bump_and_recorded_with_who_when_and_what(
     assert written["tests"][0]["control_changes"][0]["what"] == first.what
 
 
+def test_a_file_s_changes_hold_from_their_ticks_whatever_an_operator_has_set(
+    tmp_path: Path, rig: Rig, make_test: MakeTest, make_campaign: MakeCampaign
+) -> None:
+    changes = (
+        ControlFrom(1.2345, ControlSettings(gain=80.0)),
+        ControlFrom(1.9, ControlSettings(feedforward="model")),
+    )
+    test = make_test("one", duration_s=2.5, setpoint=SWINGING, control_changes=changes)
+    observer = Setting(tmp_path, {0.4: "integral_time=1 s"})
+    outcome = run_campaign(make_campaign(test), rig, tmp_path, observer=observer)
+    found = outcome.tests[0].control_changes
+    assert [each.at_s for each in found] == pytest.approx([0.501, 1.235, 1.9])
+    assert [each.who for each in found[1:]] == ["campaign", "campaign"]
+    assert [each.what for each in found[1:]] == [
+        "gain 50 V/m -> 80 V/m, integral_time 1 s -> none",
+        "gain 80 V/m -> 50 V/m, feedforward none -> model",
+    ]
+
+
 def control_of(rig: Rig, test: CampaignTest) -> RunningControl:
     return RunningControl(rig, test, Model())
 
@@ -98,7 +117,7 @@ def test_a_change_that_leaves_too_little_margin_by_the_model_is_refused(
     control = control_of(rig, make_test(setpoint=SWINGING))
     with pytest.raises(RefusedError, match=f"below the 6 dB and 30 degrees.*{remedy}"):
         control.asked("anna", order)
-    assert not control.take()
+    assert not control.take(0.0)
 
 
 def test_a_loop_that_has_too_little_margin_already_may_be_made_calmer(
@@ -113,10 +132,10 @@ def test_changes_that_wait_follow_from_each_other(rig: Rig, make_test: MakeTest)
     control = control_of(rig, make_test(setpoint=SWINGING, gain_V_per_m=60.0))
     for order in ("gain=80 V/m", "integral_time=1 s", "gain=none"):
         control.add(control.asked("anna", order)[0])
-    assert [str(each) for each in control.take()] == [
+    assert [str(each) for each in control.take(0.0)] == [
         "gain 60 V/m -> 80 V/m", "integral_time none -> 1 s", "gain 80 V/m -> 50 V/m",
     ]  # fmt: skip
-    assert not control.take()
+    assert not control.take(0.0)
 
 
 def test_what_changes_nothing_or_has_no_position_loop_is_refused(

@@ -78,7 +78,10 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    """One that outlives its trips: those who use it arm it anew."""
+    """One that outlives its trips: those who use it arm it anew.
+
+    Nobody can after the lost count, which the emulated encoder's interface reports for good.
+    """
     with connected(tmp_path_factory.mktemp("opened")) as rig:
         rig.open()
         yield rig
