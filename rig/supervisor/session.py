@@ -246,13 +246,18 @@ class HardwareTest:
             control: the control settings, in which the gain is given.
 
         Raises:
-            TripError: the loop did not take the change.
+            TripError: the loop did not take the change, or the rig has tripped.
         """
         rig = self._rig
-        setpoint = self._wire.test.setpoint
+        setpoint, gain = self._wire.test.setpoint, control.gain or rig.configured.gain_V_per_m
         guide = guide_for(rig.configured, self._test, setpoint, self._assumed, control)
-        rig.alive()
-        tick = self._wire.change(control.gain or rig.configured.gain_V_per_m, guide)
+        rig.going_on()
+        try:
+            tick = self._wire.change(gain, guide)
+        except ChildError as error:
+            # The safety thread is given time to trip for a loop that is gone.
+            rig.wait(lambda: False, ANSWER_S, str(error), "see the session's log")
+            return None
         return None if tick is None else tick * TICK
 
     def decided(self, row: Array) -> None:

@@ -15,6 +15,7 @@ from rig.configuration.rigs.rig import Rig
 from rig.control_socket import ControlError, ask
 from rig.plant import Model
 from rig.recording import read_recording
+from rig.report.wording import story
 from rig.runner import Observer, run_campaign
 from rig.runner.campaign.control_change import RunningControl
 from rig.runner.campaign.operator_requests import Desk, RefusedError, Request
@@ -70,6 +71,7 @@ def test_a_change_is_taken_without_a_bump_and_recorded_with_who_when_and_what(
 
     told = [(each.who, each.what) for each in outcome.history]
     assert (first.who, f"control of one from 0.501 s: {first.what}") in told
+    assert f"Control changed from 0.501 s by {first.who}: {first.what}" in story(outcome.tests[0])
     written = json.loads((tmp_path / "set" / "results.json").read_text())
     assert written["tests"][0]["control_changes"][0]["what"] == first.what
 
@@ -91,6 +93,17 @@ def test_a_file_s_changes_hold_from_their_ticks_whatever_an_operator_has_set(
         "gain 50 V/m -> 80 V/m, integral_time 1 s -> none",
         "gain 80 V/m -> 50 V/m, feedforward none -> model",
     ]
+
+
+def test_a_change_that_comes_when_the_test_has_ended_is_told_as_not_made(
+    tmp_path: Path, rig: Rig, make_test: MakeTest, make_campaign: MakeCampaign
+) -> None:
+    campaign = make_campaign(make_test("one", duration_s=1.0, setpoint=SWINGING))
+    observer = Setting(tmp_path, {0.9: "gain=80 V/m"})
+    outcome = run_campaign(campaign, rig, tmp_path, observer=observer)
+    assert not outcome.tests[0].control_changes
+    told = "control of one was not changed, as it ended: gain 50 V/m -> 80 V/m"
+    assert told in [each.what for each in outcome.history]
 
 
 def control_of(rig: Rig, test: CampaignTest) -> RunningControl:
