@@ -87,6 +87,7 @@ from .wire import (
     Segment as Segment,
     WireLoop as WireLoop,
     changed_course as changed_course,
+    control_in as control_in,
     course as course,
     orders as orders,
     pace as pace,

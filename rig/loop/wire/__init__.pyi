@@ -23,6 +23,7 @@ from .orders import (
     Opened as Opened,
     Segment as Segment,
     changed_course as changed_course,
+    control_in as control_in,
     course as course,
     prepared as prepared,
 )

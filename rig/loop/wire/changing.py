@@ -69,11 +69,12 @@ def left_for(tick, started, action, held, memory):
 
 
 @inner
-def tracked_command(course, setpoint, tick, position, period, memory):
+def tracked_command(course, earlier, setpoint, tick, position, period, memory):
     """Return the position loop's command in V for a tick of the segment's setpoints.
 
     Args:
         course: the segment.
+        earlier: its control before the last change, `Earlier`.
         setpoint: the setpoint of the tick, m.
         tick: number of the tick in the segment.
         position: newest position, m.
@@ -84,10 +85,10 @@ def tracked_command(course, setpoint, tick, position, period, memory):
     ahead = _ahead(course.feedforward, tick)
     expected = course.expected[tick] if tick < course.expected.size else setpoint
     if is_changing(memory.change):
-        before, earlier = course.before, _ahead(course.before.feedforward, tick)
+        before = earlier.guide
         ahead += offset_of_change(
             Moment(setpoint, position, time_s, limit, period),
-            Steered(course.gain_before, before.law, earlier, before.tones),
+            Steered(earlier.gain, before.law, _ahead(before.feedforward, tick), before.tones),
             Steered(course.gain, course.law, ahead, course.tones),
             memory.control, memory.change,
         )  # fmt: skip

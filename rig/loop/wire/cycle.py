@@ -59,11 +59,12 @@ _NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
+def wire_ticks(course, earlier, filt, interlock, pace, fd, plan, look, memory, shared):
     """Run one segment until another one, or another control, is asked for; return why, a `Left`.
 
     Args:
         course: the segment, `Course`.
+        earlier: its control before the last change of it, `Earlier`.
         filt: the filter, `CompiledFilter`; updated. The first sample with position and both
             pressures starts it and the segment.
         interlock: `Interlock`; its memory is updated.
@@ -97,7 +98,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             _trip(words, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, woken)
         drive = _drive(course, now, action, taken, words)
         command = allowed_command(
-            _command(drive, course, filt, now, pace, interlock.limits, memory, words),
+            _command(drive, course, earlier, filt, now, pace, interlock.limits, memory, words),
             words[Word.HOMED] != 0,
             interlock.tolerances, interlock.memory,
         )  # fmt: skip
@@ -297,7 +298,7 @@ def _drive(course, tick, action, taken, words):
 
 
 @inner
-def _command(drive, course, filt, tick, pace, limits, memory, words):
+def _command(drive, course, earlier, filt, tick, pace, limits, memory, words):
     """Return the command in V for a tick, as `drive` asks.
 
     When a hold or a ramp down begins, note in `memory.handling` where it does.
@@ -307,7 +308,7 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
         setpoint, limit = course.setpoint[tick], course.limit
         if course.open_loop:
             return limited_command(True, setpoint, position, course.gain, limit)
-        command = tracked_command(course, setpoint, tick, position, pace.period_s, memory)
+        command = tracked_command(course, earlier, setpoint, tick, position, pace.period_s, memory)
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
                           pace.period_s, memory.reaction)  # fmt: skip
     if drive == Drive.HOLD:

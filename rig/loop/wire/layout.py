@@ -185,10 +185,15 @@ class Course(NamedTuple):
     """Number of the newest change of control that the segment has taken, or that came before it."""
     goes_on: bool
     """Whether the segment goes on after a change of its control, rather than begins."""
-    gain_before: float
-    """Gain of the position loop before the last change of control, V/m; else `gain`."""
-    before: Guide
-    """What the position loop added to gain times error before that change; else as now."""
+
+
+class Earlier(NamedTuple):
+    """The control of a segment before the last change of it; as in `Course` without a change."""
+
+    gain: float
+    """Gain of the position loop, V/m."""
+    guide: Guide
+    """What the position loop added to gain times error."""
 
 
 class Count(IntEnum):

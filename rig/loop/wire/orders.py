@@ -17,7 +17,7 @@ from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
 from rig.plant import Parameters
 
-from .layout import Course, Drive
+from .layout import Course, Drive, Earlier
 
 Array = NDArray[np.float64]
 
@@ -87,14 +87,13 @@ class ChangeControl:
 
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
-    guide = _compilable(segment.guide)
-    law, feedforward, tones, expected = guide
+    law, feedforward, tones, expected = _compilable(segment.guide)
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
         law, feedforward, expected, tones,
         int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
-        float(segment.reset_lamp), float(segment.rearm), 0, False, float(segment.gain), guide,
+        float(segment.reset_lamp), float(segment.rearm), 0, False,
     )  # fmt: skip
 
 
@@ -109,9 +108,14 @@ def changed_course(now: Course, change: ChangeControl) -> Course:
     law, feedforward, tones, expected = change.guide
     return now._replace(
         gain=change.gain, law=law, feedforward=feedforward, expected=expected, tones=tones,
-        goes_on=True, gain_before=now.gain,
-        before=Guide(now.law, now.feedforward, now.tones, now.expected),
+        goes_on=True,
     )  # fmt: skip
+
+
+def control_in(course: Course) -> Earlier:
+    """Return the control of a course, before it is changed."""
+    guide = Guide(course.law, course.feedforward, course.tones, course.expected)
+    return Earlier(course.gain, guide)
 
 
 def _compilable(guide: Guide) -> Guide:

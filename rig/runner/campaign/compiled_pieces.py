@@ -42,6 +42,7 @@ from rig.loop import (
     Drive,
     Reaction,
     Segment,
+    control_in,
     course,
     guard,
     judge,
@@ -196,8 +197,10 @@ def _loop(needs: Needs) -> None:
     fast = needs.fast
     driver = fast.create_fast()
     board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
+    nothing = course(Segment(_NEVER, Drive.NULL, memory, model.parameters))
     wire_ticks(
-        course(Segment(_NEVER, Drive.NULL, memory, model.parameters)),
+        nothing,
+        control_in(nothing),
         compiled_filter(memory, model.parameters),
         interlock_of(rig, model, frozenset(fast.inputs), 1.0 / rig.loop.rate),
         pace(rig.loop, driver.rate_hz),

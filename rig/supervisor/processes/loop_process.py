@@ -40,6 +40,7 @@ from rig.loop import (
     TripError,
     Word,
     changed_course,
+    control_in,
     course,
     interlock,
     limit_table,
@@ -211,11 +212,12 @@ class LoopProcess:
         judging = with_limits(self._interlock, limit_table(segment.limits, period_s))
         planned = course(replace(segment, number=number))
         planned = planned._replace(change=int(self._words[Word.CHANGE]))
-        filt = compiled_filter(segment.memory, segment.assumed)
+        earlier, filt = control_in(planned), compiled_filter(segment.memory, segment.assumed)
         while True:
             left = Left(
                 wire_ticks(
                     planned,
+                    earlier,
                     filt,
                     judging,
                     self._pace,
@@ -228,7 +230,7 @@ class LoopProcess:
             )
             if left is not Left.CHANGED:
                 break
-            planned = self._with_other_control(planned)
+            earlier, planned = control_in(planned), self._with_other_control(planned)
         passed_on(judging, self._interlock)
         return left
 

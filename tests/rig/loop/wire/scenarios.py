@@ -27,7 +27,14 @@ from rig.loop.reaction import Reaction
 from rig.loop.wire import cycle as wire_cycle, null_check
 from rig.loop.wire.layout import Count, Course, Drive, Found, Left, pace, wire_channels, wire_memory
 from rig.loop.wire.loop import post_decision
-from rig.loop.wire.orders import ChangeControl, Segment, changed_course, course, prepared
+from rig.loop.wire.orders import (
+    ChangeControl,
+    Segment,
+    changed_course,
+    control_in,
+    course,
+    prepared,
+)
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
@@ -162,12 +169,13 @@ class World:
             compiled_filter(memory, MODEL.parameters), interlock(limit_table([], TICK), tol),
             pace(settings, device_rate_hz), fd, self.plan, self.look, self.memory, self.board,
         )  # fmt: skip
-        left = wire_cycle.wire_ticks(planned, *shared)
+        left = wire_cycle.wire_ticks(planned, control_in(planned), *shared)
         while left == Left.CHANGED:
             number = int(words[Word.CHANGE])
             self.memory.change.state[0] = 1.0
+            earlier = control_in(planned)
             planned = changed_course(planned, prepared(self.changes[number]))
-            left = wire_cycle.wire_ticks(planned._replace(change=number), *shared)
+            left = wire_cycle.wire_ticks(planned._replace(change=number), earlier, *shared)
         rows = self.board.ring[: int(words[Word.ROWS])]
         return {
             "left": Left(left).name,
