@@ -10,7 +10,12 @@ from .changing import (
     offset_of_change as offset_of_change,
 )
 from .expected import expected_position as expected_position, reduced_velocity as reduced_velocity
-from .guidance import guide_of as guide_of, law_of as law_of
+from .guidance import (
+    LoopBasis as LoopBasis,
+    guide_of as guide_of,
+    law_of as law_of,
+    moving_guide as moving_guide,
+)
 from .loop_model import (
     feedforward_command as feedforward_command,
     frequencies_of as frequencies_of,

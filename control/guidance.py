@@ -1,7 +1,7 @@
 """From a rig's control settings and a model to the numbers that the tracking law works with."""
 
 from math import inf, pi
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,21 @@ crossover, 0.3 is at three times of it, a correction must be much larger than it
 may turn its phase so far that it would grow up to its limit."""
 _RESTING_TIMES: Final = 3.0
 """Integral times of rest after which the integral is held: what it would still do is 5 %."""
+_CORRECTED_PART: Final = 0.25
+"""Part of the greatest command that a tone's correction may ask for. A supply 30 % lower, or a leak
+of some litres a minute, takes a fifth to a third of a rig's speed for a volt: a motion that
+needs three quarters of the greatest command by the model then needs up to the whole of it."""
 _LEAST_WIDTH_V: Final = 1e-3
 """Least width of the smooth part about null, V, where there is no deadband to compensate."""
 
 
-def _tones(setpoint: Setpoint, settings: ControlSettings, par: Parameters, gain: float) -> Array:
+def _tones(
+    setpoint: Setpoint, settings: ControlSettings, par: Parameters, gain: float, limit: float
+) -> Array:
     tones = []
+    greatest = settings.cyclic_limit
+    if greatest is None:
+        greatest = _CORRECTED_PART * limit / gain
     for frequency in frequencies_of(setpoint) if settings.cyclic else ():
         answer = loop_answer(frequency, par, gain, settings)
         if abs(answer) < _LEAST_ANSWER:
@@ -38,7 +47,7 @@ def _tones(setpoint: Setpoint, settings: ControlSettings, par: Parameters, gain:
         time_s = max(settings.cyclic_time, _LEARNING_PERIODS / frequency)
         # The step is twice the error's part at the frequency, over what the loop makes of it.
         factor = 2.0 * TICK / time_s / answer
-        tones.append((2.0 * pi * frequency, factor.real, factor.imag, settings.cyclic_limit))
+        tones.append((2.0 * pi * frequency, factor.real, factor.imag, greatest))
     return np.array(tones, np.float64).reshape(-1, TONE_NUMBERS)
 
 
@@ -96,6 +105,41 @@ def guide_of(
     return Guide(
         law_of(settings, par, sensors, gain),
         feedforward_command(samples, settings, par, limit),
-        _tones(setpoint, settings, par, gain),
+        _tones(setpoint, settings, par, gain, limit),
         expected_position(samples, settings, par, gain, limit, compiled),
+    )
+
+
+class LoopBasis(NamedTuple):
+    """What the tables of a motion are made from, beside its setpoint."""
+
+    settings: ControlSettings
+    """The control settings."""
+    par: Parameters
+    """The parameters of the model that the loop assumes, SI."""
+    gain: float
+    """Gain of the position loop, V/m."""
+    limit: float
+    """Greatest command of either sign, V."""
+
+
+def moving_guide(law: ControlLaw, basis: LoopBasis | None, setpoint: Array) -> Guide:
+    """Return the guide of a move to the start position of a test.
+
+    The move has feedforward and expected position as the test has. Without them the ram would lag
+    the move, the integral part would sum that up, and the ram would begin the test as far off as
+    the integral then is. There are no tones.
+
+    Args:
+        law: that of the test.
+        basis: what the move's tables are made from; without it the move has none.
+        setpoint: (ticks,) of the move, m.
+    """
+    alone = PLAIN._replace(law=law)
+    if law.proportional or basis is None:
+        return alone
+    settings, par, gain, limit = basis
+    return alone._replace(
+        feedforward=feedforward_command(setpoint, settings, par, limit),
+        expected=expected_position(setpoint, settings, par, gain, limit),
     )

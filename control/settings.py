@@ -34,7 +34,9 @@ class ControlSettings:
         cyclic: whether amplitude and phase of the setpoint's frequencies (sine, multisine) are
             corrected until the ram follows them.
         cyclic_time: time constant of that correction; two periods of a frequency at least.
-        cyclic_limit: greatest correction of a frequency's amplitude.
+        cyclic_limit: greatest correction of a frequency's amplitude; if not given, what the gain
+            makes a quarter of the greatest command of, so that a rig whose speed for a volt is a
+            third off can still be moved by three quarters of it.
     """
 
     gain: Annotated[float | None, _q("V/m", 0.1, 1e4)] = None
@@ -49,7 +51,7 @@ class ControlSettings:
     hold_band: Annotated[float | None, _q("m", 0.0, 0.01)] = None
     cyclic: bool = False
     cyclic_time: Annotated[float, _q("s", 0.5, 1e3)] = 4.0
-    cyclic_limit: Annotated[float, _q("m", 0.0, 0.1)] = 0.02
+    cyclic_limit: Annotated[float | None, _q("m", 0.0, 0.1)] = None
 
     @property
     def is_proportional(self) -> bool:

@@ -67,10 +67,6 @@ class Guide(NamedTuple):
         """Return the same guide with the tables of some ticks only."""
         return self._replace(feedforward=self.feedforward[ticks], expected=self.expected[ticks])
 
-    def moving(self) -> "Guide":
-        """Return the same law for a move to a start position, without tables and tones."""
-        return Guide(self.law, np.empty(0), np.empty((0, TONE_NUMBERS)))
-
 
 PLAIN: Final = Guide(PROPORTIONAL, np.empty(0), np.empty((0, TONE_NUMBERS)))
 """The guide of the proportional loop."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..request import Checks
-from .protocol import Quantity, Samples, SetpointChecks, Times
+from .protocol import Quantity, Samples, SetpointChecks, Times, Wave
 
 # A multisine repeats within 1000 s if its frequencies are multiples of this.
 _FREQUENCY_GRID_HZ: Final = 1e-3
@@ -19,7 +19,7 @@ _POINTS_PER_PERIOD: Final = 32
 
 
 @dataclass(frozen=True)
-class Sine:
+class Sine(Wave):
     """A sine, r(t) = mean + amplitude sin(2 pi frequency_hz t + phase_rad), in metres or volts.
 
     The thesis's 3 sin(pi t + 0.1) V (section 5.1) is `Sine(0.0, 3.0, 0.5, 0.1, "command")`.
@@ -28,23 +28,6 @@ class Sine:
         SetpointError: the frequency is not between 0 and 500 Hz (both excluded), a value is not
             finite, or the quantity is not known.
     """
-
-    mean: float
-    amplitude: float
-    frequency_hz: float
-    phase_rad: float = 0.0
-    quantity: Quantity = "position"
-
-    def __post_init__(self) -> None:
-        with SetpointChecks(self) as checks:
-            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
-            checks.finite("rad", phase_rad=self.phase_rad)
-            checks.frequency("frequency_hz", self.frequency_hz)
-
-    @property
-    def period_s(self) -> float:
-        """Return the time in s after which the setpoint repeats itself."""
-        return 1.0 / self.frequency_hz
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""

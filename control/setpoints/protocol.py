@@ -1,5 +1,6 @@
-"""The interface of all setpoints, and the checks that they share."""
+"""The interface of all setpoints, the checks that they share, and what waves have in common."""
 
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final, Literal, Protocol
 
@@ -70,6 +71,45 @@ class SetpointChecks(Checks):
         remedy = "give a frequency in Hz that a 1 kHz loop can carry"
         self.require(0.0 < frequency_hz < nyquist_hz, name, limit, remedy, frequency_hz)
 
+    def wave(self, mean: float, amplitude: float, frequency_hz: float, phase_rad: float) -> None:
+        """Note the problems of a wave's mean, amplitude (m or V), frequency (Hz), phase (rad)."""
+        self.finite(self.unit, mean=mean, amplitude=amplitude)
+        self.finite("rad", phase_rad=phase_rad)
+        self.frequency("frequency_hz", frequency_hz)
+
     def seed(self, seed: int) -> None:
         """Note a problem if the seed is negative."""
         self.require(seed >= 0, "seed", "is below 0", "give a whole number from 0", seed)
+
+
+@dataclass(frozen=True)
+class Wave:
+    """What a wave around a mean is given by, in metres or volts; each form is a class of its own.
+
+    Raises:
+        SetpointError: the frequency is not between 0 and 500 Hz (both excluded), a value is not
+            finite, or the quantity is not known.
+    """
+
+    mean: float
+    amplitude: float
+    frequency_hz: float
+    phase_rad: float = 0.0
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        with SetpointChecks(self) as checks:
+            checks.wave(self.mean, self.amplitude, self.frequency_hz, self.phase_rad)
+
+    @property
+    def period_s(self) -> float:
+        """Return the time in s after which the setpoint repeats itself."""
+        return 1.0 / self.frequency_hz
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
+        raise NotImplementedError
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return the greatest |rate| in m/s or V/s within 0 to `duration_s`."""
+        raise NotImplementedError

@@ -5,11 +5,11 @@ from math import inf, pi
 
 import numpy as np
 
-from .protocol import TICK_S, Quantity, Samples, SetpointChecks, Times
+from .protocol import TICK_S, Quantity, Samples, SetpointChecks, Times, Wave
 
 
 @dataclass(frozen=True)
-class Triangle:
+class Triangle(Wave):
     """A triangle wave around a mean, in metres or volts, which has a constant speed.
 
     It has the phase of a sine: at the time 0 with phase 0 it passes the mean upwards, it reaches
@@ -19,23 +19,6 @@ class Triangle:
         SetpointError: the frequency is not between 0 and 500 Hz (both excluded), a value is not
             finite, or the quantity is not known.
     """
-
-    mean: float
-    amplitude: float
-    frequency_hz: float
-    phase_rad: float = 0.0
-    quantity: Quantity = "position"
-
-    def __post_init__(self) -> None:
-        with SetpointChecks(self) as checks:
-            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
-            checks.finite("rad", phase_rad=self.phase_rad)
-            checks.frequency("frequency_hz", self.frequency_hz)
-
-    @property
-    def period_s(self) -> float:
-        """Return the time in s after which the setpoint repeats itself."""
-        return 1.0 / self.frequency_hz
 
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
@@ -68,9 +51,7 @@ class Trapezoid:
 
     def __post_init__(self) -> None:
         with SetpointChecks(self) as checks:
-            checks.finite(checks.unit, mean=self.mean, amplitude=self.amplitude)
-            checks.finite("rad", phase_rad=self.phase_rad)
-            checks.frequency("frequency_hz", self.frequency_hz)
+            checks.wave(self.mean, self.amplitude, self.frequency_hz, self.phase_rad)
             checks.require(
                 0.0 <= self.hold_s < inf, "hold_s", "is below 0 s or not finite", "give seconds"
             )

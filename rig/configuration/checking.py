@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, timedelta
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -36,18 +36,24 @@ from rig.configuration.reading import (
 )
 from rig.configuration.rigs import (
     MAPS,
+    SOON,
     Map,
     Rig,
     RigFile,
     StreamFile,
+    TransducerFile,
+    calibration_warnings,
+    corrected_twice,
     read_dbc,
     read_map,
     read_rig,
     read_stream,
+    read_transducer,
     stream_lines,
+    transducer_lines,
 )
 from rig.configuration.sweeps import SweepFile, read_sweep, sweep_lines
-from rig.io import ChannelLimit, RegisterMap
+from rig.io import ChannelLimit, RegisterMap, calibration_doubts, today
 from rig.plant import CATALOGUE, Model
 from rig.recording import unit_of
 
@@ -62,11 +68,12 @@ _KEYS: Final[dict[Kind, frozenset[str]]] = {
     "sweep": frozenset(SweepFile.model_fields),
     "map": frozenset(key for kind in MAPS for key in options_of(kind)),
     "stream": frozenset(StreamFile.model_fields),
+    "transducer": frozenset(TransducerFile.model_fields),
 }
 
 
 _ORDER: Final[tuple[Kind, ...]] = (
-    "campaign", "rig", "model", "map", "dbc", "stream", "schedule", "sweep",
+    "campaign", "rig", "model", "map", "dbc", "stream", "schedule", "sweep", "transducer",
 )  # fmt: skip
 """Kinds of configuration, in the order in which a name without a kind is looked up."""
 
@@ -81,6 +88,7 @@ class CheckReport:
         name: its name, or the file's name without suffix where it has none.
         summary: a few lines that describe the configuration.
         tests: plan of every test of a campaign; empty for other kinds.
+        calibration_warnings: warnings about the calibrations of a rig, or of a campaign's rig.
     """
 
     kind: Kind
@@ -88,20 +96,29 @@ class CheckReport:
     name: str
     summary: tuple[str, ...]
     tests: tuple[PlannedTest, ...] = ()
+    calibration_warnings: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of the tests' plans (`PlannedTest.warnings`), each after its test's name."""
-        return tuple(f"{each.test.name}: {text}" for each in self.tests for text in each.warnings)
+        """Warnings about the rig's calibrations, then those of the tests' plans.
+
+        The latter (`PlannedTest.warnings`) stand each after its test's name.
+        """
+        of_tests = (f"{each.test.name}: {text}" for each in self.tests for text in each.warnings)
+        return (*self.calibration_warnings, *of_tests)
 
     def __str__(self) -> str:
         """Return the report as text."""
         lines = [f"{display_path(self.path)}: {self.kind} {self.name}", *self.summary]
+        lines += [f"  warning: {warning}" for warning in self.calibration_warnings]
         return "\n".join(lines + [line for test in self.tests for line in test.lines()])
 
 
 def check(
-    reference: str | Path, rig_override: str | Path | None = None, base: Path | None = None
+    reference: str | Path,
+    rig_override: str | Path | None = None,
+    base: Path | None = None,
+    day: date | None = None,
 ) -> CheckReport:
     """Check a configuration, given by path or by name, and return a report on it.
 
@@ -113,11 +130,12 @@ def check(
             kinds do not use it.
         base: folder from which relative paths and names are resolved; the working directory if
             None.
+        day: the day on which calibrations of transducers are to hold; today if None.
 
     Raises:
         ConfigError: lists every problem of the file and of all files it refers to.
     """
-    base = base or Path.cwd()
+    base, day = base or Path.cwd(), day or today()
     sources = Sources()
     path, kind = _locate(str(reference), base, sources)
     if path is None or kind is None:
@@ -126,8 +144,17 @@ def check(
         database = sources.finished(read_dbc(path, sources))
         return CheckReport(kind, path, path.stem, tuple(_dbc_lines(database)))
     if kind == "campaign":
-        return _report_campaign(path, *load_campaign(path, rig_override, base))
+        return _report_campaign(path, *load_campaign(path, rig_override, base, day), day)
     root = sources.read_yaml(path)
+    if kind == "rig":
+        rig = sources.finished(read_rig(root, day) if root is not None else None)
+        doubts = calibration_warnings(rig.calibrations, rig.limits, day)
+        return CheckReport(kind, path, rig.name, tuple(_rig_lines(rig)), (), tuple(doubts))
+    if kind == "transducer":
+        each = sources.finished(read_transducer(root) if root is not None else None)
+        doubts = calibration_doubts((each,), day, SOON)
+        lines = tuple(transducer_lines(each))
+        return CheckReport(kind, path, path.stem, lines, (), tuple(doubts))
     read, lines_of = _KINDS[kind]
     found = sources.finished(read(root) if root is not None else None)
     return CheckReport(kind, path, getattr(found, "name", path.stem), tuple(lines_of(found)))
@@ -198,6 +225,13 @@ def _rig_lines(rig: Rig) -> Iterator[str]:
         remark = ", slower than the loop: values held in between" if is_slower else ""
         rate = show(spec.rate_hz, "Hz")
         yield f"  driver {spec.name}: {spec.type}, {spec.kind}, {rate}{remark}"
+    for each in rig.calibrations:
+        yield (
+            f"  {each}: of {each.date}, until {each.valid_until}, largest correction "
+            f"{show(each.largest_correction, unit_of(each.channel))}"
+        )
+    if rig.uncalibrated:
+        yield f"  without calibration: {', '.join(rig.uncalibrated)}"
 
 
 def _limit_line(limit: ChannelLimit) -> str:
@@ -239,7 +273,7 @@ def _schedule_lines(schedule: Schedule) -> Iterator[str]:
         )
 
 
-def _report_campaign(path: Path, campaign: Campaign, rig: Rig) -> CheckReport:
+def _report_campaign(path: Path, campaign: Campaign, rig: Rig, day: date) -> CheckReport:
     minutes, seconds = divmod(round(campaign.rig_time_s), 60)
     known = f" and the baseline {campaign.baseline_file}" if campaign.baseline else ""
     summary = (
@@ -248,17 +282,23 @@ def _report_campaign(path: Path, campaign: Campaign, rig: Rig) -> CheckReport:
         f"{campaign.filter_name} with the model {campaign.model.name}{known}",
         f"  rig time {minutes} min {seconds} s",
     )
-    return CheckReport("campaign", path, campaign.name, summary, plan_campaign(campaign, rig))
+    plan, lasting = plan_campaign(campaign, rig), timedelta(seconds=campaign.rig_time_s)
+    doubts = (
+        *calibration_warnings(rig.calibrations, rig.limits, day, lasting),
+        *corrected_twice(rig.calibrations, campaign.model),
+    )
+    return CheckReport("campaign", path, campaign.name, summary, plan, doubts)
 
 
 _Read = Callable[[Located], Any]
 _Lines = Callable[[Any], Iterable[str]]
 _KINDS: Final[dict[Kind, tuple[_Read, _Lines]]] = {
     "model": (read_model, _model_lines),
-    "rig": (read_rig, _rig_lines),
     "map": (read_map, _map_lines),
     "schedule": (read_schedule, _schedule_lines),
     "sweep": (read_sweep, sweep_lines),
     "stream": (read_stream, stream_lines),
 }
-"""The functions that read a kind of YAML file, except campaigns, and that describe it in lines."""
+"""The functions that read a kind of YAML file and describe it in lines.
+
+Campaigns, rigs and transducers are left out, as warnings about them depend on the day."""

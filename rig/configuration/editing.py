@@ -1,6 +1,6 @@
-"""A JSON schema of campaign and rig files, by which editors complete and check what is written.
+"""JSON schemas of files that people write, by which editors complete and check them.
 
-It follows from the classes by which the files are read, so that no key is written twice. An editor
+They follow from the classes by which the files are read, so that no key is written twice. An editor
 cannot see all that `rig check` sees, such as the limits of the rig.
 """
 
@@ -9,9 +9,13 @@ from typing import Any, Final
 
 from rig.configuration.campaigns import CampaignFile
 from rig.configuration.reading import Schema, Under
-from rig.configuration.rigs import RigFile
+from rig.configuration.rigs import RigFile, TransducerFile
 
-EDITED: Final[dict[str, type[Schema]]] = {"campaign": CampaignFile, "rig": RigFile}
+EDITED: Final[dict[str, type[Schema]]] = {
+    "campaign": CampaignFile,
+    "rig": RigFile,
+    "transducer": TransducerFile,
+}
 """Kinds of files that have a schema for editors -> the class of their keys."""
 
 _DRAFT: Final = "https://json-schema.org/draft/2020-12/schema"

@@ -18,6 +18,11 @@ from .can import (
     open_bus as open_bus,
     python_can as python_can,
 )
+from .correction import (
+    Corrections as Corrections,
+    correct as correct,
+    corrections_of as corrections_of,
+)
 from .device_lock import connection_of as connection_of, exclusive as exclusive
 from .driver import (
     Driver as Driver,
@@ -54,3 +59,10 @@ from .signals import (
     SLOW_INPUTS as SLOW_INPUTS,
 )
 from .simulated import SimulatedRig as SimulatedRig, simulated_rig as simulated_rig
+from .transducer_calibration import (
+    RENEW as RENEW,
+    CalibrationPoint as CalibrationPoint,
+    TransducerCalibration as TransducerCalibration,
+    calibration_doubts as calibration_doubts,
+    today as today,
+)

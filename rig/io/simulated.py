@@ -5,7 +5,7 @@ how its ticks are batched, nor on whether the clock paces it: the same seed give
 bit for bit.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from rig.plant import (
     start_clock,
     transducers,
 )
+
+from .correction import Corrections, corrections_of
 
 Array = NDArray[np.float64]
 
@@ -42,6 +44,8 @@ class SimulatedRig:
         meters: float64 (3,), flow-meter lag states in m^3/s.
         offsets: float64 (3,), the meters' fixed errors in m^3/s, drawn once.
         generator: source of all noise.
+        corrections: calibrations of the transducers, by which the loop corrects their readings;
+            without any unless they are set.
     """
 
     parameters: Parameters
@@ -53,6 +57,7 @@ class SimulatedRig:
     meters: Array
     offsets: Array
     generator: np.random.Generator
+    corrections: Corrections = field(default_factory=corrections_of)
 
     def noise(self, ticks: int) -> Array:
         """Return float64 (ticks, 9) standard normal numbers, one for each tick and transducer."""

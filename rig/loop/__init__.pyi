@@ -24,6 +24,7 @@ from .interlocks import (
     Interlock as Interlock,
     LoopStoppedError as LoopStoppedError,
     StopRequestedError as StopRequestedError,
+    Tolerances as Tolerances,
     TripError as TripError,
     channel_name as channel_name,
     explain as explain,

@@ -26,7 +26,7 @@ from control import (
 )
 from estimator.filters import OUTPUTS, filter_start, filter_step
 from rig.channels import READINGS
-from rig.io import FAST_INPUTS
+from rig.io import FAST_INPUTS, Corrections, correct
 from rig.jit import njit
 from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, Tick, judged_sample
 from rig.plant import (
@@ -200,7 +200,7 @@ class Steering(NamedTuple):
 class TrueRig(NamedTuple):
     """The true state and parameters of a simulated rig.
 
-    All arrays but `offsets` and `fitted` are updated by each tick.
+    All arrays but `offsets`, `fitted` and those of `corrections` are updated by each tick.
     """
 
     plant: Array
@@ -221,6 +221,8 @@ class TrueRig(NamedTuple):
     """The true parameters of the rig, SI."""
     sensors: SensorParameters
     """Data sheet of its transducers."""
+    corrections: Corrections
+    """Calibrations of its transducers, by which the readings are corrected."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -270,6 +272,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
         )  # fmt: skip
         for i in range(READING_COUNT):
             reading[i] *= rig.fitted[i]
+        correct(reading, rig.corrections)
         wanted = ticks.setpoint[k]
         if action == Reaction.HOLD:
             if isnan(reaction.held_at[0]):

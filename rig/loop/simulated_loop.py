@@ -10,11 +10,13 @@ from control import (
     PLAIN,
     POSITION_GAIN,
     Guide,
+    LoopBasis,
     Steered,
     begin_motion,
     change_memory,
     changeable,
     control_memory,
+    moving_guide,
     raised_cosine,
 )
 from estimator.accounts import BLOCK_TICKS
@@ -78,6 +80,7 @@ class SimulatedLoop:
         interlock: judges every sample, as on hardware; if it is None, no sample is judged.
         limits: limits that hold while the test itself runs, and not on the way to its start.
         guide: what the position loop adds to gain times error.
+        basis: what the tables of the move to the start are made from; None for a move without.
 
     Attributes:
         channels: names of the rows' columns (`row_channels`).
@@ -97,6 +100,7 @@ class SimulatedLoop:
     interlock: Interlock | None = None
     limits: tuple[ChannelLimit, ...] = ()
     guide: Guide = PLAIN
+    basis: LoopBasis | None = None
 
     def __post_init__(self) -> None:
         motion, rig, assumed = self.motion, self.rig, self.assumed
@@ -152,8 +156,9 @@ class SimulatedLoop:
         rig = self.rig
         setpoint = raised_cosine(rig.state[4], self.motion.start_position, self.motion.settle_ticks)
         no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
+        guide = moving_guide(self.guide.law, self.basis, setpoint)
         rig.start_clock(-setpoint.size * TICK)
-        self._run(setpoint, False, no_faults, self.guide.moving(), apart=True)
+        self._run(setpoint, False, no_faults, guide, apart=True)
         begin_motion(True, self._control)
         rig.start_clock(0.0)
         if self._is_stopped:
@@ -260,7 +265,7 @@ class SimulatedLoop:
             ),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
-                rig.parameters, rig.sensors,
+                rig.parameters, rig.sensors, rig.corrections,
             ),
             compiled_filter(memory, self.assumed),
             self._decided,

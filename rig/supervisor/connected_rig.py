@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 from estimator.filters import start_memory
 from rig.compile_cache import telling_of_compiling
 from rig.configuration import Rig
-from rig.io import SLOW_INPUTS, HomingSettings, exclusive
+from rig.io import SLOW_INPUTS, calibration_doubts, exclusive, today
 from rig.loop import (
     NO_CHANNEL,
     NULL_V,
@@ -28,7 +28,6 @@ from rig.loop import (
     explain,
     limit_table,
     orders,
-    tolerances,
     wire_channels,
 )
 from rig.plant import TICK, Model
@@ -44,6 +43,7 @@ from rig.supervisor.processes import (
     loop_channel,
 )
 
+from .checks import checks_for
 from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, State, next_state
 from .trip_report import EventLog, last_known
 
@@ -144,12 +144,16 @@ class ConnectedRig:
     def connect(self) -> None:
         """Start the processes and the safety thread, open and verify every device; move nothing.
 
-        The state is DISARMED then. After an error all has ended again, and the state is OFF.
+        The operator is told which calibrations of transducers do not hold today. The state is
+        DISARMED then. After an error all has ended again, and the state is OFF.
 
         Raises:
             DriverError: a device is in use, does not answer, or is not the configured one.
             TripError: a process ended or took over `OPEN_S`, or somebody asked for the end.
         """
+        for doubt in calibration_doubts(self.configured.calibrations, today()):
+            self.say(f"warning: {doubt}")
+            self.note("calibrations", doubt)
         self._devices.enter_context(exclusive(self.configured.drivers))
         self.handle(Event.CONNECT)
         memory = self._memory()
@@ -178,21 +182,16 @@ class ConnectedRig:
     def _open(self) -> None:
         rig = self.configured
         slow = tuple(spec for spec in rig.drivers if spec.kind == "slow")
-        self.parts.field.ask_patiently(OpenField(slow, rig.loop), OPEN_S, LOOK_S, self._heed_stop)
+        self.parts.field.ask_patiently(
+            OpenField(slow, rig.loop, rig.calibrations), OPEN_S, LOOK_S, self._heed_stop
+        )
         first = orders.Segment(1, Drive.NULL, self._memory(), self.model.parameters, homed=False)
         (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
         period_s = 1.0 / rig.loop.rate
         self.board.words[Word.SWITCH] = first.number
-        checks = tolerances(
-            self.model.parameters,
-            rig.sensors,
-            frozenset(fast.inputs),
-            period_s,
-            rig.loop.stale_limit,
-            rig.homing or HomingSettings(),
-            rig.limits.command_V,
-        )
-        order = orders.Open(fast, rig.loop, limit_table(rig.ladder, period_s), checks, first)
+        checks = checks_for(rig, self.model, frozenset(fast.inputs), period_s)
+        limits = limit_table(rig.ladder, period_s)
+        order = orders.Open(fast, rig.loop, limits, checks, first, rig.calibrations)
         self.opened = self.parts.loop.ask_patiently(order, OPEN_S, LOOK_S, self._heed_stop)
         grants = self.opened.grants
         given = ", ".join(grant.name for grant in grants if grant.granted)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from control import ControlSettings, Guide, guide_of
+from control import ControlSettings, Guide, LoopBasis, guide_of
 from faults import CampaignTest
 from rig.configuration import Rig
 from rig.plant import Model
@@ -44,9 +44,7 @@ def guide_for(
         assumed: the model that filter and loop assume.
         control: other control settings for the running test, in which the gain is given.
     """
-    if test.load is not None:
-        stiffness, contact = test.load.stiffness, test.load.contact
-        assumed = assumed.with_effect("spring_load", stiffness=stiffness, contact=contact)
+    assumed = _with_load(assumed, test)
     settings = control or control_of(rig, test)
     return guide_of(
         test.setpoint,
@@ -57,3 +55,21 @@ def guide_for(
         gain_for(rig, test) if control is None else control.gain or rig.gain_V_per_m,
         rig.limits.command_V,
     )
+
+
+def basis_for(rig: Rig, test: CampaignTest, assumed: Model) -> LoopBasis:
+    """Return what the tables of the move to a test's start are made from; see `guide_for`."""
+    return LoopBasis(
+        control_of(rig, test),
+        _with_load(assumed, test).parameters,
+        gain_for(rig, test),
+        rig.limits.command_V,
+    )
+
+
+def _with_load(assumed: Model, test: CampaignTest) -> Model:
+    """Return a model with the spring load of a test, if it has one."""
+    if test.load is None:
+        return assumed
+    stiffness, contact = test.load.stiffness, test.load.contact
+    return assumed.with_effect("spring_load", stiffness=stiffness, contact=contact)

@@ -41,7 +41,7 @@ from rig.supervisor.processes import (
 
 from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
-from .guiding import gain_for, guide_for
+from .guiding import basis_for, gain_for, guide_for
 from .moves import moves, preparing_moves
 from .states import Event, State
 
@@ -128,6 +128,7 @@ class Session:
             open_loop=test.setpoint.quantity == "command",
             on_fault=Reaction[test.on_fault.name],
             limits=rungs_of(test.limits),
+            basis=basis_for(self.rig.configured, test, assumed),
         )
         self._test = HardwareTest(self.rig, wire, test, assumed)
         return self._test

@@ -78,7 +78,7 @@ def overshoot(moved: Run) -> float:
 @pytest.mark.parametrize(
     ("plant", "most"),
     [
-        (Model(), 0.01),
+        (Model(), 0.02),
         (Model(parameters=NOMINAL._replace(area_gradient=0.8 * NOMINAL.area_gradient)), 0.04),
         (SPRUNG, 0.04),
         (Model(parameters=NOMINAL._replace(spool_null_bias=0.4 * NOMINAL.valve_gain)), 0.02),

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from control import ControlSettings, Multisine, Sine, Steps
-from control.guidance import guide_of
+from control import ControlSettings, Multisine, Sine, Steps, raised_cosine
+from control.guidance import LoopBasis, guide_of, law_of, moving_guide
 from control.loop_model import (
     MOST_TONES,
     feedforward_command,
@@ -79,6 +79,20 @@ def test_settings_that_add_nothing_are_the_proportional_loop() -> None:
     sine = Sine(0.3, 0.1, 0.5)
     plain = guide_of(sine, sine.sample(TIME), ControlSettings(), NOMINAL, DATA_SHEET, 50.0, 10.0)
     assert plain is PLAIN
+
+
+def test_the_way_to_a_test_has_its_law_and_tables_of_its_own() -> None:
+    settings = ControlSettings(feedforward="model", integral_time=1.0, cyclic=True)
+    law = law_of(settings, NOMINAL, DATA_SHEET, 50.0)
+    basis = LoopBasis(settings, NOMINAL, 50.0, 10.0)
+    way = raised_cosine(0.3, 0.4, 1000)
+    moving = moving_guide(law, basis, way)
+    assert moving.law == law
+    assert moving.feedforward.max() > 1.0
+    assert moving.expected[-1] == pytest.approx(0.4, abs=1e-3)
+    assert moving.tones.size == 0
+    assert moving_guide(law, None, way).expected.size == 0
+    assert moving_guide(PLAIN.law, basis, way).feedforward.size == 0
 
 
 def test_the_band_of_a_hold_is_a_count_and_half_the_jump_of_a_ram_that_breaks_away() -> None:

@@ -24,25 +24,26 @@ def main() -> None:
 @click.option("--seed", default=SEED, show_default=True, help="Which rigs are drawn.")
 def drawn(rigs: int, gain: float, seed: int) -> None:
     """Follow a sine, hold and step on rigs drawn at random; every second has a hidden effect."""
-    reached, near, swinging, hunting = 0, 0, 0, 0
+    reached, near, swinging, hunting, creeping = 0, 0, 0, 0, 0
     overshoots, settled = [], []
     for each in tracked(load_rig("simulated"), TRACKING, gain, rigs, seed):
         reached += each.reachable
         near += each.reachable and each.rms <= 5e-3
         swinging += each.unstable
         hunting += each.reachable and each.hunting > 1e-4
+        creeping += each.reachable and each.creep > 1e-4 >= each.hunting
         if each.reachable:
             overshoots.append(each.overshoot)
             settled.append(each.settling_s)
         click.echo(
             f"{each.number} {each.effect or '-'} reachable={each.reachable} "
             f"rms={1e3 * each.rms:.2f} mm worst={1e3 * each.worst:.2f} mm "
-            f"hold={1e3 * each.hunting:.3f} mm "
+            f"hunting={1e3 * each.hunting:.3f} mm creep={1e3 * each.creep:.3f} mm "
             f"overshoot={each.overshoot:.1%} settled={each.settling_s:.2f} s"
         )
     click.echo(
         f"{rigs} rigs, {reached} reachable: {near} within 5 mm rms, {swinging} unstable, "
-        f"{hunting} hunting by more than 0.1 mm"
+        f"{hunting} hunting by more than 0.1 mm, {creeping} held rams move as far one way"
     )
     over = np.percentile(overshoots, (50, 90))
     # Some are infinite, between which nothing can be interpolated.

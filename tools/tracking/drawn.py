@@ -37,7 +37,8 @@ class Drawn:
         reachable: whether the sine needs no more volts than the rig has, by the rig's own model.
         rms: rms error of the sine from its start on, m.
         worst: greatest error of its last 10 s, m.
-        hunting: range of the position in a hold, m.
+        hunting: how far the position goes to and fro in a hold, m.
+        creep: range of the position in that hold, m.
         overshoot: greatest overshoot of small steps, as a part of the step.
         settling_s: longest time until a small step stays within 5 % of it, s; infinite if one is
             not there after two seconds.
@@ -49,6 +50,7 @@ class Drawn:
     rms: float
     worst: float
     hunting: float
+    creep: float
     overshoot: float
     settling_s: float
 
@@ -99,6 +101,7 @@ def tracked(
         answers = run(true, STEPS, STEPS_S, control, gain, seed=number).step_answers()
         yield Drawn(
             number, effect, is_reachable(rig, plant), moved.rms(),
-            float(np.abs(moved.error(SINE_S - 10.0)).max()), held.swing(HELD_FROM_S),
+            float(np.abs(moved.error(SINE_S - 10.0)).max()), held.hunting(HELD_FROM_S),
+            held.swing(HELD_FROM_S),
             max(overshoot for overshoot, _ in answers), max(late_s for _, late_s in answers),
         )  # fmt: skip

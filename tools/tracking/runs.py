@@ -57,8 +57,19 @@ class Run:
         return step_answers(dict(zip(("setpoint_m", "position_m", "time_s"), samples, strict=True)))
 
     def swing(self, from_s: float) -> float:
-        """Return the range of the true position from a time on, m: how a held ram hunts."""
+        """Return the range of the true position from a time on, m: how far a held ram moves."""
         return float(np.ptp(self.true_position[self.time_s >= from_s]))
+
+    def hunting(self, from_s: float) -> float:
+        """Return how far the true position goes to and fro from a time on, m.
+
+        It is the smaller one of the greatest rise and the greatest fall, so that a ram that creeps
+        one way does not hunt.
+        """
+        found = self.true_position[self.time_s >= from_s]
+        rise = found - np.minimum.accumulate(found)
+        fall = np.maximum.accumulate(found) - found
+        return float(min(rise.max(), fall.max()))
 
 
 def run(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
+from datetime import date
 from math import isinf
 from pathlib import Path
 from typing import Annotated, Any
@@ -54,7 +55,10 @@ class DetectorFile(Schema):
 
 
 def load_campaign(
-    reference: str | Path, rig_override: str | Path | None = None, base: Path | None = None
+    reference: str | Path,
+    rig_override: str | Path | None = None,
+    base: Path | None = None,
+    day: date | None = None,
 ) -> tuple[Campaign, Rig]:
     """Return a campaign, checked against its rig, and the rig.
 
@@ -63,6 +67,7 @@ def load_campaign(
         rig_override: path or name of the rig to use instead of the campaign's.
         base: folder from which the relative paths and names of these arguments are resolved; the
             working directory if None.
+        day: the day on which calibrations of transducers are to hold; today if None.
 
     Raises:
         ConfigError: lists every problem of the campaign, its rig, models and setpoint files.
@@ -73,19 +78,22 @@ def load_campaign(
     chosen = None if rig_override is None else asked("rig", rig_override, sources)
     rig_path = resolve("rig", chosen, base)
     root = sources.read_yaml(path)
-    return sources.finished(read_campaign(root, rig_path) if root is not None else None)
+    return sources.finished(read_campaign(root, rig_path, day) if root is not None else None)
 
 
-def read_campaign(root: Located, rig_path: Path | None = None) -> tuple[Campaign, Rig] | None:
+def read_campaign(
+    root: Located, rig_path: Path | None = None, day: date | None = None
+) -> tuple[Campaign, Rig] | None:
     """Return the campaign that a file describes, and its rig; None if there is any problem.
 
     Problems are recorded in `root.sources`; the result is None also if a problem was recorded there
-    before. `rig_path` is the file of another rig to use instead of the one that `root` names.
+    before. `rig_path` is the file of another rig to use instead of the one that `root` names, `day`
+    the day on which calibrations of transducers are to hold, today if None.
     """
     sources = root.sources
     file = read_mapping(CampaignFile, root)
     rig_root = sources.read_yaml(rig_path or resolve("rig", root.get("rig")))
-    rig = read_rig(rig_root) if rig_root is not None else None
+    rig = read_rig(rig_root, day) if rig_root is not None else None
     model = read_in("model", named_model(root), read_model)
     detector = _read_detector(root.get("detector"))
     baseline = _read_baseline(root.find("detector", "baseline"), detector, model)

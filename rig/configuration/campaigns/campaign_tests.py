@@ -186,6 +186,7 @@ class _TestReader:
         file = read_mapping(CampaignTestFile, self.item)
         load = self._load()
         control = self._control()
+        self._check_one_gain()
         # The seed follows from the name, so that adding a test changes no other test's noise.
         seed = zlib.crc32(str(file.name).encode()) >> 1 if file else 0
         if file is not None and file.seed is not None:
@@ -213,7 +214,6 @@ class _TestReader:
                 continue
             setpoint = motion.setpoint
             self._check_closed_loop(file, setpoint)
-            self._check_one_gain(file)
             start = self._start_position(file, setpoint)
             if start is None:
                 continue
@@ -266,13 +266,10 @@ class _TestReader:
         if file.position_gain is not None:
             self.item.refuse(limit, "leave it out, or give a setpoint in m", key="position_gain")
 
-    def _check_one_gain(self, file: CampaignTestFile) -> None:
-        control = self.item.get("control")
-        if file.position_gain is None or control is None or not isinstance(control.value, dict):
-            return
-        if "gain" in control.value:
-            limit = "is given beside a gain under control"
-            self.item.refuse(limit, "leave one of them out", key="position_gain")
+    def _check_one_gain(self) -> None:
+        control, gain = self.item.get("control"), self.item.get("position_gain")
+        if gain is not None and control is not None and control.get("gain") is not None:
+            gain.refuse("is given beside a gain under control", "leave one of them out")
 
     def _start_position(self, file: CampaignTestFile, setpoint: Setpoint) -> float | None:
         start, limits = file.start_position, self.rig.limits if self.rig else None

@@ -25,8 +25,9 @@ LONGEST_S: Final = 20.0
 _NOTABLE: Final = 1.02
 """Volts that a motion needs, over the limit, from which this is told: what is short by less, for
 the moment of the motion's greatest speed, is made up for at once."""
-_TOO_FAST: Final = 10.0
-"""Speed in m/s, ten times that of a fast servo-actuator, above which a setpoint jumps."""
+_JUMPS: Final = 2.0
+"""Change of a setpoint within a tick, over the larger one of those in the ticks before and after
+it, from which the setpoint jumps: a motion goes on for longer than a tick."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +89,10 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
     gain = test.gain_V_per_m or settings.gain or rig.gain_V_per_m
     error = setpoint - _followed(test, setpoint, settings, gain, rig, true, believed)
     whole = test.setpoint.sample(np.arange(round(test.duration_s / TICK)) * TICK)
-    # A tick in which the setpoint jumps farther than any ram goes is no motion to follow.
-    smooth = np.abs(np.gradient(whole, TICK)) < _TOO_FAST
     model_ahead = ControlSettings(feedforward="model", lead=0.0)
-    needed = np.where(smooth, np.abs(feedforward_command(whole, model_ahead, true, inf)), 0.0)
+    needed = np.where(
+        _smooth(whole), np.abs(feedforward_command(whole, model_ahead, true, inf)), 0.0
+    )
     at = int(np.argmax(needed))
     return Following(
         worst=float(np.abs(error).max()),
@@ -102,6 +103,14 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         limit_V=rig.limits.command_V,
         tracks=not settings.is_proportional,
     )
+
+
+def _smooth(setpoint: Array) -> NDArray[np.bool_]:
+    """Return for each tick whether the setpoint moves on to it and from it without a jump."""
+    change = np.abs(np.diff(setpoint, prepend=setpoint[0], append=setpoint[-1]))
+    around = np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1]))
+    jumps = change > _JUMPS * around
+    return ~(jumps[:-1] | jumps[1:])
 
 
 def law_in_words(settings: ControlSettings, gain: float, cyclic: bool) -> str:

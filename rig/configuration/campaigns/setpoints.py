@@ -125,13 +125,17 @@ class ConstantFile(SetpointFile):
         return Constant(self.value.value, context.quantity)
 
 
-class SineFile(SetpointFile):
-    """Keys of a sine, whose mean is zero unless it is given."""
+class WaveFile(SetpointFile):
+    """The keys that all waves around a mean have; the mean is zero unless it is given."""
 
     amplitude: AnyLevel
     frequency: Frequency
     mean: AnyLevel = _ZERO
     phase: Phase = 0.0
+
+
+class SineFile(WaveFile):
+    """Keys of a sine, whose mean is zero unless it is given."""
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return a `Sine` of the context's quantity."""
@@ -139,13 +143,8 @@ class SineFile(SetpointFile):
         return Sine(mean, amplitude, self.frequency, self.phase, context.quantity)
 
 
-class TriangleFile(SetpointFile):
+class TriangleFile(WaveFile):
     """Keys of a triangle wave, whose mean is zero unless it is given."""
-
-    amplitude: AnyLevel
-    frequency: Frequency
-    mean: AnyLevel = _ZERO
-    phase: Phase = 0.0
 
     def build(self, context: SetpointContext) -> Setpoint:
         """Return a `Triangle` of the context's quantity."""

@@ -9,7 +9,9 @@ from .document import Located, Sources
 from .problems import ConfigError, Place, Problem, display_path, nearest
 
 T = TypeVar("T")
-Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream", "schedule", "sweep"]
+Kind = Literal[
+    "model", "rig", "campaign", "map", "dbc", "stream", "schedule", "sweep", "transducer"
+]
 
 FOLDERS: Final[dict[Kind, str]] = {
     "model": "models",
@@ -20,6 +22,7 @@ FOLDERS: Final[dict[Kind, str]] = {
     "map": "maps",
     "dbc": "dbc",
     "stream": "stream",
+    "transducer": "transducers",
 }
 SUFFIXES: Final = (".yaml", ".yml", ".dbc")
 

@@ -1,4 +1,4 @@
-"""Rig files: drivers, limits, valves, calibrations, register maps, the stream's profile."""
+"""Rig files, with drivers, limits, valves, calibrations, register maps, the stream's profile."""
 
 from lazy_loader import attach_stub
 

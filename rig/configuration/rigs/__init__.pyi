@@ -1,3 +1,7 @@
+from .calibrated import (
+    calibration_warnings as calibration_warnings,
+    corrected_twice as corrected_twice,
+)
 from .calibration_file import dump_calibration as dump_calibration
 from .control import (
     UNLESS_USUAL as UNLESS_USUAL,
@@ -35,4 +39,10 @@ from .stream import (
     stream_lines as stream_lines,
 )
 from .tolerances import load_tolerances as load_tolerances
+from .transducers import (
+    SOON as SOON,
+    TransducerFile as TransducerFile,
+    read_transducer as read_transducer,
+    transducer_lines as transducer_lines,
+)
 from .valves import LEAKAGE as LEAKAGE, RESISTANCE as RESISTANCE

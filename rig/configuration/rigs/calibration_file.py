@@ -1,4 +1,7 @@
-"""Calibration files hold needle valves as `rig calibrate valves` measured them, for rig files."""
+"""Calibration files hold needle valves as `rig calibrate valves` measured them, for rig files.
+
+Those of transducers are another kind of file (`transducers.py`).
+"""
 
 import datetime
 import json
@@ -27,6 +30,12 @@ class NeedleReference(Schema):
     calibration: str
 
 
+_HINTS: Final = dict.fromkeys(
+    ("channel", "transducer", "points"),
+    "a calibration of a transducer belongs in the rig file's list `calibrations`",
+)
+
+
 def find_needle(kind: str, item: Located) -> Located | None:
     """Return the entry of a bypass's needle in the calibration file that a rig file names.
 
@@ -40,7 +49,7 @@ def find_needle(kind: str, item: Located) -> Located | None:
     named = item.find("calibration")
     path = named.path_to(reference.calibration).resolve()
     root = item.sources.read_yaml(path, named)
-    if root is None or read_mapping(CalibrationFile, root) is None:
+    if root is None or read_mapping(CalibrationFile, root, _HINTS) is None:
         return None
     needles = root.find("needles")
     needle = needles.get(kind)

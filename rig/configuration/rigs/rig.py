@@ -1,5 +1,6 @@
 """Rig files describe a rig: its parts, what it can measure and inject, and its limits."""
 
+import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,9 +25,17 @@ from rig.configuration.reading import (
     resolve,
     show,
 )
-from rig.io import ChannelLimit, DriverSpec, HomingSettings, LoopSettings
+from rig.io import (
+    ChannelLimit,
+    DriverSpec,
+    HomingSettings,
+    LoopSettings,
+    TransducerCalibration,
+    today,
+)
 from rig.plant import Model, SensorParameters
 
+from .calibrated import Expired, TransducerFiles, measured_by, read_calibrations, uncalibrated
 from .control import UNLESS_USUAL, read_control
 from .drivers import driver_files, read_drivers
 from .hardware import check_hardware, check_rates, check_rungs, moved_faults
@@ -72,6 +81,8 @@ class Rig:
         loop: how the loop of a hardware rig is paced and watched.
         homing: how the encoder finds its zero; None if the encoder always knows the position.
         control: what the position loop adds to gain times error, unless a test has its own.
+        calibrations: calibrations of the transducers, by which readings are corrected.
+        uncalibrated: measured channels without calibration; () if no channel has one.
     """
 
     name: str
@@ -92,6 +103,8 @@ class Rig:
     loop: LoopSettings = field(default_factory=LoopSettings)
     homing: HomingSettings | None = None
     control: ControlSettings = field(default_factory=ControlSettings, metadata=UNLESS_USUAL)
+    calibrations: tuple[TransducerCalibration, ...] = field(default=(), metadata=UNLESS_USUAL)
+    uncalibrated: tuple[str, ...] = field(default=(), metadata=UNLESS_USUAL)
 
     @property
     def injectable(self) -> tuple[str, ...]:
@@ -126,6 +139,8 @@ class RigFile(Schema):
     loop: Annotated[Any, Under(lambda: (options_schema(LoopSettings),))] = None
     homing: Annotated[Any, Under(lambda: (options_schema(HomingSettings),))] = None
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
+    calibrations: Annotated[Any, TransducerFiles()] = None
+    expired_calibrations: Expired = "warn"
 
 
 class PlantFile(Schema):
@@ -137,11 +152,12 @@ class PlantFile(Schema):
     effects: Any = None
 
 
-def read_rig(own: Located) -> Rig | None:
+def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     """Return the rig that a file describes, with its parents' keys; None if it cannot be made.
 
     Problems are recorded. A rig may be returned in spite of problems, for example without the
-    valves or drivers that are wrong; it may only be used if there are none.
+    valves or drivers that are wrong; it may only be used if there are none. `day` is the day on
+    which calibrations are to hold, today if None.
     """
     root = _with_parents(own, ())
     if root is None:
@@ -158,6 +174,8 @@ def read_rig(own: Located) -> Rig | None:
     settings = read_options(HomingSettings, homing) if homing is not None else None
     drivers = _read_drivers(root, file, loop, rungs)
     control = read_control(root.get("control"))
+    measured = _measured(file, drivers) if file is not None else None
+    calibrations = read_calibrations(root, measured, homing is not None, day or today())
     if file is None or plant is None or sensors is None or limits is None or loop is None:
         return None
     if control is None:
@@ -181,18 +199,23 @@ def read_rig(own: Located) -> Rig | None:
         loop=loop,
         homing=settings,
         control=control,
+        calibrations=calibrations,
+        uncalibrated=uncalibrated(calibrations, measured or frozenset()),
     )
 
 
-def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
+def load_rig(
+    reference: str | Path, base: Path | None = None, day: datetime.date | None = None
+) -> Rig:
     """Return the rig that a path or a name means.
 
     `base` is the folder from which relative paths are resolved; the working directory if None.
+    `day` is the day on which calibrations are to hold; today if None.
 
     Raises:
-        ConfigError: lists every problem of the file, its parents and its models.
+        ConfigError: lists every problem of the file, its parents, models and transducer files.
     """
-    return load("rig", reference, base, read_rig)
+    return load("rig", reference, base, lambda own: read_rig(own, day))
 
 
 def find_rig(reference: str | Path, base: Path | None = None) -> Path:
@@ -225,6 +248,16 @@ def _with_parents(root: Located, children: tuple[Path, ...]) -> Located | None:
         return None
     inherited = {key: item for key, item in parent.items() if key not in ("name", "description")}
     return root.completed_by(parent.with_value(inherited))
+
+
+def _measured(file: RigFile, drivers: tuple[DriverSpec, ...]) -> frozenset[str] | None:
+    return measured_by(
+        file.backend == "simulated",
+        drivers,
+        supply_pressure_sensor=file.supply_pressure_sensor,
+        load_cell=file.load_cell,
+        spool_sensor=file.spool_sensor,
+    )
 
 
 def _read_plant(item: Located | None) -> Model | None:

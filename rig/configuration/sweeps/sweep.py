@@ -152,6 +152,9 @@ def _read_rig(entry: Located | None) -> Rig | None:
     if not rig.control.is_proportional or rig.control.gain is not None:
         limit = "has a section control, and sweeps run the proportional loop alone"
         entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
+    if rig.calibrations:
+        limit = "has calibrations, and sweeps do not correct readings"
+        entry.refuse(limit, "name a rig without them, or run it as a campaign", rig.name)
     return rig
 
 

@@ -112,7 +112,10 @@ class BypassIo:
         """Close all TCP connections; clients may connect again."""
         for server in self._servers:
             for connection in tuple(server.active_connections.values()):
-                connection.close()
+                # Pymodbus lists a connection before it is made. One that is closed before would
+                # leave the list, and then be made and stay.
+                if connection.is_active():
+                    connection.close()
 
     def state(self) -> dict[str, object]:
         """Return the state of the device for the control port and the record."""

@@ -5,6 +5,7 @@ one that an error of the model could cross follows from the tolerances that the 
 same model.
 """
 
+from collections.abc import Iterable
 from math import ceil, inf, log, sqrt
 from statistics import NormalDist
 from typing import Final, NamedTuple
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT
 from rig.channels import ENDS
-from rig.io import FAST_INPUTS, HomingSettings
+from rig.io import FAST_INPUTS, HomingSettings, TransducerCalibration
 from rig.plant import Parameters, SensorParameters, total_mass, valve_conductance
 
 YEARS_BETWEEN: Final = 10.0
@@ -123,6 +124,7 @@ def tolerances(
     stale_s: float,
     homing: HomingSettings,
     command_limit_V: float = COMMAND_LIMIT,  # noqa: N803
+    calibrations: Iterable[TransducerCalibration] = (),
 ) -> Tolerances:
     """Return the tolerances with which the samples of a rig are checked.
 
@@ -134,6 +136,7 @@ def tolerances(
         stale_s: greatest age of a sample, s.
         homing: gives the greatest command and load pressure of a ram that is not homed.
         command_limit_V: greatest command of either sign, V.
+        calibrations: calibrations by which readings are corrected, and so the ends of their ranges.
     """
     deviation = sigmas(period_s)
     # An empty chamber reads the low end of its range; only beyond it is a transducer broken.
@@ -147,6 +150,9 @@ def tolerances(
         "spool_m": (sensors.spool_noise, -sensors.spool_range, sensors.spool_range),
         "load_N": (sensors.load_noise, -inf, sensors.load_max),
     }
+    for each in calibrations:
+        noise, low, high = known.get(each.channel, (0.0, -inf, inf))
+        known[each.channel] = noise, each.corrected(low), each.corrected(high)
     sheets = [known.get(name, (0.0, -inf, inf)) for name in FAST_INPUTS]
     repeats = frozen_samples(period_s)
     conductance = valve_conductance(par)

@@ -31,6 +31,7 @@ from .changing import begin_or_go_on, left_for, tracked_command
 from .following import error_of, setpoint_of
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 from .null_check import VALVE_ENABLED, is_null, look_at_null
+from .scaling import bring_to_scale
 
 _COMMAND: Final = FAST_OUTPUTS.index("command_V")
 _VALVE_ENABLE: Final = FAST_OUTPUTS.index("valve_enable")
@@ -348,7 +349,7 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     """Write command and enabling to the device, and read `memory.inputs` from it, in one exchange.
 
     The counts in `memory` and the words of the board that follow from it are updated, such as that
-    the device has confirmed null after a trip. The course's offset is added to the position.
+    the device has confirmed null after a trip. The inputs are brought to the scale of the rig.
 
     Returns:
         The `ExchangeStatus`, and the time in ns at which the command left, 0 if it did not.
@@ -371,7 +372,7 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     if status != ExchangeStatus.OK:
         words[Word.EXCHANGE_ERRORS] += 1
         return status, sent
-    memory.inputs[_POSITION] += course.offset
+    bring_to_scale(memory.inputs, course.offset, memory.corrections)
     if enable == 1.0 and enabled != 0.0:
         counts[Count.DRIVEN] = 1
     if enable == 0.0 and is_null(memory.inputs):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from control import ChangeMemory, ControlLaw, ControlMemory, Guide, change_memory, control_memory
 from rig.channels import READINGS, Kind, names_of
-from rig.io import FAST_INPUTS, FAST_OUTPUTS, LoopSettings
+from rig.io import FAST_INPUTS, FAST_OUTPUTS, Corrections, LoopSettings, corrections_of
 from rig.loop.cycle import sample_channels
 from rig.loop.decided import no_decision
 from rig.loop.reaction import ReactionMemory, reaction_memory
@@ -295,10 +295,12 @@ class WireMemory(NamedTuple):
     """Memory of the changes of the segment's control."""
     going: Array
     """Where the segment is that was left for a change, indexed by `Going`."""
+    corrections: Corrections
+    """Calibrations of the transducers, by which inputs are corrected."""
 
 
 def wire_memory() -> WireMemory:
-    """Return the memory of a session before its first tick."""
+    """Return the memory of a session before its first tick, without calibrations."""
     return WireMemory(
         np.zeros(len(Count), np.int64),
         np.zeros(len(Found), np.int64),
@@ -315,4 +317,5 @@ def wire_memory() -> WireMemory:
         control_memory(),
         change_memory(),
         np.zeros(len(Going)),
+        corrections_of(),
     )

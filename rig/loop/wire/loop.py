@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Guide, raised_cosine
+from control import Guide, moving_guide, raised_cosine
 from rig.loop.atomic import store_release
 from rig.loop.board import DECISIONS_KEPT, Board, RingReader, Word
 from rig.loop.interlocks import Action, Cause, LoopStoppedError, TripError, channel_name
@@ -118,7 +118,7 @@ class WireLoop:
             drive=Drive.TRACK,
             open_loop=False,
             setpoint=setpoint,
-            guide=self.test.guide.moving(),
+            guide=moving_guide(self.test.guide.law, self.test.basis, setpoint),
             limits=(),
         )
         self._switch_to(moving)

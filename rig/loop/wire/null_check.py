@@ -7,7 +7,7 @@ brings the valve to null again before it reads.
 from math import isnan
 from typing import Final
 
-from rig.io import FAST_INPUTS, ExchangeStatus, exchange, monotonic_ns
+from rig.io import FAST_INPUTS, ExchangeStatus, correct, exchange, monotonic_ns
 from rig.loop.atomic import store_release
 from rig.plant import inner
 
@@ -51,6 +51,7 @@ def look_at_null(fd, look, tol, pace, memory):
     status, _ = exchange(fd, look, counts[Count.SEQUENCE], memory.outputs, seen, deadline)
     if status != ExchangeStatus.OK:
         return
+    correct(seen, memory.corrections)
     off_null_m = _spool_off_null(seen[_SPOOL], tol, counts)
     enabled, output_V = seen[VALVE_ENABLED] == 1.0, seen[_DEVICE_COMMAND]  # noqa: N806
     if not (enabled or abs(output_V) > NULL_V or off_null_m != 0.0):

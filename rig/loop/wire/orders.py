@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide, changeable
+from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide, LoopBasis, changeable
 from estimator.filters import FilterMemory
-from rig.io import ChannelLimit, DriverSpec, LoopSettings
+from rig.io import ChannelLimit, DriverSpec, LoopSettings, TransducerCalibration
 from rig.loop.interlocks import LimitTable, Tolerances
 from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
@@ -44,6 +44,8 @@ class Segment:
         rearm: whether a watchdog that tripped is acknowledged, once in the segment.
         reset: whether an earlier trip is cleared; the supervisor clears its own words before.
         limits: limits that hold in this segment only, beside those of the rig.
+        basis: what the tables of the move to the start of a test are made from; None for a move
+            without tables.
     """
 
     number: int
@@ -63,6 +65,7 @@ class Segment:
     rearm: bool = False
     reset: bool = False
     limits: tuple[ChannelLimit, ...] = ()
+    basis: LoopBasis | None = None
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,7 @@ class Open:
         limits: limits of channels, with their actions.
         tolerances: tolerances of the plausibility checks.
         first: the first segment; the loop is compiled for its filter before it starts.
+        calibrations: calibrations of the transducers, by which the inputs are corrected.
     """
 
     driver: DriverSpec
@@ -141,6 +145,7 @@ class Open:
     limits: LimitTable
     tolerances: Tolerances
     first: Segment
+    calibrations: tuple[TransducerCalibration, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from rig.report.templating import rendered
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance, reaction
 from rig.runner.run_folder import REPORT
 
+from .calibrations import calibration_rows
 from .sections import Section, sections_of
 
 DAY_S: Final = 86400.0
@@ -71,6 +72,7 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
         smallest=smallest_rows(sections),
         intervals=any(row.chart["lower"] is not None for row in rows),
         command=_rerun(outcome),
+        calibrations=calibration_rows(outcome),
     )
 
 

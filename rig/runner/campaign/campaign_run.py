@@ -6,14 +6,14 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, Final
 
 from estimator.leaks import DetectorFactory
 from faults import Campaign
 from rig.configuration import Rig
-from rig.io import DriverError
+from rig.io import DriverError, today
 from rig.loop import StopRequestedError, TripError
 from rig.runner.counters import RigCounter, counters_path
 from rig.runner.outcomes import (
@@ -24,6 +24,7 @@ from rig.runner.outcomes import (
     Observer,
     Status,
     TestOutcome,
+    calibrations_used,
     provenance,
     record_of,
 )
@@ -425,4 +426,14 @@ class _CampaignRun(Setting):
             provenance=self.provenance,
             history=tuple(state.history),
             ended_with=self.ended_with,
+            calibrations=calibrations_used(self.rig, self._days),
+            uncalibrated=self.rig.uncalibrated,
         )
+
+    @property
+    def _days(self) -> tuple[date, ...]:
+        """The day on which the campaign was begun, if it was, and today."""
+        if not self.standing.begun:
+            return (today(),)
+        begun = datetime.fromisoformat(self.standing.begun["started"])
+        return begun.astimezone().date(), today()

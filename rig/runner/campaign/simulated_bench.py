@@ -13,7 +13,7 @@ from estimator.filters import FilterMemory
 from faults import CampaignTest, FaultSchedule
 from rig.channels import READINGS
 from rig.configuration import Rig
-from rig.io import ChannelLimit, HomingSettings, simulated_rig
+from rig.io import ChannelLimit, calibration_doubts, corrections_of, simulated_rig, today
 from rig.loop import (
     Action,
     Cause,
@@ -28,12 +28,20 @@ from rig.loop import (
     interlock,
     limit_table,
     rungs_of,
-    tolerances,
 )
 from rig.plant import TICK, Model
 from rig.recording import McapWriter
 from rig.runner.outcomes import Array
-from rig.supervisor import News, TripReport, gain_for, guide_for, kept_trip_report, trip_error
+from rig.supervisor import (
+    News,
+    TripReport,
+    basis_for,
+    checks_for,
+    gain_for,
+    guide_for,
+    kept_trip_report,
+    trip_error,
+)
 
 _REPORTED: Final = round(2.0 / TICK)
 """Number of rows in a trip report: those of the last 2 s, as on hardware."""
@@ -198,6 +206,8 @@ class SimulatedBench:
     test: SimulatedTest | None = field(default=None, init=False)
 
     def __enter__(self) -> "SimulatedBench":
+        for doubt in calibration_doubts(self.rig.calibrations, today()):
+            self.say(f"warning: {doubt}")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -247,15 +257,7 @@ def interlock_of(
             "load_N": rig.has_load_cell,
         }
         fitted = frozenset(name for name in READINGS if has.get(name, True))
-    judged = tolerances(
-        assumed.parameters,
-        rig.sensors,
-        fitted,
-        period_s,
-        rig.loop.stale_limit,
-        rig.homing or HomingSettings(),
-        rig.limits.command_V,
-    )
+    judged = checks_for(rig, assumed, fitted, period_s)
     return interlock(limit_table(rig.ladder, period_s), judged)
 
 
@@ -287,6 +289,7 @@ def loop_of(
         load_cell=rig.has_load_cell,
         position=rest,
     )
+    simulated.corrections = corrections_of(rig.calibrations)
     ticks = round(test.duration_s / TICK)
     motion = Motion(
         setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
@@ -305,5 +308,6 @@ def loop_of(
         on_fault=Reaction[test.on_fault.name],
         interlock=interlock_of(rig, assumed) if judged else None,
         guide=guide_for(rig, test, motion.setpoint, assumed),
+        basis=basis_for(rig, test, assumed),
         limits=rungs_of(test.limits) if judged else (),
     )

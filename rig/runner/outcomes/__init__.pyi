@@ -1,4 +1,9 @@
 from .awaiting import AwaitedEnd as AwaitedEnd
+from .calibrations import (
+    CalibrationUsed as CalibrationUsed,
+    calibrations_applied as calibrations_applied,
+    calibrations_used as calibrations_used,
+)
 from .figures import (
     Array as Array,
     Figure as Figure,

@@ -11,6 +11,7 @@ from faults import OnFault
 from rig.plant import LEAKS
 from rig.runner.counters import Counted
 
+from .calibrations import CalibrationUsed
 from .figures import Figure
 from .limits import LimitPassed
 from .measures import CriterionResult
@@ -281,6 +282,10 @@ class CampaignOutcome:
     """What happened outside the tests: holds, interruptions, requests and notes of operators."""
     ended_with: int | None = None
     """Exit code of an event that ended the run outside its tests, such as a trip; None if none."""
+    calibrations: tuple[CalibrationUsed, ...] = ()
+    """The calibrations of transducers by which readings were corrected."""
+    uncalibrated: tuple[str, ...] = ()
+    """The measured channels without calibration; () if no channel has one."""
 
     @property
     def exit_code(self) -> int:

@@ -27,6 +27,7 @@ from rig.loop import VERDICT_CODES
 from rig.plant import DATA_SHEET, Model, SensorParameters
 from rig.recording import Recording, unit_of
 
+from .calibrations import calibrations_applied
 from .software_state import model_sha256
 from .thresholds import Learning
 
@@ -76,6 +77,7 @@ def metadata_of(
         "verdict_codes": [str(verdict) for verdict in VERDICT_CODES],
         "units": {channel: unit_of(channel) for channel in channels},
         "provenance": plain(provenance),
+        **calibrations_applied(rig),
     }
 
 

@@ -40,6 +40,7 @@ def results(outcome: CampaignOutcome) -> dict[str, Any]:
         **named(outcome, "started", "exit_code", "counts"),
         "tests": [_test(test) for test in outcome.tests],
         **named(outcome, "history", "provenance"),
+        **(named(outcome, "calibrations", "uncalibrated") if outcome.calibrations else {}),
     }
     return dict(jsonable(content))
 

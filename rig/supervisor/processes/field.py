@@ -15,7 +15,16 @@ from math import nan
 from multiprocessing.connection import Connection
 from typing import Final
 
-from rig.io import BALLS, NEEDLES, SLOW_INPUTS, Driver, DriverError, DriverSpec, LoopSettings
+from rig.io import (
+    BALLS,
+    NEEDLES,
+    SLOW_INPUTS,
+    Driver,
+    DriverError,
+    DriverSpec,
+    LoopSettings,
+    TransducerCalibration,
+)
 from rig.loop import Board, Cause, Word
 
 from .child import News, child_ends, obeyed_next
@@ -43,10 +52,12 @@ class OpenField:
     Attributes:
         drivers: the slow drivers.
         settings: settings of the loop, with the silences after which a part counts as lost.
+        calibrations: calibrations of the transducers, by which readings are corrected.
     """
 
     drivers: tuple[DriverSpec, ...]
     settings: LoopSettings
+    calibrations: tuple[TransducerCalibration, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,6 +123,7 @@ class FieldProcess:
         self._pipe = pipe
         self._served: list[_Served] = []
         self._settings = LoopSettings()
+        self._calibrations: dict[str, TransducerCalibration] = {}
         self._moves: list[tuple[int, Outputs]] = []
         self._moves_segment = -1
         self._safe = False
@@ -160,6 +172,7 @@ class FieldProcess:
 
     def _open(self, order: OpenField) -> None:
         self._settings = order.settings
+        self._calibrations = {each.channel: each for each in order.calibrations}
         try:
             for spec in order.drivers:
                 driver = spec.create()
@@ -238,7 +251,9 @@ class FieldProcess:
         at = time.monotonic_ns()
         for name, value in values.items():
             index = SLOW_INPUTS.index(name)
-            self._board.slow[index] = value
+            calibration = self._calibrations.get(name)
+            indicated = value if calibration is None else calibration.corrected(value)
+            self._board.slow[index] = indicated
             self._board.slow_at[index] = at
 
     def _complain(self, served: _Served, error: DriverError) -> None:

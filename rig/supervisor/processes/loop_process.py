@@ -18,7 +18,7 @@ from typing import Final
 
 from estimator.filters import compiled_filter
 from rig.compile_cache import telling_of_compiling
-from rig.io import DriverError, FastDriver
+from rig.io import DriverError, FastDriver, corrections_of
 from rig.loop import (
     Board,
     Cause,
@@ -170,6 +170,7 @@ class LoopProcess:
         self._driver, self._is_open = driver, True
         self._pace = pace(order.settings, driver.rate_hz)
         self._interlock = interlock(order.limits, order.tolerances)
+        self._memory = self._memory._replace(corrections=corrections_of(order.calibrations))
         self._segments[order.first.number] = order.first
         # This compiles or loads the loop's function before its time matters.
         with telling_of_compiling(lambda name: self._report(f"compiles {name}")):

@@ -178,6 +178,7 @@ def test_a_spike_is_no_divergence() -> None:
     assert recovered(found, truth, 2500)
 
 
+@pytest.mark.long
 def test_ten_minutes_leave_it_as_sound_as_ten_seconds() -> None:
     command = sine(600_000)
     readings, truth = sampled(command)

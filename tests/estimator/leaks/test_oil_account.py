@@ -194,6 +194,7 @@ def test_a_null_that_wanders_raises_no_alarm(
             assert not test.search()
 
 
+@pytest.mark.long
 def test_noise_that_lasts_is_allowed_for() -> None:
     """At 200 a day, 40 runs of a minute allow 5.6 alarms; noise of 0.3 L/min dwarfs the budget."""
     recording = in_steps(NOMINAL)

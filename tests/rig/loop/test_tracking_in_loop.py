@@ -61,3 +61,16 @@ def test_a_test_that_runs_in_parts_has_the_same_rows_as_one_that_runs_at_once(ri
             parts.append(loop.advance(ticks))
         found.append(np.concatenate(parts))
     np.testing.assert_array_equal(found[0], found[1])
+
+
+@pytest.mark.parametrize("start", [0.12, 0.3, 0.48])
+def test_the_way_to_the_start_of_a_test_winds_nothing_up(rig: Rig, start: float) -> None:
+    tuned = replace(rig, control=TRACKING)
+    test = plain_test("held", Constant(start), 0.5, start, 2.0)
+    loop = loop_of(
+        tuned, test, start_memory("product", Model(), rig.sensors), Model(), judged=False
+    )
+    loop.position()
+    rows = loop.advance(500)
+    error = start - rows[:, loop.channels.index("position_m")]
+    assert np.abs(error).max() < 1e-3

@@ -1,6 +1,8 @@
 """What a rig's connection waits for: an answer of a part, but not after one that cannot be read."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -8,7 +10,10 @@ from typing import Any
 import pytest
 
 from rig.configuration.rigs.rig import load_rig
+from rig.io.driver import DriverError
+from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
 from rig.plant import Model
+from rig.supervisor import connected_rig
 from rig.supervisor.connected_rig import ConnectedRig
 from rig.supervisor.processes.child import Child, ChildError, NoAnswerError
 from tests.waiting import PATIENCE_S
@@ -46,6 +51,26 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ConnectedRig:
     safety = SimpleNamespace(alive=lambda: None)
     monkeypatch.setattr(rig, "safety", safety, raising=False)
     return rig
+
+
+def test_the_operator_hears_of_an_expired_calibration_before_any_device_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = (CalibrationPoint(0.0, 0.0), CalibrationPoint(1e7, 1e7))
+    old = TransducerCalibration("load_N", "L-1", date(2001, 1, 1), date(2002, 1, 1), points)
+    stop, heard = SimpleNamespace(requested=False, reason=""), list[str]()
+    configured = replace(load_rig("emulated"), calibrations=(old,))
+    rig = ConnectedRig(configured, "product", Model(), tmp_path, stop, heard.append)
+
+    def used_by_another(drivers: object) -> None:
+        raise DriverError("daq", "is in use", "end what uses it")
+
+    monkeypatch.setattr(connected_rig, "exclusive", used_by_another)
+    with pytest.raises(DriverError, match="is in use"):
+        rig.connect()
+    assert heard[0].startswith(
+        "warning: the calibration of load_N (transducer L-1) expired on 2002-01-01"
+    )
 
 
 Ask = Callable[[ConnectedRig, Child], Any]

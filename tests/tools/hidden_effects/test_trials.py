@@ -99,6 +99,7 @@ def test_refusing_recordings_that_show_nothing_is_right(tmp_path: Path) -> None:
     assert outcomes == ["right", "failed"]
 
 
+@pytest.mark.long
 def test_tables_say_how_often_the_promises_were_held(tmp_path: Path) -> None:
     # Every effect has one trial of the first 35: one of them is of this one.
     judge = Guessing("missing_effect", "command_delay")

@@ -164,6 +164,7 @@ def test_a_recording_that_cannot_be_followed_anywhere_is_told_of_as_a_whole() ->
     assert parts_of(empty(1, 2, first=0, last=6000)) == [6000]
 
 
+@pytest.mark.long
 def test_what_is_left_out_of_recordings_is_told() -> None:
     emptied = changed(empty(1, 2, first=2000, last=2400))
     # Which effects are looked for is nothing to this.

@@ -104,6 +104,7 @@ def test_a_nuisance_beyond_its_tolerance_is_an_effect_of_that_name() -> None:
     assert found.fitted.values["supply_pressure"] == pytest.approx(1.1e7, rel=0.01)
 
 
+@pytest.mark.long
 def test_forces_that_are_the_same_while_moving_are_named_with_each_other() -> None:
     found = search(("friction_asymmetry", "constant_force"), {"friction_asymmetry": 200.0})
     (effect,) = found.named

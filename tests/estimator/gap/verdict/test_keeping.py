@@ -94,6 +94,7 @@ def lagging() -> GapResult:
     return find_gap(identify, [hidden_lag("steps", 2)], replace(rig(()), layout=None))
 
 
+@pytest.mark.long
 def test_a_refit_that_predicts_worse_is_told_and_the_model_written_as_given(
     lagging: GapResult,
 ) -> None:
@@ -109,6 +110,7 @@ def test_a_refit_that_predicts_worse_is_told_and_the_model_written_as_given(
     json.dumps(told, allow_nan=False)
 
 
+@pytest.mark.long
 def test_refits_that_came_to_the_ends_of_their_tolerances_are_a_warning(
     lagging: GapResult,
 ) -> None:

@@ -56,6 +56,7 @@ def test_a_phase_is_taken_from_three_blocks_whatever_the_period(
     assert len(slices_of(Record("", empty, empty, empty), period)) == 3
 
 
+@pytest.mark.long
 def test_no_tone_is_claimed_where_there_is_none() -> None:
     found = find_gap([ran(4, 8.0, squared=0.5)], [ran(6, 6.0, squared=0.5)], wheel())
     assert "tone" not in [each.name for each in found.discovered]

@@ -37,6 +37,7 @@ def test_the_model_written_does_not_have_it_as_a_simulation_has_no_memory_for_it
     assert any("no memory for it" in reason for reason in swinging.reasons)
 
 
+@pytest.mark.long
 def test_a_damper_that_gives_way_in_time_is_a_lag_of_the_force() -> None:
     found = _lacks(creep=(6.0, 0.05))
     first = found.discovered[0]

@@ -51,11 +51,12 @@ def test_the_error_of_steps_is_foreseen_with_the_gain_of_the_test(rig: Rig) -> N
     assert found.law.startswith("100 V/m")
 
 
-def test_a_jump_is_an_error_but_no_motion_that_needs_volts(rig: Rig) -> None:
-    test = plain_test("steps", Steps((0.2, 0.4), 2.0), 6.0, 0.2, 2.0)
+@pytest.mark.parametrize("step", [0.2, 0.02, 1e-3])
+def test_a_jump_is_an_error_but_no_motion_that_needs_volts(rig: Rig, step: float) -> None:
+    test = plain_test("steps", Steps((0.2, 0.2 + step), 2.0), 6.0, 0.2, 2.0)
     found = expected_following(test, rig, Model())
     assert found.needed_V == 0.0
-    assert found.worst == pytest.approx(0.2, abs=2e-3)
+    assert found.worst == pytest.approx(step, abs=2e-3)
 
 
 def test_the_law_is_told_in_words(rig: Rig) -> None:

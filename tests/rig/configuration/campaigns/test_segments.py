@@ -113,6 +113,15 @@ def test_what_is_wrong_is_refused_at_its_line(tmp_path: Path, keys: str, said: s
         assert said in found
 
 
+def test_a_gain_that_is_given_twice_is_told_beside_another_mistake(tmp_path: Path) -> None:
+    keys = "duration: 9 s, position_gain: 60 V/m, control: {gain: 80 V/m}, repeats: 2"
+    wave = "setpoint: {type: triangle, amplitude: 0.1 m, mean: 0.3 m, frequency: FREQUENCY}"
+    for frequency in ("0.5 Hz", "0.5 Hx"):
+        found = problems(tmp_path, f"{{name: a, {wave.replace('FREQUENCY', frequency)}, {keys}}}")
+        assert found.count("position_gain: 60 V/m is given beside a gain under control") == 1
+        assert ("unknown unit 'Hx'" in found) == (frequency == "0.5 Hx")
+
+
 def test_a_loop_of_tests_needs_tests(tmp_path: Path) -> None:
     assert "lacks the key tests" in problems(tmp_path, "{loop: 2}")
     assert "should be less than or equal to 1000" in problems(tmp_path, "{loop: 2000, tests: []}")

@@ -154,6 +154,24 @@ def test_one_that_refuses_everybody_lets_nobody_stay(served: Served) -> None:
     other.close()
 
 
+def test_one_that_comes_while_another_is_refused_is_refused_too(served: Served) -> None:
+    served.device.wire.refuses = True
+    first, second = (
+        ModbusTcpClient("127.0.0.1", port=served.port, timeout=10.0, retries=0) for _ in range(2)
+    )
+
+    async def come() -> None:
+        """Connect the second within the turn of the device's loop that accepts the first."""
+        first.connect()
+        asyncio.get_running_loop().call_later(0.0, second.connect)
+
+    served.thread.run(come())
+    for each in (first, second):
+        with pytest.raises((ModbusException, OSError)):
+            each.read_coils(0, count=1)
+        each.close()
+
+
 def test_a_delayed_reply_comes_late(served: Served) -> None:
     slept: list[float] = []
     real_sleep = asyncio.sleep

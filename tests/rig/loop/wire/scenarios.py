@@ -8,6 +8,7 @@ are patched.
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from datetime import date
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,9 +16,11 @@ import numpy as np
 
 from control import PLAIN, PROPORTIONAL, Guide
 from estimator.filters.registry import OUTPUTS, compiled_filter, run_filter, start_memory
+from rig.io.correction import corrections_of
 from rig.io.driver import ExchangeStatus
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
+from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
 from rig.loop.board import DECISIONS_KEPT, Board, Word
 from rig.loop.decided import DECIDED, Decided
 from rig.loop.interlocks.check_tolerances import tolerances
@@ -45,6 +48,13 @@ MODEL = Model()
 MEMORY = start_memory("product", MODEL)
 CHANNELS = wire_channels(MEMORY.filter.states, open_loop=False)
 FD = 3
+CALIBRATION = TransducerCalibration(
+    "pressure_1_Pa",
+    "PT-1",
+    date(2026, 3, 2),
+    date(2027, 3, 2),
+    (CalibrationPoint(0.0, 0.0), CalibrationPoint(1e7, 1.1e7)),
+)
 
 
 @dataclass
@@ -60,6 +70,7 @@ class World:
         same_sample: numbers of the exchanges that return the previous sample again.
         other: by tick, signals that another master changes on the device before the loop wakes.
         changes: the changes of control that the loop finds prepared, by their numbers.
+        calibrations: calibrations of the transducers.
     """
 
     late: dict[int, int] = field(default_factory=dict)
@@ -70,11 +81,12 @@ class World:
     same_sample: frozenset[int] = frozenset()
     other: dict[int, dict[str, float]] = field(default_factory=dict)
     changes: dict[int, ChangeControl] = field(default_factory=dict)
+    calibrations: tuple[TransducerCalibration, ...] = ()
 
     def __post_init__(self) -> None:
         self.now = BEGIN
         self.board = Board.create(len(CHANNELS))
-        self.memory = wire_memory()
+        self.memory = wire_memory()._replace(corrections=corrections_of(self.calibrations))
         self.plan = SimpleNamespace()
         self.look = SimpleNamespace()
         self.looks = 0
@@ -285,6 +297,7 @@ RAMP = (int(Action.RAMP_DOWN), int(Cause.LIMIT_LOW), 0)
 SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "on time": lambda: World().run(tracking(), 12),
     "after the table": lambda: World().run(tracking(5), 12),
+    "calibrated": lambda: World(calibrations=(CALIBRATION,)).run(tracking(), 12),
     "open loop": lambda: World().run(following(np.full(30, 3.0), open_loop=True, limit=2.0), 8),
     "tracking law": lambda: World().run(tracking(guide=GUIDE), 12),
     "control changed": _changed,

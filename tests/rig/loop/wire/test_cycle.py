@@ -104,6 +104,16 @@ def test_the_loop_says_from_which_tick_a_change_of_control_holds(scenario: Scena
     assert scenario("control changed")["words"]["CHANGED_AT"] == 10
 
 
+def test_a_row_and_its_filter_have_what_the_calibration_makes_of_the_sample(
+    scenario: Scenario,
+) -> None:
+    result = scenario("calibrated")
+    assert result["rows"]["pressure_1_Pa"] == pytest.approx([7e6 / 1.1] * 13)
+    assert result["rows"]["pressure_2_Pa"] == [7e6] * 13
+    assert result["rows"]["est_pressure_1_Pa"][0] == pytest.approx(7e6 / 1.1)
+    assert result["replays"]
+
+
 def test_the_tracking_law_adds_its_null_its_tables_and_its_integral_to_the_same_loop(
     scenario: Scenario,
 ) -> None:

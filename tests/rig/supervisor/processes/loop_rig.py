@@ -9,6 +9,7 @@ from estimator.filters.registry import start_memory
 from rig.io.limits import ChannelLimit
 from rig.io.registry import DriverSpec
 from rig.io.settings import HomingSettings, LoopSettings
+from rig.io.transducer_calibration import TransducerCalibration
 from rig.loop.board import RING_ROWS, Board, Word
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.ladder import limit_table
@@ -46,7 +47,12 @@ class LoopRig:
         self.child.send(order)
         return self.child.answer(COMPILE_S)
 
-    def open_driver(self, spec: DriverSpec, limits: tuple[ChannelLimit, ...] = ()) -> Opened:
+    def open_driver(
+        self,
+        spec: DriverSpec,
+        limits: tuple[ChannelLimit, ...] = (),
+        calibrations: tuple[TransducerCalibration, ...] = (),
+    ) -> Opened:
         self.board.words[Word.SWITCH] = 1
         opened: Opened = self.ask(
             Open(
@@ -58,6 +64,7 @@ class LoopRig:
                     SETTINGS.stale_limit, HomingSettings(),
                 ),
                 segment(1, Drive.NULL),
+                calibrations,
             )
         )  # fmt: skip
         return opened

@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import date
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, ClassVar, Literal
@@ -15,6 +16,7 @@ from rig.io.driver import DriverError
 from rig.io.registry import DriverSpec
 from rig.io.settings import LoopSettings
 from rig.io.signals import SLOW_INPUTS
+from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
 from rig.supervisor.processes.child import News
@@ -78,6 +80,15 @@ class FakeDriver:
 DRIVERS: dict[str, FakeDriver] = {}
 
 
+OIL = TransducerCalibration(
+    "oil_temperature_K",
+    "T-1",
+    date(2026, 3, 2),
+    date(2027, 3, 2),
+    (CalibrationPoint(273.0, 275.0), CalibrationPoint(313.0, 317.0)),
+)
+
+
 class FakeSpec(DriverSpec):
     """A spec of a driver that is there already: orders are pickled, drivers stay."""
 
@@ -129,7 +140,7 @@ def site() -> Iterator[Site]:
         for d in (pump, meters, bypass)
     )
     thread.start()
-    ours.send(OpenField(drivers, LoopSettings()))
+    ours.send(OpenField(drivers, LoopSettings(), (OIL,)))
     assert ours.recv() == ("pump", "meters", "bypass")
     yield site
     ours.close()
@@ -144,6 +155,14 @@ def test_what_drivers_read_stands_on_the_board_with_its_time(site: Site) -> None
     site.until(lambda: site.board.slow[index] == 1e-5)
     assert site.board.slow_at[index] > 0
     assert np.isnan(site.board.slow[SLOW_INPUTS.index("oil_temperature_K")])
+
+
+def test_a_calibrated_value_is_corrected_before_it_stands_on_the_board(site: Site) -> None:
+    site.meters.values = {"oil_temperature_K": 315.0, "pump_pressure_Pa": 1.38e7}
+    index = SLOW_INPUTS.index("oil_temperature_K")
+    site.until(lambda: site.board.slow[index] == OIL.corrected(315.0))
+    assert 311.0 < site.board.slow[index] < 311.2
+    assert site.board.slow[SLOW_INPUTS.index("pump_pressure_Pa")] == 1.38e7
 
 
 def test_a_move_is_made_when_its_tick_has_come_and_in_its_segment_only(site: Site) -> None:

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from rig.io.driver import DriverError
 from rig.io.limits import ChannelLimit
 from rig.io.modbus_daq.register_map import Register
 from rig.io.signals import FAST_INPUTS
+from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Action, Cause
 from rig.loop.interlocks.trip import LoopStoppedError
@@ -31,6 +33,14 @@ from tests.rig.supervisor.processes.loop_rig import MODEL, LoopRig
 from tests.waiting import COMPILE_S, until
 
 TANK = "tank_temperature_K"
+HIGH_SUPPLY = TransducerCalibration(
+    "supply_pressure_Pa",
+    "PT-3",
+    date(2026, 3, 2),
+    date(2027, 3, 2),
+    (CalibrationPoint(0.0, 1e6), CalibrationPoint(2e7, 2.1e7)),
+)
+"""A transducer that is said to indicate 1 MPa too much."""
 
 
 @dataclass
@@ -40,11 +50,15 @@ class Rig(LoopRig):
     emulator: EmulatorThread = field(kw_only=True)
 
     def open(
-        self, port: int | None = None, limits: tuple[ChannelLimit, ...] = (), **options: Any
+        self,
+        port: int | None = None,
+        limits: tuple[ChannelLimit, ...] = (),
+        calibrations: tuple[TransducerCalibration, ...] = (),
+        **options: Any,
     ) -> Opened:
         (spec,) = (spec for spec in load_rig("emulated").drivers if spec.kind == "fast")
         port = port or int(self.emulator.ports["daq"])
-        return self.open_driver(patient(spec, port=port, **options), limits)
+        return self.open_driver(patient(spec, port=port, **options), limits, calibrations)
 
     @property
     def is_null(self) -> bool:
@@ -87,11 +101,13 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
         yield rig
 
 
-def test_a_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit(rig: Rig) -> None:
+def test_a_calibrated_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit(
+    rig: Rig,
+) -> None:
     # A device that is not there is refused with its name, and may be there later.
     with pytest.raises(DriverError, match="daq"):
         rig.open(port=1)
-    assert rig.open().grants
+    assert rig.open(calibrations=(HIGH_SUPPLY,)).grants
     rig.arm()
     loop = rig.test(300)
     loop.position()
@@ -106,6 +122,8 @@ def test_a_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit
             assert changed_at >= 70
     rows = np.concatenate(batches)
     assert rows[:, loop.channels.index("tick")].tolist() == list(range(300))
+    supply = np.nanmean(rows[:, loop.channels.index("supply_pressure_Pa")])
+    assert supply == pytest.approx(MODEL.parameters.supply_pressure - 1e6, abs=2e5)
     again = run_filter(rows[:, 0], rows[:, 2].copy(), rows[:, 3:8].copy(), MODEL)
     at = loop.channels.index(OUTPUTS[0])
     outputs, states = np.split(rows[:, at:], [len(OUTPUTS)], axis=1)
