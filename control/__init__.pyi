@@ -1,3 +1,14 @@
+from .changing import (
+    FADE_S as FADE_S,
+    ChangeMemory as ChangeMemory,
+    Moment as Moment,
+    Steered as Steered,
+    change_memory as change_memory,
+    changeable as changeable,
+    forget_changes as forget_changes,
+    is_changing as is_changing,
+    offset_of_change as offset_of_change,
+)
 from .expected import expected_position as expected_position, reduced_velocity as reduced_velocity
 from .guidance import (
     LoopBasis as LoopBasis,
@@ -47,6 +58,12 @@ from .setpoints import (
     period_of as period_of,
 )
 from .settings import ControlSettings as ControlSettings
+from .stability import (
+    LoopModel as LoopModel,
+    Margins as Margins,
+    least_margins as least_margins,
+    margins as margins,
+)
 from .tolerant import TOLERANT_STATE as TOLERANT_STATE, tolerant_command as tolerant_command
 from .tracking import (
     PLAIN as PLAIN,

@@ -3,6 +3,7 @@ from .campaign import (
     Campaign as Campaign,
     CampaignTest as CampaignTest,
     Condition as Condition,
+    ControlFrom as ControlFrom,
     OnFault as OnFault,
     SegmentEnd as SegmentEnd,
     SpringLoad as SpringLoad,

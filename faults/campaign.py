@@ -124,6 +124,20 @@ class SpringLoad:
 
 
 @dataclass(frozen=True)
+class ControlFrom:
+    """Another control of a running test.
+
+    Attributes:
+        at_s: time from which it holds, s of the test.
+        control: what the position loop adds to gain times error then; without a gain, the gain is
+            that with which the test begins.
+    """
+
+    at_s: float
+    control: ControlSettings
+
+
+@dataclass(frozen=True)
 class CampaignTest:
     """One test of a campaign, after matrices and repeats have been expanded; SI units.
 
@@ -162,6 +176,8 @@ class CampaignTest:
     """What the position loop adds to gain times error in this test; None for the rig's settings."""
     segment_ends: tuple[SegmentEnd, ...] = field(default=(), metadata={"unless_usual": True})
     """What ends segments of the test early, in their order; what does not come fails the test."""
+    control_changes: tuple[ControlFrom, ...] = field(default=(), metadata={"unless_usual": True})
+    """Other control settings that hold from times of the test on, in the order of these times."""
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,9 @@ class ControlError(ValueError):
         problems: the reasons, as one line each.
     """
 
-    def __init__(self, problem: str) -> None:
-        self.problems = [problem]
-        super().__init__(problem)
+    def __init__(self, *problems: str) -> None:
+        self.problems = [*problems]
+        super().__init__("\n".join(problems))
 
 
 class EndlessLineError(ValueError):
@@ -50,7 +50,9 @@ def ask(
     Args:
         folder: folder of the run.
         request: the request, one of `rig.runner.campaign.operator_requests.Request`.
-        text: text of a note; a remark on any other request, recorded with it; empty for none.
+        text: text of a note; the settings of a request to set the control of the running test, such
+            as "gain=80 V/m, integral_time=0.5 s"; a remark on any other request, recorded with it;
+            empty for none.
         test: name of the test to skip or to retry; empty for the present one.
         wait_s: time in s for which an answer is awaited.
 
@@ -81,7 +83,7 @@ def _answer(folder: Path, line: bytes) -> dict[str, Any]:
         problem = str(answer["problem"])
     except (ValueError, TypeError, KeyError, RecursionError):
         problem = "what serves its socket does not answer as a campaign does"
-    raise ControlError(f"{folder}: {problem}")
+    raise ControlError(*(f"{folder}: {line}" for line in problem.splitlines() or [""]))
 
 
 def _why(error: Exception) -> str:

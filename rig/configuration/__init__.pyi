@@ -38,12 +38,16 @@ from .rigs import (
     DEFAULT as DEFAULT,
     OFF as OFF,
     Rig as Rig,
+    control_in_words as control_in_words,
     control_lines as control_lines,
     dump_calibration as dump_calibration,
     find_rig as find_rig,
     load_rig as load_rig,
     load_stream as load_stream,
     load_tolerances as load_tolerances,
+    margins_by_model as margins_by_model,
+    margins_in_words as margins_in_words,
+    ordered_control as ordered_control,
     with_control as with_control,
 )
 from .sweeps import (

@@ -91,6 +91,12 @@ class Word(IntEnum):
     """Publisher of the live stream: time at which its last turn ended."""
     PUBLISHED = 27
     """Publisher: number of the row that it reads next, where a restarted publisher goes on."""
+    CHANGE = 28
+    """Supervisor: number of the change of control that the loop must have taken."""
+    CHANGED = 29
+    """Loop: number of the newest change of control that it has taken; stored last (release)."""
+    CHANGED_AT = 30
+    """Loop: number of the tick in its segment from which that change holds."""
     PASSINGS = 40
     """Loop: number of limits passed so far; stored after the passing itself (release)."""
     SKIP = 41

@@ -13,7 +13,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import ControlLaw, ControlMemory, proportional_command, tracking_command
+from control import (
+    ChangeMemory,
+    ControlLaw,
+    ControlMemory,
+    Moment,
+    Steered,
+    is_changing,
+    offset_of_change,
+    proportional_command,
+    tracking_command,
+)
 from estimator.filters import OUTPUTS, filter_start, filter_step
 from rig.channels import READINGS
 from rig.io import FAST_INPUTS, Corrections, correct
@@ -182,6 +192,11 @@ class Steering(NamedTuple):
     """(n, TONE_NUMBERS) frequencies of the setpoint that are corrected."""
     memory: ControlMemory
     """Memory of the position loop; updated."""
+    before: Steered
+    """The law before the last change of control, with its feedforward at the first of the ticks; as
+    now without one."""
+    change: ChangeMemory
+    """Memory of the changes of control; updated."""
 
 
 class TrueRig(NamedTuple):
@@ -271,6 +286,11 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
                 command = limited_command(True, wanted, reading[0], gain, limit)
             else:
                 ahead = ticks.feedforward[k] if k < ticks.feedforward.size else 0.0
+                if is_changing(how.change):
+                    ahead += offset_of_change(
+                        Moment(wanted, reading[0], time_s, limit, TICK), how.before,
+                        Steered(gain, how.law, ahead, how.tones), how.memory, how.change,
+                    )  # fmt: skip
                 expected = ticks.expected[k] if k < ticks.expected.size else wanted
                 command = tracking_command(
                     wanted, reading[0], ahead, expected, time_s, gain, limit, TICK, how.law,

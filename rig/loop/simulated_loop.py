@@ -11,7 +11,10 @@ from control import (
     POSITION_GAIN,
     Guide,
     LoopBasis,
+    Steered,
     begin_motion,
+    change_memory,
+    changeable,
     control_memory,
     moving_guide,
     raised_cosine,
@@ -108,10 +111,13 @@ class SimulatedLoop:
                 f"fault table {motion.faults.shape} does not fit {motion.setpoint.size} setpoints"
             )
         self._held = np.zeros(1)
+        self._laid = motion.setpoint
         self._tick = 0
         self._decided = no_decision()
         self._reaction = reaction_memory()
         self._control = control_memory()
+        self._change = change_memory()
+        self._before = self._steered()
         judged = self.interlock is not None
         self._guard = guard(self.interlock or _no_interlock(rig, assumed), judged)
         self._passings = PassingReader(self._guard.interlock.log)
@@ -226,6 +232,39 @@ class SimulatedLoop:
         self._guard = self._guard._replace(lead=self._guard.lead + rest - tick)
         return tick
 
+    def change(self, gain: float, guide: Guide) -> int:
+        """Give the running test another control; return the number of the tick from which it holds.
+
+        Args:
+            gain: gain of the position loop, V/m.
+            guide: what the position loop adds to gain times error, for all setpoints as they were
+                laid out.
+        """
+        self._before = self._steered()
+        self.gain, self.guide = float(gain), changeable(self._skipped(guide))
+        self._change.state[0] = 1.0
+        return self._tick
+
+    def _skipped(self, guide: Guide) -> Guide:
+        """Return a guide for all setpoints without those that were skipped so far."""
+        tick, lead = self._tick, self._guard.lead
+        if not lead:
+            return guide
+        laid = self._laid[tick + lead :]
+        beside = self.motion.setpoint[tick:] - laid
+        expected = guide.expected[tick + lead :]
+        gone = np.zeros(tick)
+        return guide._replace(
+            feedforward=np.concatenate([gone, guide.feedforward[tick + lead :]]),
+            expected=np.concatenate([gone, expected + beside[: expected.size]]),
+        )
+
+    def _steered(self) -> Steered:
+        """Return the present law with its feedforward at the next tick."""
+        ahead, tick = self.guide.feedforward, self._tick
+        now = float(ahead[tick]) if tick < ahead.size else 0.0
+        return Steered(float(self.gain), self.guide.law, now, self.guide.tones)
+
     def stop(self, action: Action, cause: Cause) -> None:
         """Stop the loop for a cause that its own interlock does not judge; `advance` raises it."""
         self._guard.stopped[:] = int(action), int(cause), NO_CHANNEL
@@ -280,6 +319,7 @@ class SimulatedLoop:
             Ticks(setpoint, faults, guide.feedforward, guide.expected, noise),
             Steering(
                 open_loop, self.gain, self.limit, on_fault, guide.law, guide.tones, self._control,
+                self._before, self._change,
             ),
             TrueRig(
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,

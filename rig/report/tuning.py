@@ -3,10 +3,11 @@
 from math import degrees, isfinite, pi
 from typing import Any, Final
 
+from control import Margins
 from rig.configuration import control_lines
 from rig.report.panel import Trace, line
 from rig.report.templating import rendered
-from rig.runner.experiments import Margins, Response, Tuning
+from rig.runner.experiments import Response, Tuning
 
 MM: Final = 1e3
 

@@ -151,6 +151,8 @@ def story(test: TestOutcome) -> str:
         sentences.append(f"Expected was: {label(test.expect)}.")
     sentences += [f"Not met: {each}." for each in test.missed]
     sentences.append(_limits_passed(test))
+    if changed := "; ".join(str(each) for each in test.control_changes):
+        sentences.append(f"Control changed {changed}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
         early = any(each.ended_early for each in test.segments)
         most = " at most, as segments ended early" if early and not test.message else ""

@@ -1,5 +1,7 @@
 """The control law of a test, from the settings of the rig or of the test and the assumed model."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +23,18 @@ def gain_for(rig: Rig, test: CampaignTest) -> float:
     return control_of(rig, test).gain or rig.gain_V_per_m
 
 
-def guide_for(rig: Rig, test: CampaignTest, samples: NDArray[np.float64], assumed: Model) -> Guide:
+def control_for(rig: Rig, test: CampaignTest) -> ControlSettings:
+    """Return the control settings of a test, in which the gain is given."""
+    return replace(control_of(rig, test), gain=gain_for(rig, test))
+
+
+def guide_for(
+    rig: Rig,
+    test: CampaignTest,
+    samples: NDArray[np.float64],
+    assumed: Model,
+    control: ControlSettings | None = None,
+) -> Guide:
     """Return what the position loop adds to gain times error in a test.
 
     Args:
@@ -29,15 +42,17 @@ def guide_for(rig: Rig, test: CampaignTest, samples: NDArray[np.float64], assume
         test: the test; a spring load of its own is known to the feedforward.
         samples: (ticks,) the test's setpoint, one a tick, m or V.
         assumed: the model that filter and loop assume.
+        control: other control settings for the running test, in which the gain is given.
     """
     assumed = _with_load(assumed, test)
+    settings = control or control_of(rig, test)
     return guide_of(
         test.setpoint,
         samples,
-        control_of(rig, test),
+        settings,
         assumed.parameters,
         rig.sensors,
-        gain_for(rig, test),
+        gain_for(rig, test) if control is None else control.gain or rig.gain_V_per_m,
         rig.limits.command_V,
     )
 

@@ -14,6 +14,7 @@ from typing import Any, Final, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from control import ControlSettings
 from estimator.filters import FilterMemory
 from faults import CampaignTest
 from rig.io import METERS, SLOW_INPUTS
@@ -131,7 +132,7 @@ class Session:
             limits=limits,
             basis=basis_for(self.rig.configured, test, assumed),
         )
-        self._test = HardwareTest(self.rig, wire, test)
+        self._test = HardwareTest(self.rig, wire, test, assumed)
         return self._test
 
     @contextmanager
@@ -173,8 +174,11 @@ class HardwareTest:
         channels: names of the columns of the rows that `advance` returns.
     """
 
-    def __init__(self, rig: ConnectedRig, wire: WireLoop, test: CampaignTest) -> None:
+    def __init__(
+        self, rig: ConnectedRig, wire: WireLoop, test: CampaignTest, assumed: Model
+    ) -> None:
         self.channels = wire.channels
+        self._assumed = assumed
         self._rig = rig
         self._wire = wire
         self._test = test
@@ -234,6 +238,30 @@ class HardwareTest:
         self._rig.going_on()
         with self._rig.reporting_stops():
             return self._wire.advance(ticks)
+
+    def change(self, control: ControlSettings) -> float | None:
+        """Give the running test another control, without a bump in the command.
+
+        Return the time of the test in s from which it holds; None if the loop has stopped the
+        motion, which the next `advance` tells.
+
+        Args:
+            control: the control settings, in which the gain is given.
+
+        Raises:
+            TripError: the loop did not take the change, or the rig has tripped.
+        """
+        rig = self._rig
+        setpoint, gain = self._wire.test.setpoint, control.gain or rig.configured.gain_V_per_m
+        guide = guide_for(rig.configured, self._test, setpoint, self._assumed, control)
+        rig.going_on()
+        try:
+            tick = self._wire.change(gain, guide)
+        except ChildError as error:
+            # The safety thread is given time to trip for a loop that is gone.
+            rig.wait(lambda: False, ANSWER_S, str(error), "see the session's log")
+            return None
+        return None if tick is None else tick * TICK
 
     def decided(self, row: Array) -> None:
         """Pass a decision of the detector, a row of `DECIDED`, to the loop.

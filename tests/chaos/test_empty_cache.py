@@ -36,6 +36,6 @@ def test_a_campaign_that_begins_with_an_empty_cache_compiles_before_it_arms_and_
         stage.run.wait(2.0 * COMPILE_S)
         printed = stage.printed
     assert stage.run.returncode in (0, 1), printed
-    assert "4 of 4" in printed
-    assert printed.index("4 of 4") < printed.index("loop: ")
+    assert "6 of 6" in printed
+    assert printed.index("6 of 6") < printed.index("loop: ")
     assert "compiles" not in printed

@@ -32,7 +32,7 @@ from rig.loop.interlocks.ladder import limit_table
 from rig.loop.realtime import RealTime
 from rig.loop.wire.cycle import wire_ticks
 from rig.loop.wire.layout import Drive, pace, wire_memory
-from rig.loop.wire.orders import Segment, course
+from rig.loop.wire.orders import Segment, control_in, course
 from rig.plant.integrator import TICK
 from tools.simulated.tracking_guide import TRACKING
 
@@ -116,8 +116,9 @@ def idle(rig: Rig, seconds: float) -> Array:
     driver = spec.create_fast()
 
     def run(number: int) -> None:
+        planned = course(Segment(number, Drive.NULL, memory, MODEL.parameters))
         wire_ticks(
-            course(Segment(number, Drive.NULL, memory, MODEL.parameters)),
+            planned, control_in(planned),
             compiled_filter(memory, MODEL.parameters),
             interlock(limit_table((), TICK), wire_tolerances(rig, spec)),
             pace(rig.loop, 1.0 / TICK), -1, driver.plan(), driver.look_plan(), wire_memory(),

@@ -26,8 +26,15 @@ def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> 
     skip         do not run a test, or end it: --test, else the present one
     retry        run a test again: --test, else the present one, else the last
     note TEXT    keep a text in journal, recording and report
+    set KEY=VALUE ...
+                 change the control of the present test without a bump
     acknowledge  record that somebody saw all that wants attention; TEXT may say more
     status       show the state of the campaign, as JSON
+
+    KEY is any key of a section `control`, VALUE as a rig file has it: set gain=80V/m
+    "integral_time=0.5 s"; integral_time=none takes a key back, and the one word `proportional`
+    all of them but the gain. What leaves less than 6 dB or 30 degrees by the model is refused. The
+    next test, and this one if it is run again, begins with the control of its file.
 
     Anybody who may write to the folder as the campaign's user may ask. TEXT may go with any request
     and is recorded with it. Exit code: 0 if the request was accepted, 2 if no campaign runs there
@@ -36,7 +43,8 @@ def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> 
     if test and request not in (Request.SKIP, Request.RETRY):
         click.echo(f"--test {test}: goes with skip or retry; leave it out", err=True)
         return EXIT_BAD_INPUT
-    answer = ask(directory, Request(request), " ".join(text), test)
+    between = ", " if request == Request.SET else " "
+    answer = ask(directory, Request(request), between.join(text), test)
     if "status" in answer:
         click.echo(json.dumps(answer["status"], indent=1, ensure_ascii=False))
     else:

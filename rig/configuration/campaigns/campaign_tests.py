@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field as SchemaField
 
 from control import ControlSettings, Setpoint
-from faults import CampaignTest, Fault, OnFault, SpringLoad, Until, Verdict
+from faults import CampaignTest, ControlFrom, Fault, OnFault, SpringLoad, Until, Verdict
 from rig.configuration.reading import (
     MAX_TESTS,
     Located,
@@ -30,6 +30,7 @@ from rig.configuration.rigs import GAIN, Rig, read_control
 from rig.plant import quantities
 
 from .awaited import awaited_files, read_awaited, read_until, until_files
+from .control_changes import ControlChangeFile, read_control_changes
 from .criteria import CriterionFile, OwnFigureFile, read_criteria, read_own_figures
 from .faults import FaultFile, read_faults
 from .limits import TestLimitFile, read_test_limits
@@ -71,6 +72,7 @@ class CampaignTestFile(Schema):
     criteria: Annotated[Any, Under(lambda: (CriterionFile,), many=True)] = None
     limits: Annotated[Any, Under(lambda: (TestLimitFile,), many=True)] = None
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
+    control_changes: Annotated[Any, Under(lambda: (ControlChangeFile,), many=True)] = None
     matrix: Any = None
 
 
@@ -200,6 +202,8 @@ class _TestReader:
                 faults = read_faults(self.item.get("faults"), lasts_s, self.rig)
                 criteria = read_criteria(self.item.get("criteria"), own, motion, self.rig)
                 limits = read_test_limits(self.item.get("limits"), own, motion, self.rig)
+                quantity = motion.setpoint.quantity if motion else None
+                changes = self._control_changes(control, lasts_s, quantity)
             if file is None or motion is None:
                 continue
             setpoint = motion.setpoint
@@ -229,6 +233,7 @@ class _TestReader:
                 until=None if until is None else until[0],
                 control=control,
                 segment_ends=motion.ends,
+                control_changes=changes,
             )
 
     def _until(self) -> tuple[Until, float] | None:
@@ -281,6 +286,12 @@ class _TestReader:
         """Return the test's own control settings; None if it has none, or they are unusable."""
         item = self.item.get("control")
         return None if item is None else read_control(item, self.rig.control if self.rig else None)
+
+    def _control_changes(
+        self, own: ControlSettings | None, lasts_s: float | None, quantity: str | None
+    ) -> tuple[ControlFrom, ...]:
+        first = own or (self.rig.control if self.rig else ControlSettings())
+        return read_control_changes(self.item.get("control_changes"), first, lasts_s, quantity)
 
     def _load(self) -> SpringLoad | None:
         item = self.item.get("load")

@@ -24,7 +24,7 @@ from faults import (
     square_root_flow,
 )
 from rig.configuration.reading import show
-from rig.configuration.rigs import Rig
+from rig.configuration.rigs import Rig, control_in_words, margins_by_model, margins_in_words
 from rig.plant import TICK, Model, Parameters, quantities
 from rig.recording import unit_of
 
@@ -110,6 +110,9 @@ class PlannedTest:
             lines.append(f"  {self.following}")
         lines.append(f"  expect {test.expect}")
         lines += [f"  fault {fault}" for fault in self.faults]
+        for each in test.control_changes:
+            words = control_in_words(each.control) or "gain times error alone"
+            lines.append(f"  control from {show(each.at_s, 's')}: {words}")
         lines += [f"  wait for {_condition(each)}" for each in test.wait_for]
         if test.until is not None:
             lines.append(f"  {test.until.label}, at most {test.duration_s:g} s")
@@ -179,7 +182,7 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     """
     known: dict[str, Following] = {}
     return tuple(
-        _plan(test, rig, campaign.filter_name, _following(test, rig, campaign.model, known))
+        _plan(test, rig, campaign, _following(test, rig, campaign.model, known))
         for test in campaign.tests
     )
 
@@ -211,7 +214,7 @@ def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
 
 
 def _plan(
-    test: CampaignTest, rig: Rig, filter_name: str, following: Following | None
+    test: CampaignTest, rig: Rig, campaign: Campaign, following: Following | None
 ) -> PlannedTest:
     times = np.arange(round(test.duration_s / TICK)) * TICK
     setpoint = test.setpoint.sample(times)
@@ -233,7 +236,8 @@ def _plan(
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
             *_volts_warnings(following, speed <= fastest),
-            *_detector_warnings(test, rig, filter_name),
+            *_control_warnings(test, rig, campaign.model.parameters),
+            *_detector_warnings(test, rig, campaign.filter_name),
             *_waiting_warnings(test, rig),
         ),
         following=following,
@@ -296,6 +300,18 @@ def _volts_warnings(following: Following | None, reachable: bool) -> Iterator[st
     """
     if following is not None and reachable and following.tracks and following.out_of_reach:
         yield f"{following.out_of_reach}; the ram will lag, whatever the control"
+
+
+def _control_warnings(test: CampaignTest, rig: Rig, par: Parameters) -> Iterator[str]:
+    """Yield a warning for each change of control that leaves too small margins by the model."""
+    first = test.gain_V_per_m or (test.control or rig.control).gain or rig.gain_V_per_m
+    for each in test.control_changes:
+        found = margins_by_model(each.control, each.control.gain or first, rig, par)
+        if not found.kept:
+            yield (
+                f"the control from {show(each.at_s, 's')} leaves {margins_in_words(found)} by the "
+                "model, below the 6 dB and 30 degrees that a loop must keep; lower its gain"
+            )
 
 
 def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:

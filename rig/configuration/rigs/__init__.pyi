@@ -9,6 +9,12 @@ from .control import (
     read_control as read_control,
     with_control as with_control,
 )
+from .control_orders import (
+    control_in_words as control_in_words,
+    margins_by_model as margins_by_model,
+    margins_in_words as margins_in_words,
+    ordered_control as ordered_control,
+)
 from .hardware import valves_of as valves_of
 from .limits import (
     Limits as Limits,

@@ -4,6 +4,7 @@ from .layout import (
     NULL_V as NULL_V,
     RAMP_S as RAMP_S,
     Count as Count,
+    Course as Course,
     Drive as Drive,
     Found as Found,
     Integers as Integers,
@@ -15,10 +16,14 @@ from .layout import (
 )
 from .loop import WireLoop as WireLoop, post_decision as post_decision
 from .orders import (
+    ChangeControl as ChangeControl,
     Close as Close,
     Closed as Closed,
     Open as Open,
     Opened as Opened,
     Segment as Segment,
+    changed_course as changed_course,
+    control_in as control_in,
     course as course,
+    prepared as prepared,
 )

@@ -8,7 +8,6 @@ loop waits for nothing but the clock and the device.
 from math import isnan, nan
 from typing import Final
 
-from control import begin_motion, tracking_command
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, ExchangeStatus, exchange, monotonic_ns
 from rig.jit import njit
 from rig.loop.atomic import load_acquire, store_release
@@ -25,9 +24,10 @@ from rig.loop.interlocks import (
     check_sample,
     held_position,
 )
-from rig.loop.reaction import Reaction, forget, react, tolerating
+from rig.loop.reaction import Reaction, react, tolerating
 from rig.plant import READING_COUNT, inner
 
+from .changing import begin_or_go_on, left_for, tracked_command
 from .following import error_of, setpoint_of, take_skip, wanted_at
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 from .null_check import VALVE_ENABLED, is_null, look_at_null
@@ -60,11 +60,12 @@ _NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
-    """Run one segment until another one is asked for; return why it ended, a `Left`.
+def wire_ticks(course, earlier, filt, interlock, pace, fd, plan, look, memory, shared):
+    """Run one segment until another one, or another control, is asked for; return why, a `Left`.
 
     Args:
         course: the segment, `Course`.
+        earlier: its control before the last change of it, `Earlier`.
         filt: the filter, `CompiledFilter`; updated. The first sample with position and both
             pressures starts it and the segment.
         interlock: `Interlock`; its memory is updated.
@@ -76,15 +77,11 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         shared: the board, `Board`; updated.
     """
     words, counts, outputs = shared.words, memory.counts, memory.outputs
-    memory.handling[:] = nan
-    memory.decided[:] = nan
-    forget(memory.reaction)
-    begin_motion(course.drive == Drive.TRACK and not course.open_loop, memory.control)
     at = STATES_AT + filt.x.size + DECISION_COLUMNS
-    tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
-    words[Word.TICK] = words[Word.LEAD] = 0
-    words[Word.SEGMENT] = course.number
+    tick, started, action, held = begin_or_go_on(course, outputs[_COMMAND], words, memory)
     while load_acquire(words, Word.SWITCH.value) == course.number:
+        if words[Word.CHANGE] != course.change:
+            return left_for(tick, started, action, held, memory)
         due, woken, missed = _wait_for_tick(counts, pace)
         words[Word.MISSED] += missed
         # Words of other processes are read before any command: this one may have been stopped.
@@ -105,7 +102,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         place = now + take_skip(course, now, action, memory, words)
         drive = _drive(course, place, action, taken, words)
         command = allowed_command(
-            _command(drive, course, filt, place, pace, interlock.limits, memory, words),
+            _command(drive, course, earlier, filt, place, pace, interlock.limits, memory, words),
             words[Word.HOMED] != 0,
             interlock.tolerances, interlock.memory,
         )  # fmt: skip
@@ -306,7 +303,7 @@ def _drive(course, place, action, taken, words):
 
 
 @inner
-def _command(drive, course, filt, place, pace, limits, memory, words):
+def _command(drive, course, earlier, filt, place, pace, limits, memory, words):
     """Return the command in V at a place in the segment's setpoints, as `drive` asks.
 
     When a hold or a ramp down begins, note in `memory.handling` where it does.
@@ -316,15 +313,7 @@ def _command(drive, course, filt, place, pace, limits, memory, words):
         setpoint, limit = wanted_at(course, place, memory), course.limit
         if course.open_loop:
             return limited_command(True, setpoint, position, course.gain, limit)
-        ahead = course.feedforward[place] if place < course.feedforward.size else 0.0
-        expected = setpoint
-        if place < course.expected.size:
-            # After a skip the setpoint is beside the one that is laid out, and so is the ram.
-            expected = course.expected[place] + (setpoint - course.setpoint[place])
-        command = tracking_command(
-            setpoint, position, ahead, expected, place * pace.period_s, course.gain, limit,
-            pace.period_s, course.law, course.tones, memory.control,
-        )  # fmt: skip
+        command = tracked_command(course, earlier, setpoint, place, position, pace.period_s, memory)
         return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
                           pace.period_s, memory.reaction)  # fmt: skip
     if drive == Drive.HOLD:

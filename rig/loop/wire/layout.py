@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import ControlLaw, ControlMemory, control_memory
+from control import ChangeMemory, ControlLaw, ControlMemory, Guide, change_memory, control_memory
 from rig.channels import READINGS, Kind, names_of
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, Corrections, LoopSettings, corrections_of
 from rig.loop.cycle import sample_channels
@@ -81,6 +81,8 @@ class Left(IntEnum):
     """The loop was asked to leave; it has sent a null frame."""
     UNCONFIRMED = 2
     """It tripped, and the device did not confirm by this connection that the valve is at null."""
+    CHANGED = 3
+    """The supervisor asked for another control; the segment goes on with the next tick."""
 
 
 class Pace(NamedTuple):
@@ -179,6 +181,19 @@ class Course(NamedTuple):
     """1 if the operator is asked to press the reset button, else 0."""
     rearm: float
     """1 if a watchdog that tripped is acknowledged, else 0."""
+    change: int
+    """Number of the newest change of control that the segment has taken, or that came before it."""
+    goes_on: bool
+    """Whether the segment goes on after a change of its control, rather than begins."""
+
+
+class Earlier(NamedTuple):
+    """The control of a segment before the last change of it; as in `Course` without a change."""
+
+    gain: float
+    """Gain of the position loop, V/m."""
+    guide: Guide
+    """What the position loop added to gain times error."""
 
 
 class Count(IntEnum):
@@ -240,6 +255,19 @@ class Handling(IntEnum):
     """Number of ticks in which the setpoint goes over."""
 
 
+class Going(IntEnum):
+    """Index of each number in `WireMemory.going`: where a segment that was left goes on."""
+
+    TICK = 0
+    """Number of the next tick."""
+    STARTED = 1
+    """1 once the first whole sample has come, else 0."""
+    ACTION = 2
+    """`Action` of the segment so far."""
+    HELD = 3
+    """Command that is held up to the next sample, V."""
+
+
 class WireMemory(NamedTuple):
     """The memory of the loop on the wire, which lasts from segment to segment."""
 
@@ -269,6 +297,10 @@ class WireMemory(NamedTuple):
     """Memory of the reaction to a confirmed fault."""
     control: ControlMemory
     """Memory of the position loop."""
+    change: ChangeMemory
+    """Memory of the changes of the segment's control."""
+    going: Array
+    """Where the segment is that was left for a change, indexed by `Going`."""
     corrections: Corrections
     """Calibrations of the transducers, by which inputs are corrected."""
 
@@ -289,5 +321,7 @@ def wire_memory() -> WireMemory:
         no_decision(),
         reaction_memory(),
         control_memory(),
+        change_memory(),
+        np.zeros(len(Going)),
         corrections_of(),
     )

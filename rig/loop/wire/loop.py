@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from control import moving_guide, raised_cosine
+from control import Guide, moving_guide, raised_cosine
 from rig.loop.atomic import load_acquire, store_release
 from rig.loop.board import DECISIONS_KEPT, Board, RingReader, Word
 from rig.loop.interlocks import (
@@ -22,7 +22,7 @@ from rig.loop.interlocks import (
 
 from .following import skip_order
 from .layout import Drive, wire_channels
-from .orders import Segment
+from .orders import ChangeControl, Segment
 
 Array = NDArray[np.float64]
 
@@ -178,6 +178,40 @@ class WireLoop:
         self._rows, self._waiting = [rows[wanted:]], len(rows) - wanted
         self._done += wanted
         return rows[:wanted]
+
+    def change(self, gain: float, guide: Guide) -> int | None:
+        """Give the running test another control; return the number of the tick from which it holds.
+
+        It waits up to `ANSWER_S` until the loop has prepared the change, and again until it has
+        taken it, between two ticks. The ram is held by the new gain after the test, too. The result
+        is None if the loop stopped the motion or fell silent meanwhile, which `advance` raises.
+
+        Args:
+            gain: gain of the position loop, V/m.
+            guide: what the position loop adds to gain times error.
+
+        Raises:
+            TripError: the loop did not take the change in time.
+            ChildError: the loop process did not take the order.
+        """
+        number = int(self._words[Word.CHANGE]) + 1
+        self.process.send(ChangeControl(number, self.number, gain, guide))
+        self.process.answer(ANSWER_S)
+        self._words[Word.CHANGE] = number
+        until = time.monotonic() + ANSWER_S
+        while self._words[Word.CHANGED] != number:
+            try:
+                self._check()
+            except LoopStoppedError:
+                return None
+            if time.monotonic() >= until:
+                raise TripError(
+                    f"the loop has not taken another control within {ANSWER_S:g} s after the "
+                    "order; end what else loads this computer, then begin anew"
+                )
+            time.sleep(_NAP_S)
+        self.test = replace(self.test, gain=gain, guide=guide)
+        return int(self._words[Word.CHANGED_AT])
 
     def decided(self, row: Array) -> None:
         """Post a decision on the test, a row of `DECIDED`, which later rows of the loop contain."""

@@ -4,12 +4,12 @@ The supervisor numbers the segments. An ordered segment begins when the board's 
 its number. The segment before it goes on until then, so that exchanges never pause.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide, LoopBasis
+from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide, LoopBasis, changeable
 from estimator.filters import FilterMemory
 from rig.io import ChannelLimit, DriverSpec, LoopSettings, TransducerCalibration
 from rig.loop.interlocks import LimitTable, Tolerances
@@ -17,7 +17,7 @@ from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
 from rig.plant import Parameters
 
-from .layout import Course, Drive
+from .layout import Course, Drive, Earlier
 
 Array = NDArray[np.float64]
 
@@ -68,18 +68,63 @@ class Segment:
     basis: LoopBasis | None = None
 
 
+@dataclass(frozen=True)
+class ChangeControl:
+    """The order of another control for a segment; the answer is its number, once it is prepared.
+
+    The loop takes it between two ticks, as soon as the board's word CHANGE becomes its number, and
+    says so by CHANGED and CHANGED_AT.
+
+    Attributes:
+        number: number of the change, greater than those of all earlier ones in the session.
+        segment: number of the segment, which tracks positions.
+        gain: gain of the position loop, V/m.
+        guide: what the position loop adds to gain times error.
+    """
+
+    number: int
+    segment: int
+    gain: float
+    guide: Guide
+
+
 def course(segment: Segment) -> Course:
     """Return what of a segment the compiled loop needs, in the types for which it is compiled."""
-    law, feedforward, tones, expected = segment.guide
+    law, feedforward, tones, expected = _compilable(segment.guide)
     return Course(
         int(segment.number), np.ascontiguousarray(segment.setpoint, np.float64),
         int(segment.drive), bool(segment.open_loop), float(segment.gain), float(segment.limit),
-        ControlLaw(bool(law[0]), *map(float, law[1:])),
-        np.ascontiguousarray(feedforward, np.float64), np.ascontiguousarray(expected, np.float64),
-        np.ascontiguousarray(tones, np.float64),
+        law, feedforward, expected, tones,
         int(segment.on_fault), float(segment.offset_m), float(segment.valve_enable),
-        float(segment.reset_lamp), float(segment.rearm),
+        float(segment.reset_lamp), float(segment.rearm), 0, False,
     )  # fmt: skip
+
+
+def prepared(change: ChangeControl) -> ChangeControl:
+    """Return a change with a law that can go on from another, in the types of the compiled loop."""
+    guide = _compilable(changeable(change.guide))
+    return replace(change, gain=float(change.gain), guide=guide)
+
+
+def changed_course(now: Course, change: ChangeControl) -> Course:
+    """Return the course that goes on from `now` after a change that is `prepared`."""
+    law, feedforward, tones, expected = change.guide
+    return now._replace(
+        gain=change.gain, law=law, feedforward=feedforward, expected=expected, tones=tones,
+        goes_on=True,
+    )  # fmt: skip
+
+
+def control_in(course: Course) -> Earlier:
+    """Return the control of a course, before it is changed."""
+    guide = Guide(course.law, course.feedforward, course.tones, course.expected)
+    return Earlier(course.gain, guide)
+
+
+def _compilable(guide: Guide) -> Guide:
+    law, *tables = guide
+    feedforward, tones, expected = (np.ascontiguousarray(each, np.float64) for each in tables)
+    return Guide(ControlLaw(bool(law[0]), *map(float, law[1:])), feedforward, tones, expected)
 
 
 @dataclass(frozen=True)

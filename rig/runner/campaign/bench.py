@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NoReturn, Protocol, runtime_checkable
 
-from control import Setpoint
+from control import ControlSettings, Setpoint
 from estimator.filters import FilterMemory
 from faults import CampaignTest, Verdict
 from rig.loop import Action, RungPassed
@@ -50,6 +50,19 @@ class Loop(Protocol):
 
         Raises:
             TripError: the rig tripped, and no further rows came.
+        """
+
+    def change(self, control: ControlSettings) -> float | None:
+        """Give the running test another control, without a bump in the command.
+
+        Return the time of the test in s from which it holds; None if the loop has stopped the
+        motion, which the next `advance` tells.
+
+        Args:
+            control: the control settings, in which the gain is given.
+
+        Raises:
+            TripError: the loop did not take the change.
         """
 
     def decided(self, row: Array) -> None:

@@ -53,6 +53,7 @@ from .bench import Bench
 from .campaign_test_run import Phase, Setting, not_run, run_test
 from .compiled_pieces import Needs
 from .compiling import ON_HARDWARE, SIMULATED, compile_for, load
+from .control_change import RunningControl
 from .control_port import ControlPort
 from .operator_requests import Desk, Request
 from .pacing import Pace, Pacer
@@ -365,12 +366,15 @@ class _CampaignRun(Setting):
         attempt = self.standing.number_of(index)
         kept = keep_attempt(self.directory / recording, attempt - 1) if attempt > 1 else None
         self.observer.test_begins(self.references.running_order.index(index) + 1, test)
-        self.desk.begins(index)
+        self.desk.begins(index, RunningControl(self.rig, test, self.campaign.model))
         self.present, self.phase = index, Phase.SETUP
         self.desk.record(
             "phase", test=index, attempt=attempt, phase=Phase.SETUP, kept=kept, durable=False
         )
         outcome = run_test(self, test, recording)
+        for change in self.desk.take_control_changes(0.0):
+            # The test had come to its end before the loop could take it.
+            self.desk.record("control", test=index, at_s=None, who=change.who, what=str(change))
         self.counter.save()
         if outcome.is_finished and self.desk.interruption is Request.RETRY:
             message = "an operator has it run again"

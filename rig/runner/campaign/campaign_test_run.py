@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from math import ceil, inf
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ from rig.runner.counters import RigCounter
 from rig.runner.outcomes import (
     Array,
     AwaitedEnd,
+    ControlChanged,
     CriterionResult,
     DecisionRows,
     Figure,
@@ -52,6 +54,8 @@ from .suspending import Suspenders
 CLEANUP_S: Final = 60.0
 """How long cleaning up may take, s. On hardware the ramp and the answers of loop and recorder, each
 with a limit of its own, add up to 35 s."""
+_ROUNDED: Final = 1e-3
+"""Part of a tick by which the time of a change may be later than a tick, by rounding."""
 
 
 class Phase(StrEnum):
@@ -212,6 +216,7 @@ class _RunningTest:
         self._recorded = False
         setting.counter.begins(anew=not setting.bench.live)
         self._ticks = 0
+        self._changes: list[ControlChanged] = []
         self._verdict = ""
         self._timing: Mapping[str, Any] | None = None
         self._learning = setting.references.learning(test)
@@ -327,6 +332,7 @@ class _RunningTest:
             figures={**figures, **own},
             criteria=self._criteria,
             limits=tuple(self._limits.passed),
+            control_changes=tuple(self._changes),
             counted=self._setting.counter.in_test if self._ticks else None,
             segments=segments_run(self._test, self._timeline, self._ticks * TICK),
             message=self._message(outcome),
@@ -367,6 +373,7 @@ class _RunningTest:
             while self._loop.ticks_left and not self._setting.stop.requested and not self._end.came:
                 self._go_on()
                 self._run_batch()
+                self._change_control()
             if self._end.came:
                 # The campaign goes on with the ram held, as at the end of any test.
                 self._loop.end_early()
@@ -389,7 +396,7 @@ class _RunningTest:
 
     def _run_batch(self) -> None:
         pacer = self._setting.pacer
-        ticks = self._judge.ticks_due
+        ticks = self._ticks_due
         # A limit that this process acts on is looked at as often at any pace, for the same rows.
         live = pacer.live or self._setting.bench.live or self._limits.acts
         live = live or self._end.by_channel or self._segments.is_close
@@ -412,6 +419,36 @@ class _RunningTest:
             self._event(self._last_s, "note", note)
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
+
+    @property
+    def _ticks_due(self) -> int:
+        """Number of ticks to the end of the block, or to where the file changes the control."""
+        ticks, change_s = self._judge.ticks_due, self._setting.desk.next_control_change_s
+        left = ticks if change_s == inf else ceil(change_s / TICK - _ROUNDED) - self._ticks
+        return min(ticks, max(left, 1))
+
+    def _change_control(self) -> None:
+        """Give the loop the control that is asked for now, and record from when it holds.
+
+        It is done between two batches, once the test has begun, while ticks of it are left.
+
+        Raises:
+            TripError: the loop did not take the change.
+        """
+        if not self._ticks or not self._loop.ticks_left or self._end.came:
+            return
+        asked = self._setting.desk.take_control_changes(self._ticks * TICK)
+        at_s = self._loop.change(asked[-1].after) if asked else None
+        if at_s is None:
+            return
+        for change in asked:
+            changed = ControlChanged(at_s, change.who, str(change))
+            self._changes.append(changed)
+            self._event(at_s, "control", f"{change.who}: {change}")
+            self._setting.desk.record(
+                "control", test=self._setting.present, at_s=at_s, who=change.who, what=str(change)
+            )
+            self._setting.observer.rig_tells(f"{self._test.name}: {changed}")
 
     def _watch(self, rows: Array) -> None:
         """Follow the test's limits in the next rows, and act on those that the loop does not judge.

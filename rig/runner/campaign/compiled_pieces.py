@@ -12,7 +12,18 @@ from typing import Final
 import numpy as np
 from numba.core.types import literal
 
-from control import Constant, ControlSettings, expected_position
+from control import (
+    PLAIN,
+    Constant,
+    ControlSettings,
+    Moment,
+    Steered,
+    change_memory,
+    changeable,
+    control_memory,
+    expected_position,
+    offset_of_change,
+)
 from estimator.filters import (
     DEFAULT_FILTER,
     OUTPUTS,
@@ -31,6 +42,7 @@ from rig.loop import (
     Drive,
     Reaction,
     Segment,
+    control_in,
     course,
     guard,
     judge,
@@ -114,6 +126,13 @@ def _reaction(needs: Needs) -> None:
     )
 
 
+def _change(needs: Needs) -> None:
+    """Compile how a loop goes over to another control, and with it the tracking law."""
+    law = Steered(1.0, changeable(PLAIN).law, 0.0, PLAIN.tones)
+    moment = Moment(0.0, 0.0, 0.0, 1.0, TICK)
+    offset_of_change(moment, law, law, control_memory(), change_memory())
+
+
 def _estimates(needs: Needs) -> None:
     """Compile the filter's step, and how a loop writes its row."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
@@ -178,8 +197,10 @@ def _loop(needs: Needs) -> None:
     fast = needs.fast
     driver = fast.create_fast()
     board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
+    nothing = course(Segment(_NEVER, Drive.NULL, memory, model.parameters))
     wire_ticks(
-        course(Segment(_NEVER, Drive.NULL, memory, model.parameters)),
+        nothing,
+        control_in(nothing),
         compiled_filter(memory, model.parameters),
         interlock_of(rig, model, frozenset(fast.inputs), 1.0 / rig.loop.rate),
         pace(rig.loop, driver.rate_hz),
@@ -243,11 +264,14 @@ PIECES: Final[dict[str, Piece]] = {
     "estimates": Piece(_estimates),
     "interlock": Piece(_interlock),
     "reaction": Piece(_reaction),
-    "simulated loop": Piece(_simulated_loop, after=("plant", "estimates", "interlock", "reaction")),
+    "change of control": Piece(_change),
+    "simulated loop": Piece(
+        _simulated_loop, after=("plant", "estimates", "interlock", "reaction", "change of control")
+    ),
     "expected position": Piece(_expected),
     "filter": Piece(_filter, after=("estimates",)),
     "detector": Piece(_detector),
     "decisions": Piece(_decisions),
-    LOOP: Piece(_loop, after=("filter",)),
+    LOOP: Piece(_loop, after=("filter", "change of control")),
 }
 """All pieces, by the names that the operator reads."""

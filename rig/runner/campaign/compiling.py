@@ -32,14 +32,17 @@ Say = Callable[[str], None]
 Names = tuple[str, ...]
 
 SIMULATED: Final[Names] = (
-    "estimates", "plant", "interlock", "reaction", "simulated loop", "detector", "filter",
+    "estimates", "plant", "interlock", "reaction", "change of control", "simulated loop",
+    "detector", "filter",
 )  # fmt: skip
 """Pieces of a campaign on a simulated rig; of those that can be compiled next, a worker takes the
 first in this order."""
-ON_HARDWARE: Final[Names] = ("filter", "detector", LOOP, "decisions", "expected position")
+ON_HARDWARE: Final[Names] = (
+    "filter", "detector", "change of control", LOOP, "decisions", "expected position",
+)  # fmt: skip
 """Pieces of a campaign on hardware. A simulated rig waits while its code is compiled, so that there
 the expected position may be compiled when a test first needs it."""
-WITHOUT_TESTS: Final[Names] = ("filter", LOOP)
+WITHOUT_TESTS: Final[Names] = ("filter", "change of control", LOOP)
 """Pieces of a session on hardware that moves the ram without any test."""
 
 _LOOK_S: Final = 0.05

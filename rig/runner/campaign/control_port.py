@@ -107,7 +107,7 @@ class ControlPort:
         except Exception as error:  # any failure is answered, and the next request is served
             why = f"it failed: {failure(error)}"
         with self._survives:
-            self._refused(why)
+            self._refused(why.replace("\n", "; "))
         return {"ok": False, "problem": why}
 
     def _obeyed(self, client: socket.socket) -> dict[str, Any]:

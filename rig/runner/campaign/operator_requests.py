@@ -3,9 +3,14 @@
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
-from typing import Any, Final
+from math import inf
+from typing import TYPE_CHECKING, Any, Final
 
 from .stopping import StopFlag
+
+if TYPE_CHECKING:
+    # Asking a campaign by `rig control` must not load the configuration.
+    from .control_change import ControlChange, RunningControl
 
 LONGEST_TEXT: Final = 1000
 """Most characters of the text of a request."""
@@ -33,6 +38,8 @@ class Request(StrEnum):
     """Run a test again; if it is running, end it first."""
     NOTE = "note"
     """Write a text to the journal, and to the recording of the present or the next test."""
+    SET = "set"
+    """Change the control of the test that runs, without a bump in its command."""
     ACKNOWLEDGE = "acknowledge"
     """Write to the journal that the operator has noticed all that wants attention, and clear it."""
     STATUS = "status"
@@ -63,6 +70,7 @@ class Desk:
         self._present: int | None = None
         self._last: int | None = None
         self._phase = ""
+        self._control: RunningControl | None = None
         self._statuses: dict[int, str] = {}
         self._held: Sequence[str] = ()
         self._attention: list[str] = []
@@ -117,10 +125,11 @@ class Desk:
         finally:
             self._lock.release()
 
-    def begins(self, index: int) -> None:
-        """Note that the test with an index begins, and reset `interruption` to None."""
+    def begins(self, index: int, control: "RunningControl") -> None:
+        """Note that the test with an index begins, with its control, and reset `interruption`."""
         with self._lock:
             self._present, self.interruption = index, None
+            self._control = control
 
     def enters(self, phase: str) -> None:
         """Note the phase that the present test enters."""
@@ -137,6 +146,7 @@ class Desk:
         """
         with self._lock:
             self._present, self._last, self._phase = None, index, ""
+            self._control = None
             self._statuses[index] = status
             if attention:
                 self._attention.append(f"{self._names[index]}: {status}")
@@ -157,11 +167,25 @@ class Desk:
     def take_notes(self) -> list[str]:
         """Return the operators' notes since the last call, and forget them: "OPERATOR: TEXT" each.
 
-        The texts of other requests are among them, as "OPERATOR: REQUEST: TEXT".
+        The texts of other requests but SET are among them, as "OPERATOR: REQUEST: TEXT".
         """
         with self._lock:
             notes, self._notes = self._notes, []
         return notes
+
+    def take_control_changes(self, time_s: float) -> "list[ControlChange]":
+        """Return the changes of the running test's control that are due at a time of it, s.
+
+        They are in their order, and forgotten.
+        """
+        with self._lock:
+            return [] if self._control is None else self._control.take(time_s)
+
+    @property
+    def next_control_change_s(self) -> float:
+        """The time at which the running test's file changes its control next, s; inf if never."""
+        with self._lock:
+            return inf if self._control is None else self._control.next_s
 
     # -- operators --------------------------------------------------------------------------------
 
@@ -174,8 +198,8 @@ class Desk:
         Args:
             request: what the operator asks for.
             who: name of the operator.
-            text: the text of a note; any other request may have one, too; at most `LONGEST_TEXT`
-                characters.
+            text: the text of a note, or what a SET sets (`rig.configuration.ordered_control`); any
+                other request may have one, too; at most `LONGEST_TEXT` characters.
             test: name of the test to skip or retry. If empty, it is the test that runs; if none
                 runs, RETRY means the test that ended last, and SKIP is refused.
 
@@ -191,7 +215,11 @@ class Desk:
             if self._write is None:
                 raise RefusedError("the campaign is not running")
             index = self._index(request, test) if request in (Request.SKIP, Request.RETRY) else None
-            reply = self._checked(request, text, index)
+            change = None
+            if request is Request.SET:
+                change, reply = self._checked_change(who, text)
+            else:
+                reply = self._checked(request, text, index)
             details: dict[str, Any] = {"text": text} if text else {}
             if index is not None:
                 details |= {"test": index, "running": index == self._present}
@@ -204,6 +232,8 @@ class Desk:
                     raise RefusedError(f"the journal cannot be written: {error}") from None
                 reply += f", but the journal cannot be written: {error}"
             self._obey(request, who, text, index)
+            if change is not None and self._control is not None:
+                self._control.add(change)
         if request in (Request.PAUSE, Request.RESUME):
             self._changed(self.paused, self._held)
         return reply
@@ -212,8 +242,8 @@ class Desk:
         """Return the state of the campaign as JSON-able values.
 
         They are the state ("running", "between tests", "paused", "held" or "ended"), whether a
-        pause is asked for, the reasons for a hold, the present test and its phase, the number of
-        tests, the status of each test that has ended, and what wants attention.
+        pause is asked for, the reasons for a hold, the present test, its phase and its control, the
+        number of tests, the status of each test that has ended, and what wants attention.
         """
         with self._lock:
             state = "running" if self._present is not None else "between tests"
@@ -225,6 +255,7 @@ class Desk:
                 "held": list(self._held),
                 "test": None if self._present is None else self._names[self._present],
                 "phase": self._phase,
+                "control": "" if self._control is None else str(self._control),
                 "tests": len(self._names),
                 "ended": {self._names[index]: status for index, status in self._statuses.items()},
                 "attention": list(self._attention),
@@ -277,10 +308,24 @@ class Desk:
             return f"acknowledged: {'; '.join(self._attention)}"
         return "noted" if request is Request.NOTE else "acknowledged; nothing wanted attention"
 
+    def _checked_change(self, who: str, text: str) -> "tuple[ControlChange, str]":
+        """Return the change of control that a SET asks for, and the answer; nothing changes yet.
+
+        Raises:
+            RefusedError: no test runs, or the change is refused.
+        """
+        if self._control is None or self._present is None or self._phase == "cleanup":
+            raise RefusedError("no test runs whose control could be set")
+        change, judged = self._control.asked(who, text)
+        return change, f"sets {change} in {self._names[self._present]} without a bump; {judged}"
+
     def _obey(self, request: Request, who: str, text: str, index: int | None) -> None:
         running = index is not None and index == self._present
-        if text:
-            self._notes.append(f"{who}: {text if request == 'note' else f'{request}: {text}'}")
+        # What came of a SET is an event of its own in the recording.
+        if text and request is not Request.SET:
+            self._notes.append(
+                f"{who}: {text if request is Request.NOTE else f'{request}: {text}'}"
+            )
         match request:
             case Request.PAUSE | Request.RESUME:
                 self.paused = request is Request.PAUSE

@@ -8,6 +8,7 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 
+from control import ControlSettings
 from estimator.filters import FilterMemory
 from faults import CampaignTest, FaultSchedule
 from rig.channels import READINGS
@@ -53,6 +54,9 @@ class SimulatedTest:
 
     Attributes:
         loop: the simulated loop, before its first tick.
+        rig: the rig that is simulated.
+        test: the test.
+        assumed: the model that filter and loop assume.
         directory: folder of the run, to which a trip report is written.
         ladder: the limits of the loop's interlock, for a trip report: those of the rig come first.
         say: shows a line to the operator.
@@ -61,6 +65,9 @@ class SimulatedTest:
     """
 
     loop: SimulatedLoop
+    rig: Rig
+    test: CampaignTest
+    assumed: Model
     directory: Path
     ladder: Sequence[ChannelLimit]
     say: Callable[[str], None]
@@ -125,6 +132,12 @@ class SimulatedTest:
         self._last = np.concatenate([self._last, rows])[-_REPORTED:]
         self._show_indicated()
         return rows
+
+    def change(self, control: ControlSettings) -> float:
+        """Give the running test another control; return the time in s from which it holds."""
+        setpoint = self.loop.motion.setpoint
+        guide = guide_for(self.rig, self.test, setpoint, self.assumed, control)
+        return self.loop.change(control.gain or self.rig.gain_V_per_m, guide) * TICK
 
     def decided(self, row: Array) -> None:
         """Give the loop the detector's decision, a row of `rig.loop.decided.DECIDED`."""
@@ -223,7 +236,9 @@ class SimulatedBench:
         loop = loop_of(self.rig, test, memory, assumed)
         own = rungs_of(test.limits)
         ladder = (*self.rig.ladder, *own)
-        self.test = SimulatedTest(loop, self.directory, ladder, self.say, len(own))
+        self.test = SimulatedTest(
+            loop, self.rig, test, assumed, self.directory, ladder, self.say, len(own)
+        )
         return self.test
 
     def reading(self, channel: str) -> float | None:

@@ -24,7 +24,6 @@ from .gap_results import (
     provenance_of as provenance_of,
     rig_plant as rig_plant,
 )
-from .loop_fit import LoopModel as LoopModel, Margins as Margins
 from .parts import ExperimentStoppedError as ExperimentStoppedError
 from .tuning import (
     Response as Response,

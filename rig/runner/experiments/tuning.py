@@ -19,12 +19,15 @@ from numpy.typing import NDArray
 from control import (
     Constant,
     ControlSettings,
+    LoopModel,
+    Margins,
     Multisine,
     Polyline,
     Quantity,
     Setpoint,
     Sine,
     Steps,
+    margins,
     velocity_gain,
 )
 from faults import Campaign, CampaignTest
@@ -34,7 +37,7 @@ from rig.recording import Recording
 from rig.runner.campaign import Pace, StopFlag, plain_test
 from rig.runner.outcomes import Observer, jsonable, step_answers
 
-from .loop_fit import LoopModel, Margins, fitted_loop, margins
+from .loop_fit import fitted_loop
 from .parts import connected_parts, part_campaign, stroke_of
 from .tuning_proposal import as_fast_as_the_strokes, calmer, fast_motion, proposal
 

@@ -7,12 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from control import ControlSettings, velocity_gain
+from control import ControlSettings, LoopModel, margins, velocity_gain
 from rig.configuration import Rig
 from rig.plant import TICK, Parameters
 from rig.recording import Recording
-
-from .loop_fit import LoopModel, margins
 
 GAIN_MARGIN_DB: Final = 12.0
 PHASE_MARGIN: Final = pi / 3.0

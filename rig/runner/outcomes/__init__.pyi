@@ -36,6 +36,7 @@ from .outcome import (
     EXIT_STOPPED as EXIT_STOPPED,
     Attempt as Attempt,
     CampaignOutcome as CampaignOutcome,
+    ControlChanged as ControlChanged,
     Happening as Happening,
     InjectedFault as InjectedFault,
     Status as Status,

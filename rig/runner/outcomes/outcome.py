@@ -99,6 +99,25 @@ class Happening:
 
 
 @dataclass(frozen=True)
+class ControlChanged:
+    """A change of the control of a test that an operator had made while it ran.
+
+    Attributes:
+        at_s: time of the test from which it held, s.
+        who: name of the operator.
+        what: the keys that changed, each with the value before and after, in words.
+    """
+
+    at_s: float
+    who: str
+    what: str
+
+    def __str__(self) -> str:
+        """Return it in words: "from 12.345 s by anna: gain 50 V/m -> 80 V/m"."""
+        return f"from {self.at_s:.3f} s by {self.who}: {self.what}"
+
+
+@dataclass(frozen=True)
 class TestOutcome:
     """The outcome of one test: what was expected, what was injected, and what was found.
 
@@ -126,6 +145,7 @@ class TestOutcome:
         limits: the limits that were passed, the test's own and those of the rig.
         criteria: what came of the criteria by which the test passes beside its verdict.
         segments: the segments that were begun, with the times at which they took place.
+        control_changes: changes of the control by operators while the test ran.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -153,6 +173,7 @@ class TestOutcome:
     limits: tuple[LimitPassed, ...] = ()
     counted: Counted | None = None
     segments: tuple[SegmentRun, ...] = ()
+    control_changes: tuple[ControlChanged, ...] = ()
 
     @property
     def missed(self) -> tuple[CriterionResult, ...]:

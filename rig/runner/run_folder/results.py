@@ -56,7 +56,16 @@ def _test(test: TestOutcome) -> dict[str, Any]:
         "leak_error_L_per_min": litres_per_minute(test.leak_error_m3_per_s),
         "thresholds_from": test.thresholds_from,
         "friction": None if test.friction is None else friction_figures(test.friction),
-        **named(test, "attempts", "figures", "criteria", "limits", "counted", "segments"),
+        **named(
+            test,
+            "attempts",
+            "figures",
+            "criteria",
+            "limits",
+            "counted",
+            "segments",
+            "control_changes",
+        ),
     }
 
 

@@ -105,6 +105,11 @@ class JournalState:
             case "limit":
                 where = "" if self._present is None else f"{self.tests[self._present]}: "
                 self._happened(entry, CAMPAIGN, f"limit: {where}{entry['what']}")
+            case "control":
+                where = self.tests[entry["test"]]
+                at_s = entry["at_s"]
+                when = "was not changed, as it ended" if at_s is None else f"from {at_s:.3f} s"
+                self._happened(entry, entry["who"], f"control of {where} {when}: {entry['what']}")
             case "overdue":
                 name = "" if self._present is None else f" {self.tests[self._present]}"
                 what = f"cleaning up after{name} took too long; ended at once"

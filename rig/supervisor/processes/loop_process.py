@@ -22,9 +22,11 @@ from rig.io import DriverError, FastDriver, corrections_of
 from rig.loop import (
     Board,
     Cause,
+    ChangeControl,
     Close,
     Closed,
     Count,
+    Course,
     Found,
     Grant,
     Integers,
@@ -37,11 +39,14 @@ from rig.loop import (
     Segment,
     TripError,
     Word,
+    changed_course,
+    control_in,
     course,
     interlock,
     limit_table,
     pace,
     passed_on,
+    prepared,
     wire_memory,
     wire_ticks,
     with_limits,
@@ -92,6 +97,7 @@ class LoopProcess:
         self._memory = wire_memory()
         self._offset_m = 0.0
         self._segments: dict[int, Segment] = {}
+        self._changes: dict[int, ChangeControl] = {}
         self._thread: threading.Thread | None = None
         self._running = threading.Event()
         self._grants: tuple[Grant, ...] = ()
@@ -126,6 +132,9 @@ class LoopProcess:
                 self._open(order)
             elif isinstance(order, Segment):
                 self._segments[order.number] = order
+                self._pipe.send(order.number)
+            elif isinstance(order, ChangeControl):
+                self._changes[order.number] = prepared(order)
                 self._pipe.send(order.number)
             self._tend_null()
             if self._thread is not None and not self._thread.is_alive():
@@ -203,21 +212,41 @@ class LoopProcess:
             self._words[Word.HOMED] = segment.homed
         period_s = 1e-9 * self._pace.period_ns
         judging = with_limits(self._interlock, limit_table(segment.limits, period_s))
-        left = Left(
-            wire_ticks(
-                course(replace(segment, number=number)),
-                compiled_filter(segment.memory, segment.assumed),
-                judging,
-                self._pace,
-                self._driver.fileno(),
-                self._driver.plan(),
-                self._driver.look_plan(),
-                self._memory,
-                self._board,
+        planned = course(replace(segment, number=number))
+        planned = planned._replace(change=int(self._words[Word.CHANGE]))
+        earlier, filt = control_in(planned), compiled_filter(segment.memory, segment.assumed)
+        while True:
+            left = Left(
+                wire_ticks(
+                    planned,
+                    earlier,
+                    filt,
+                    judging,
+                    self._pace,
+                    self._driver.fileno(),
+                    self._driver.plan(),
+                    self._driver.look_plan(),
+                    self._memory,
+                    self._board,
+                )
             )
-        )
+            if left is not Left.CHANGED:
+                break
+            earlier, planned = control_in(planned), self._with_other_control(planned)
         passed_on(judging, self._interlock)
         return left
+
+    def _with_other_control(self, now: Course) -> Course:
+        """Return the course of a segment that was left for a change of control, with that control.
+
+        The loop waits meanwhile, so that all that takes time was done when the order came.
+        """
+        number = int(self._words[Word.CHANGE])
+        change = self._changes.pop(number, None)
+        if change is None or change.segment != now.number:
+            return now._replace(change=number, goes_on=True)
+        self._memory.change.state[0] = 1.0
+        return changed_course(now, change)._replace(change=number)
 
     def _rescue(self) -> Cause:
         """Trip, and keep the valve of a loop that ended by itself at null until the session ends.

@@ -64,6 +64,25 @@ def test_a_test_that_runs_in_parts_has_the_same_rows_as_one_that_runs_at_once(ri
     np.testing.assert_array_equal(found[0], found[1])
 
 
+def test_a_change_to_the_same_control_changes_no_command_also_behind_a_skip(rig: Rig) -> None:
+    tuned = replace(rig, control=TRACKING)
+    found = []
+    for changed in (False, True):
+        test = plain_test("sine", SINE, 3.0, float(SINE.sample(np.zeros(1))[0]), 0.5)
+        memory = start_memory("product", Model(), rig.sensors)
+        loop = loop_of(tuned, test, memory, Model(), judged=False)
+        guide = loop.guide
+        loop.position()
+        loop.advance(500)
+        assert loop.skip_to(1200, 300) == 500
+        loop.advance(100)
+        if changed:
+            assert loop.change(loop.gain, guide) == 600
+        found.append(loop.advance(1000)[:, loop.channels.index("command_V")])
+    # The way back from the setpoint behind the skip to the one laid out rounds.
+    np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("start", [0.12, 0.3, 0.48])
 def test_the_way_to_the_start_of_a_test_winds_nothing_up(rig: Rig, start: float) -> None:
     tuned = replace(rig, control=TRACKING)

@@ -7,6 +7,7 @@ import pytest
 
 from control import Constant
 from rig.loop import Action, Cause, TripError
+from rig.plant import Model
 from rig.runner.campaign.bench import plain_test
 from rig.supervisor.session import HardwareTest
 
@@ -32,7 +33,7 @@ class Rig:
 def limited(action: Action) -> tuple[Rig, HardwareTest, str]:
     rig: Any = Rig()
     wire: Any = SimpleNamespace(channels=("time_s",))
-    test = HardwareTest(rig, wire, plain_test("a", Constant(0.3), 5.0, 0.3, 1.0))
+    test = HardwareTest(rig, wire, plain_test("a", Constant(0.3), 5.0, 0.3, 1.0), Model())
     with pytest.raises(TripError) as caught:
         test.limited(action, "oil_temperature_K 340 K above 338 K at 3.000 s: hold")
     return rig, test, str(caught.value)

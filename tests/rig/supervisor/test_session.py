@@ -9,6 +9,7 @@ import pytest
 
 from rig.loop.interlocks.ladder import Action, Cause
 from rig.loop.interlocks.trip import LoopStoppedError, TripError
+from rig.plant import Model
 from rig.supervisor.session import HardwareTest
 from rig.supervisor.states import Event, State
 
@@ -56,7 +57,7 @@ class Wire:
 
 
 def ended_early(rig: ConnectedRig, wire: Wire) -> HardwareTest:
-    test = HardwareTest(cast("Any", rig), cast("Any", wire), cast("Any", None))
+    test = HardwareTest(cast("Any", rig), cast("Any", wire), cast("Any", None), Model())
     test.end_early()
     return test
 

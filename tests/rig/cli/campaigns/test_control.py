@@ -68,6 +68,16 @@ def test_a_killed_campaign_is_controlled_killed_resumed_and_reported(
     done = invoke("control", out, "note", "first", "light")
     assert (done.code, done.out) == (0, "noted\n")
     await_test(invoke, out, "endless")
+    done = invoke("control", out, "set", "gain=80 V/m", "integral_time=1s")
+    assert done.code == 0
+    assert "gain 50 V/m -> 80 V/m, integral_time none -> 1 s in endless" in done.out
+    done = invoke("control", out, "set", "gan=80", "null=5")
+    assert done.code == 2
+    assert done.err.splitlines() == [
+        f"{out}: set gan: is not a known key; did you mean gain?",
+        f"{out}: set null: 5 has no unit; write a voltage with its unit, such as 3 V",
+    ]
+    assert "gain 80 V/m" in json.loads(invoke("control", out, "status").out)["control"]
     busy = invoke("run", "slow.yaml", "--out", out)
     assert busy.code == 2
     assert "a campaign is running in it" in busy.err
@@ -95,6 +105,7 @@ def test_a_killed_campaign_is_controlled_killed_resumed_and_reported(
     report = (out / "report.html").read_text()
     assert "resumed after a kill in endless, main" in report
     assert "endless~1.mcap" in report
+    assert "control of endless from" in report
 
 
 def test_a_test_to_skip_needs_a_request_that_knows_tests(invoke: Invoke, tmp_path: Path) -> None:

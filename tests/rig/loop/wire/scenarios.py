@@ -31,7 +31,14 @@ from rig.loop.wire import cycle as wire_cycle, null_check
 from rig.loop.wire.following import skip_order
 from rig.loop.wire.layout import Count, Course, Drive, Found, Left, pace, wire_channels, wire_memory
 from rig.loop.wire.loop import post_decision
-from rig.loop.wire.orders import Segment, course
+from rig.loop.wire.orders import (
+    ChangeControl,
+    Segment,
+    changed_course,
+    control_in,
+    course,
+    prepared,
+)
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
@@ -63,6 +70,7 @@ class World:
         deaf: whether the device ignores all commands and stays enabled at 1 V.
         same_sample: numbers of the exchanges that return the previous sample again.
         other: by tick, signals that another master changes on the device before the loop wakes.
+        changes: the changes of control that the loop finds prepared, by their numbers.
         calibrations: calibrations of the transducers.
     """
 
@@ -73,6 +81,7 @@ class World:
     deaf: bool = False
     same_sample: frozenset[int] = frozenset()
     other: dict[int, dict[str, float]] = field(default_factory=dict)
+    changes: dict[int, ChangeControl] = field(default_factory=dict)
     calibrations: tuple[TransducerCalibration, ...] = ()
 
     def __post_init__(self) -> None:
@@ -169,11 +178,17 @@ class World:
             setattr(wire_cycle, name, stand_in)
             if hasattr(null_check, name):
                 setattr(null_check, name, stand_in)
-        left = wire_cycle.wire_ticks(
-            planned, compiled_filter(memory, MODEL.parameters),
-            interlock(limit_table([], TICK), tol), pace(settings, device_rate_hz), fd,
-            self.plan, self.look, self.memory, self.board,
+        shared = (
+            compiled_filter(memory, MODEL.parameters), interlock(limit_table([], TICK), tol),
+            pace(settings, device_rate_hz), fd, self.plan, self.look, self.memory, self.board,
         )  # fmt: skip
+        left = wire_cycle.wire_ticks(planned, control_in(planned), *shared)
+        while left == Left.CHANGED:
+            number = int(words[Word.CHANGE])
+            self.memory.change.state[0] = 1.0
+            earlier = control_in(planned)
+            planned = changed_course(planned, prepared(self.changes[number]))
+            left = wire_cycle.wire_ticks(planned._replace(change=number), earlier, *shared)
         rows = self.board.ring[: int(words[Word.ROWS])]
         return {
             "left": Left(left).name,
@@ -259,6 +274,14 @@ def _leaving() -> dict[str, Any]:
     return world.run(tracking(), 30)
 
 
+def _changed() -> dict[str, Any]:
+    """A segment whose control is changed twice: to another law, and back to the thesis's."""
+    changes = {1: ChangeControl(1, 1, 80.0, OTHER), 2: ChangeControl(2, 1, 50.0, PLAIN)}
+    world = World(changes=changes, before={4: say(Word.CHANGE, 1), 9: say(Word.CHANGE, 2)})
+    return world.run(tracking(), 14) | {"offset": float(world.memory.change.state[1])}
+
+
+OTHER = Guide(PROPORTIONAL._replace(proportional=False, null_V=0.25), np.full(8, 1.5), PLAIN.tones)
 GUIDE = Guide(
     PROPORTIONAL._replace(
         proportional=False, null_V=0.25, integral_rate=100.0, integral_limit_V=1.0, rest_s=1.0
@@ -290,6 +313,7 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
         before={5: lambda board: board.words.__setitem__(Word.SKIP, skip_order(7, 20, 0))}
     ).run(tracking(), 12),
     "tracking law": lambda: World().run(tracking(guide=GUIDE), 12),
+    "control changed": _changed,
     "skip": lambda: World(late={5: 3_200_000}).run(tracking(), 12),
     "nearly the next tick": lambda: World(late={5: 700_000}).run(tracking(), 12),
     "a little late": lambda: World(late={5: 400_000}).run(tracking(), 12),

@@ -15,10 +15,15 @@ from typing import Any
 
 import pytest
 
+from control.changing import FADE_S
 from rig.loop.interlocks.ladder import Action, Cause
 from rig.loop.reaction import Reaction
 
 Scenario = Callable[[str], dict[str, Any]]
+
+
+FADED = 1.0 - 1e-3 / FADE_S
+"""Part of a change's offset that is left a tick later."""
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +72,36 @@ def test_a_frame_carries_the_command_from_the_sample_before_it(scenario: Scenari
     for tick in range(1, 13):
         expected = 50.0 * (rows["setpoint_m"][tick] - rows["position_m"][tick - 1])
         assert rows["command_V"][tick] == pytest.approx(expected)
+
+
+def test_a_change_of_control_goes_on_from_the_old_law_s_command_and_fades(
+    scenario: Scenario,
+) -> None:
+    result = scenario("control changed")
+    rows = result["rows"]
+    assert rows["tick"] == list(range(15))
+    assert result["replays"]
+    assert result["words"]["CHANGED"] == 2
+
+    def error(tick: int) -> float:
+        return float(rows["setpoint_m"][tick] - rows["position_m"][tick - 1])
+
+    commands_V = rows["command_V"]  # noqa: N806
+    for tick in range(1, 6):
+        assert commands_V[tick] == pytest.approx(50.0 * error(tick))
+    offset = 50.0 * error(5) - (80.0 * error(5) + 0.25 + 1.5)
+    for tick in range(6, 10):
+        law = 80.0 * error(tick) + 0.25 + (1.5 if tick < 8 else 0.0)
+        assert commands_V[tick] == pytest.approx(law + offset * FADED ** (tick - 5))
+    last = 80.0 * error(10) + 0.25 + offset * FADED**5
+    assert commands_V[10] == pytest.approx(last)
+    offset = last - 50.0 * error(10)
+    for tick in range(11, 15):
+        assert commands_V[tick] == pytest.approx(50.0 * error(tick) + offset * FADED ** (tick - 10))
+
+
+def test_the_loop_says_from_which_tick_a_change_of_control_holds(scenario: Scenario) -> None:
+    assert scenario("control changed")["words"]["CHANGED_AT"] == 10
 
 
 def test_a_row_and_its_filter_have_what_the_calibration_makes_of_the_sample(

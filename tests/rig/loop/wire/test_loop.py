@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from control import PLAIN
 from estimator.filters.registry import start_memory
 from rig.loop.board import Board, Word
+from rig.loop.interlocks.ladder import Action, Cause
 from rig.loop.interlocks.passings import RungPassed, note_passing
 from rig.loop.interlocks.trip import TripError
 from rig.loop.wire import loop
@@ -109,3 +111,34 @@ def test_a_loop_that_does_not_switch_in_time_is_an_error(
     why = r"runs segment 3, 0\.05 s after the order to switch to segment 4; end what else loads"
     with pytest.raises(TripError, match=why):
         order(wire)
+
+
+def wired(board: Board) -> WireLoop:
+    test = Segment(0, Drive.TRACK, MEMORY, MODEL.parameters, setpoint=np.zeros(TICKS))
+    return WireLoop(
+        board, LoopProcess(), test, start_position=0.0, settle_ticks=TICKS, silence_s=PATIENCE_S
+    )
+
+
+def test_a_loop_that_does_not_take_another_control_in_time_is_an_error(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "ANSWER_S", 0.05)
+    with pytest.raises(TripError, match=r"not taken another control within 0\.05 s"):
+        wired(board).change(80.0, PLAIN)
+
+
+def test_a_change_of_control_says_from_which_tick_it_holds_and_the_ram_is_held_by_it(
+    board: Board,
+) -> None:
+    wire = wired(board)
+    board.words[Word.CHANGED], board.words[Word.CHANGED_AT] = 1, 17
+    assert wire.change(80.0, PLAIN) == 17
+    assert wire.test.gain == 80.0
+
+
+def test_a_loop_that_has_stopped_takes_no_other_control(board: Board) -> None:
+    wire = wired(board)
+    board.words[Word.ACTION], board.words[Word.ACTION_CAUSE] = Action.HOLD, Cause.LIMIT_LOW
+    assert wire.change(80.0, PLAIN) is None
+    assert wire.test.gain != 80.0

@@ -36,7 +36,7 @@ from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
 from rig.loop.wire.cycle import wire_ticks
 from rig.loop.wire.layout import Drive, pace, wire_channels, wire_memory
-from rig.loop.wire.orders import Segment, course
+from rig.loop.wire.orders import Segment, control_in, course
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
@@ -140,11 +140,12 @@ def streamed(wire: Wire, leak: float) -> Array:
     with Device(wire, leak, board) as device:
         setpoint = device.start_m + 0.2 * np.sin(np.pi * TICK * np.arange(TICKS))
         memory = start_memory("product", Model())
+        planned = course(Segment(
+            SEGMENT, Drive.TRACK, memory, Model().parameters, setpoint=setpoint,
+            offset_m=device.start_m, valve_enable=True, reset_lamp=True,
+        ))  # fmt: skip
         wire_ticks(
-            course(Segment(
-                SEGMENT, Drive.TRACK, memory, Model().parameters, setpoint=setpoint,
-                offset_m=device.start_m, valve_enable=True, reset_lamp=True,
-            )),
+            planned, control_in(planned),
             compiled_filter(memory, Model().parameters),
             interlock(limit_table((), TICK), tol),
             hurried,
