@@ -64,6 +64,9 @@ def mistakes(value: Any, schema: dict[str, Any], root: dict[str, Any], at: str =
             elif isinstance(inner, dict):
                 found += mistakes(each, inner, root, f"{at}/{key}")
     if isinstance(value, list):
+        least, most = schema.get("minItems", 0), schema.get("maxItems", inf)
+        if not least <= len(value) <= most:
+            found.append(f"{at}: {len(value)} items are not {least} to {most}")
         for index, each in enumerate(value):
             found += mistakes(each, schema.get("items", {}), root, f"{at}[{index}]")
     return found
