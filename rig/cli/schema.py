@@ -10,7 +10,7 @@ from rig.configuration import EDITED, editor_schema
 @click.command()
 @click.argument("kind", type=click.Choice(list(EDITED)))
 def command(kind: str) -> int:
-    """Write the JSON schema of campaign, rig or transducer files to the standard output.
+    """Write the JSON schema of campaign, rig, sweep or transducer files to the standard output.
 
     \b
     rig schema campaign > campaign.schema.json

@@ -5,17 +5,18 @@ cannot see all that `rig check` sees, such as the limits of the rig.
 """
 
 from collections.abc import Iterator, Mapping
-from math import isfinite
 from typing import Any, Final
 
 from faults import MEASURES
 from rig.configuration.campaigns import CampaignFile
-from rig.configuration.reading import AnyQuantity, Physical, Schema, Under
+from rig.configuration.reading import AnyQuantity, Field, Physical, Schema, Under
 from rig.configuration.rigs import RigFile, TransducerFile
+from rig.configuration.sweeps import SweepFile
 
 EDITED: Final[dict[str, type[Schema]]] = {
     "campaign": CampaignFile,
     "rig": RigFile,
+    "sweep": SweepFile,
     "transducer": TransducerFile,
 }
 """Kinds of files that have a schema for editors -> the class of their keys."""
@@ -113,14 +114,14 @@ class _Writer:
         }
 
     def _value(self, model: type[Schema], name: str, schema: Mapping[str, Any]) -> Any:
-        under = next((m for m in model.model_fields[name].metadata if isinstance(m, Under)), None)
+        metadata = model.model_fields[name].metadata
+        under = next((each for each in metadata if isinstance(each, Under)), None)
         if under is not None:
             return self._under(under)
         plain = {key: value for key, value in schema.items() if key != "title"}
-        usual = plain.get("default")
-        if isinstance(usual, float) and not isfinite(usual):
-            # JSON has no infinity, which stands for no limit.
-            del plain["default"]
+        if any(isinstance(each, Field) for each in metadata):
+            # It is what is made of the text in a file, such as a number in SI.
+            plain.pop("default", None)
         takes_texts = plain.get("type") == "string" and not {"enum", "pattern"} & plain.keys()
         if not self._references or not plain or takes_texts:
             return plain

@@ -24,4 +24,5 @@ from .setpoints import (
     LevelField as LevelField,
     check_unmixed as check_unmixed,
     schema_of as schema_of,
+    typed_files as typed_files,
 )

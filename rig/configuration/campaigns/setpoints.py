@@ -269,6 +269,15 @@ SCHEMAS: Final[dict[str, type[SetpointFile]]] = {
 
 def setpoint_files() -> tuple[type[Schema], ...]:
     """Return the classes of the keys of all setpoints, each with the type that it belongs to."""
+    return typed_files(SCHEMAS)
+
+
+def typed_files(schemas: Mapping[str, type[Schema]]) -> tuple[type[Schema], ...]:
+    """Return classes of keys for an editor, each with the type that it belongs to.
+
+    Args:
+        schemas: type -> class of the keys.
+    """
     return tuple(
         create_model(
             schema.__name__,
@@ -276,7 +285,7 @@ def setpoint_files() -> tuple[type[Schema], ...]:
             __doc__=schema.__doc__,
             type=(Annotated[Any, Is(kind)], ...),
         )
-        for kind, schema in SCHEMAS.items()
+        for kind, schema in schemas.items()
     )
 
 

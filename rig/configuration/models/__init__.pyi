@@ -1,6 +1,7 @@
 from .columns import load_columns as load_columns
 from .discovered import term_lines as term_lines
 from .model import (
+    PARAMETERS as PARAMETERS,
     ModelFile as ModelFile,
     ParameterReader as ParameterReader,
     load_model as load_model,

@@ -124,6 +124,18 @@ class Random(Field):
             _check_ends(kind, values)
         return Drawn(kind, values)
 
+    def json_schema(self) -> dict[str, Any]:
+        """Return the quantity, or a mapping with one distribution of it."""
+        one = self.inner.json_schema()
+        pair = {"type": "array", "minItems": 2, "maxItems": 2}
+        laws = {
+            "fixed": one, "uniform": {**pair, "items": one}, "log_uniform": {**pair, "items": one},
+            "normal": pair, "choice": {"type": "array", "minItems": 1, "items": one},
+        }  # fmt: skip
+        law = {"type": "object", "properties": laws, "additionalProperties": False,
+               "minProperties": 1, "maxProperties": 1}  # fmt: skip
+        return {"anyOf": [one, law], "description": one.get("description", "")}
+
     def _normal(self, given: list[Any]) -> Drawn:
         if len(given) != 2:
             raise QuantityError("is no normal distribution", "write {normal: [mean, deviation]}")

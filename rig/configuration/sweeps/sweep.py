@@ -6,6 +6,7 @@ from typing import Annotated, Any, Final, get_args
 
 from pydantic import Field as SchemaField
 
+from control import ControlSettings
 from estimator.leaks import LEARNING_S
 from faults import LEAK_KINDS
 from rig.configuration.campaigns import TYPICAL_PRESSURE
@@ -16,7 +17,9 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    Under,
     load,
+    options_schema,
     quantity_in,
     read_in,
     read_mapping,
@@ -37,8 +40,9 @@ from rig.plant import (
 )
 
 from .distributions import KINDS, Distribution, Drawn, Random, resolved
+from .drawn_fields import DrawnEffects, DrawnParameters
 from .expecting import following_lines
-from .sweep_motions import read_motions
+from .sweep_motions import motion_files, read_motions
 from .sweep_plan import Sweep, SweepFilter, SweptLeaks
 
 INTERNAL_PRESSURE: Final = 2.5e6
@@ -66,12 +70,12 @@ class SweepFile(Schema):
     longest_step: Annotated[float, Physical("s", LONGEST_STEP, TICK, LONGEST_STEP)] = LONGEST_STEP
     cases: Annotated[int, SchemaField(ge=1, le=10_000_000)]
     seed: Annotated[int, SchemaField(ge=0, lt=2**31)] = 0
-    parameters: Any = None
-    effects: Any = None
+    parameters: Annotated[Any, DrawnParameters()] = None
+    effects: Annotated[Any, DrawnEffects()] = None
     noise: Annotated[Any, Random(Physical("", 0.0, 100.0, 1.0))] = Drawn("fixed", (1.0,))
-    leaks: Any = None
-    control: Any = None
-    motions: Any
+    leaks: Annotated[Any, Under(lambda: (LeaksFile,), words=("none",))] = None
+    control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
+    motions: Annotated[Any, Under(motion_files, many=True)]
 
 
 class LeaksFile(Schema):

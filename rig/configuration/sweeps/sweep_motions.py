@@ -4,12 +4,22 @@ from math import pi
 from typing import Annotated, Any, Final, cast
 
 from control import ControlSettings, Quantity
-from rig.configuration.campaigns import Level, LevelField, check_unmixed, schema_of
-from rig.configuration.reading import Located, Physical, Schema, quantity_in, read_mapping, show
+from rig.configuration.campaigns import Level, LevelField, check_unmixed, schema_of, typed_files
+from rig.configuration.reading import (
+    Located,
+    Physical,
+    Schema,
+    Under,
+    options_schema,
+    quantity_in,
+    read_mapping,
+    show,
+)
 from rig.configuration.rigs import GAIN, Limits, read_control
 from rig.plant import TICK
 
 from .distributions import Distribution, Drawn, Random, resolved
+from .drawn_fields import DrawnList
 from .sweep_plan import MotionType, SweptMotion
 
 _LEVEL: Final = Random(LevelField())
@@ -30,7 +40,7 @@ class MotionFile(Schema):
     type: str
     name: str | None = None
     share: Annotated[float, Physical("", 1e-6, 1e6, 1.0)] = 1.0
-    control: Any = None
+    control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     position_gain: _AnyGain = None
 
 
@@ -73,7 +83,7 @@ class SweptMultisineFile(MotionFile):
     """Keys of a multisine, whose phases are drawn for each case."""
 
     amplitude: _AnyLevel
-    frequencies: Any
+    frequencies: Annotated[Any, DrawnList(_FREQUENCY)]
     count: int | None = None
     mean: _AnyLevel = None
 
@@ -81,7 +91,7 @@ class SweptMultisineFile(MotionFile):
 class SweptStepsFile(MotionFile):
     """Keys of steps, which hold each level for `hold`, and the last one to the end."""
 
-    levels: Any
+    levels: Annotated[Any, DrawnList(_LEVEL)]
     hold: _AnyHold
 
 
@@ -104,6 +114,13 @@ SCHEMAS: Final[dict[str, type[MotionFile]]] = {
     "steps": SweptStepsFile,
     "pseudorandom": SweptPseudorandomFile,
 }
+
+
+def motion_files() -> tuple[type[Schema], ...]:
+    """Return the classes of the keys of all motions, each with the type that it belongs to."""
+    return typed_files(SCHEMAS)
+
+
 _OF_EVERY_MOTION: Final = ("type", "name", "share", "control")
 _LISTS: Final = {"frequencies": (_FREQUENCY, _MOST_SINES), "levels": (_LEVEL, _MOST_LEVELS)}
 _ANY_PHASE: Final = Distribution("uniform", (0.0, 2.0 * pi))

@@ -64,6 +64,9 @@ def mistakes(value: Any, schema: dict[str, Any], root: dict[str, Any], at: str =
             elif isinstance(inner, dict):
                 found += mistakes(each, inner, root, f"{at}/{key}")
     if isinstance(value, list):
+        least, most = schema.get("minItems", 0), schema.get("maxItems", inf)
+        if not least <= len(value) <= most:
+            found.append(f"{at}: {len(value)} items are not {least} to {most}")
         for index, each in enumerate(value):
             found += mistakes(each, schema.get("items", {}), root, f"{at}[{index}]")
     return found
@@ -276,3 +279,24 @@ def test_no_mapping_of_a_file_is_left_out(kind: str) -> None:
 def test_the_command_writes_it(kind: str) -> None:
     result = CliRunner().invoke(command, [kind], standalone_mode=False)
     assert json.loads(result.output) == schema_of(kind)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("uniform: [0.2 Hz, 1 Hz]", "uniform: [0.2 Hz]"),
+        ("uniform: [0.2 Hz, 1 Hz]", "uniformly: [0.2 Hz, 1 Hz]"),
+        ("uniform: [0.2 Hz, 1 Hz]", "uniform: [0.2 m, 1 m]"),
+        ("type: multisine", "type: multisin"),
+        ("healthy: 25 %", "health: 25 %"),
+        ("coulomb: {uniform", "columb: {uniform"),
+        ("frequencies: {uniform: [0.1 Hz, 2 Hz]}", "frequencies: [1 m]"),
+        ("spring_load: {stiffness", "spring_load: {stifness"),
+    ],
+)
+def test_a_slip_in_a_sweep_is_refused(old: str, new: str) -> None:
+    text = (shipped_config_dir() / "sweeps" / "detector.yaml").read_text()
+    assert old in text
+    schema = schema_of("sweep")
+    assert mistakes(loaded(text), schema, schema) == []
+    assert mistakes(loaded(text.replace(old, new, 1)), schema, schema)
