@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from tests.waiting import until
+
 Invoke = Callable[..., Any]
 
 DEADLINE_S = 240.0
@@ -81,6 +83,11 @@ def test_a_killed_campaign_is_controlled_killed_resumed_and_reported(
     busy = invoke("run", "slow.yaml", "--out", out)
     assert busy.code == 2
     assert "a campaign is running in it" in busy.err
+    # On a simulated rig a change holds from the next half second on.
+    journal = out / "journal.jsonl"
+    until(
+        lambda: '"kind":"control"' in journal.read_text().replace(" ", ""), "the change to be noted"
+    )
     os.kill(running.pid, signal.SIGKILL)
     running.wait()
     gone = invoke("control", out, "pause")
