@@ -134,9 +134,15 @@ def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
     """Return (time in s, setpoint in m or V) of a .csv or .csv.gz file, both float64 (rows,).
 
     Raises:
-        SetpointFileError: the file is missing or not CSV text; a column is missing; a field is no
-            finite number; times do not increase; there are no rows.
+        SetpointFileError: the file is missing, no regular file, or not CSV text; a column is
+            missing; a field is no finite number; times do not increase; there are no rows.
     """
+    if path.exists() and not path.is_file():
+        # A device such as /dev/zero has no end.
+        problem = RequestProblem(
+            str(path), "file", "unreadable", "(no regular file)", "give a CSV file"
+        )
+        raise SetpointFileError([problem])
     open_text = gzip.open if path.suffix == ".gz" else open
     try:
         with open_text(path, "rt", encoding="utf-8-sig", newline="") as text:

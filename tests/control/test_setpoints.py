@@ -351,6 +351,11 @@ def test_a_missing_setpoint_file_is_named(tmp_path: Path, name: str) -> None:
         FromFile(tmp_path / name)
 
 
+def test_a_device_without_an_end_is_not_read() -> None:
+    with pytest.raises(SetpointFileError, match=r"/dev/zero file: unreadable \(no regular file\)"):
+        FromFile(Path("/dev/zero"))
+
+
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "noise.csv").write_bytes(bytes(range(128, 256)))
     (tmp_path / "plain.csv.gz").write_text("time_s,position_m\n0,0.1\n")

@@ -85,6 +85,8 @@ def command(
         assumed = load_model(model)
     if out is not None and out.exists():
         problems.add(f"--out: {out} exists; name a new file")
+    if out is not None and out.suffix not in (".yaml", ".yml"):
+        problems.add(f"--out: {out} does not end in .yaml, by which a file is told from a name")
     if out is not None and not out.parent.is_dir():
         problems.add(f"--out: {out.parent} is no folder; make it first")
     if problems.found:

@@ -178,7 +178,7 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
 
     For an open-loop test the ram's motion is simulated with the rig's plant, which takes time; for
     the others the motion is taken from the setpoint, and how it is followed is computed. Tests with
-    the same setpoint, load and control are computed once.
+    the same setpoint, load, control and gain are computed once.
     """
     known: dict[str, Following] = {}
     return tuple(
@@ -196,7 +196,7 @@ def _following(
     """
     if test.setpoint.quantity != "position":
         return None
-    same = repr((test.setpoint, test.duration_s, test.load, test.control))
+    same = repr((test.setpoint, test.duration_s, test.load, test.control, test.gain_V_per_m))
     if same not in known:
         known[same] = expected_following(test, rig, assumed)
     return known[same]

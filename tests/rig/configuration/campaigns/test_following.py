@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from control import ControlSettings, Setpoint, Sine, Steps
-from rig.configuration import Rig, load_rig
+from rig.configuration import Rig, load_campaign, load_rig, plan_campaign
 from rig.configuration.campaigns.following import expected_following
 from rig.plant import Model
 from rig.runner.campaign.bench import plain_test
@@ -66,3 +66,14 @@ def test_the_law_is_told_in_words(rig: Rig) -> None:
     assert expected_following(own, rig, Model()).law == (
         "50 V/m, feedforward, integral of 1 s, before its frequencies are corrected"
     )
+
+
+def test_tests_that_differ_by_their_gain_alone_are_expected_to_follow_differently() -> None:
+    campaign, rig = load_campaign("quickstart")
+    first = next(test for test in campaign.tests if test.setpoint.quantity == "position")
+    tests = tuple(replace(first, name=f"{gain:g}", gain_V_per_m=gain) for gain in (50.0, 200.0))
+    slow, quick = (each.following for each in plan_campaign(replace(campaign, tests=tests), rig))
+    assert slow is not None
+    assert quick is not None
+    assert quick.worst < 0.5 * slow.worst
+    assert "200 V/m" in str(quick)
