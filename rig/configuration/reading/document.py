@@ -145,6 +145,9 @@ class Sources:
         is one.
         """
         try:
+            if path.is_char_device() or path.is_block_device():
+                # One such as /dev/zero has no end.
+                raise OSError("it is a device")
             content = path.read_bytes()
         except OSError as error:
             named = referrer or Located(path, Place(path, 0, 0), "file", self)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from hypothesis import given, strategies as st
 
-from rig.configuration import ConfigError, Problem
+from rig.configuration import ConfigError, Problem, load_campaign
 from rig.configuration.checking import check
 from rig.configuration.reading import document
 from rig.configuration.reading.document import MAX_BYTES
@@ -252,3 +252,11 @@ def test_a_mistake_in_a_parent_is_reported_at_the_parent(tmp_path: Path) -> None
     with pytest.raises(ConfigError) as caught:
         check(tmp_path / "campaigns" / "simulation_7_1.yaml")
     assert [Path(problem.path).name for problem in caught.value.problems] == ["nominal.yaml"]
+
+
+def test_a_device_that_has_no_end_is_not_read(tmp_path: Path) -> None:
+    sine = "{type: file, path: /dev/zero}"
+    path = tmp_path / "campaign.yaml"
+    path.write_text(f"name: endless\nrig: simulated\ntests:\n  - {{name: a, setpoint: {sine}}}\n")
+    with pytest.raises(ConfigError, match="cannot be read: it is a device; check the path"):
+        load_campaign(path)
