@@ -1,11 +1,15 @@
 from .campaigns import (
     Entry as Entry,
+    Expected as Expected,
     Missed as Missed,
     Schedule as Schedule,
+    expected_error as expected_error,
+    is_mistaken as is_mistaken,
     load_campaign as load_campaign,
     load_schedule as load_schedule,
     plain as plain,
     plan_campaign as plan_campaign,
+    unstable_controls as unstable_controls,
     valve_speed as valve_speed,
 )
 from .checking import check as check
@@ -48,6 +52,7 @@ from .rigs import (
     margins_by_model as margins_by_model,
     margins_in_words as margins_in_words,
     ordered_control as ordered_control,
+    remedy_of_margins as remedy_of_margins,
     with_control as with_control,
 )
 from .sweeps import (

@@ -11,6 +11,12 @@ from .dry_run import (
 )
 from .faults import TYPICAL_PRESSURE as TYPICAL_PRESSURE
 from .following import expected_following as expected_following
+from .judged_controls import (
+    Expected as Expected,
+    expected_error as expected_error,
+    is_mistaken as is_mistaken,
+    unstable_controls as unstable_controls,
+)
 from .schedule import (
     Entry as Entry,
     Missed as Missed,

@@ -24,12 +24,13 @@ from faults import (
     square_root_flow,
 )
 from rig.configuration.reading import show
-from rig.configuration.rigs import Rig, control_in_words, margins_by_model, margins_in_words
+from rig.configuration.rigs import Rig, control_in_words
 from rig.plant import TICK, Model, Parameters, quantities
 from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
 from .following import Following, expected_following
+from .judged_controls import control_warnings, unstable_controls
 
 _SEGMENTS_SHOWN: Final = 12
 
@@ -181,10 +182,14 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     the same setpoint, load, control and gain are computed once.
     """
     known: dict[str, Following] = {}
+    unstable = dict(unstable_controls(campaign, rig))
     return tuple(
-        _plan(test, rig, campaign, _following(test, rig, campaign.model, known))
+        _plan(
+            test, rig, campaign, _following(test, rig, campaign.model, known),
+            unstable.get(test.name, ""),
+        )
         for test in campaign.tests
-    )
+    )  # fmt: skip
 
 
 def _following(
@@ -214,7 +219,7 @@ def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
 
 
 def _plan(
-    test: CampaignTest, rig: Rig, campaign: Campaign, following: Following | None
+    test: CampaignTest, rig: Rig, campaign: Campaign, following: Following | None, unstable: str
 ) -> PlannedTest:
     times = np.arange(round(test.duration_s / TICK)) * TICK
     setpoint = test.setpoint.sample(times)
@@ -236,7 +241,8 @@ def _plan(
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
             *_volts_warnings(following, speed <= fastest),
-            *_control_warnings(test, rig, campaign.model.parameters),
+            *([unstable] if unstable else []),
+            *control_warnings(test, rig, campaign.model),
             *_detector_warnings(test, rig, campaign.filter_name),
             *_waiting_warnings(test, rig),
         ),
@@ -300,18 +306,6 @@ def _volts_warnings(following: Following | None, reachable: bool) -> Iterator[st
     """
     if following is not None and reachable and following.tracks and following.out_of_reach:
         yield f"{following.out_of_reach}; the ram will lag, whatever the control"
-
-
-def _control_warnings(test: CampaignTest, rig: Rig, par: Parameters) -> Iterator[str]:
-    """Yield a warning for each change of control that leaves too small margins by the model."""
-    first = test.gain_V_per_m or (test.control or rig.control).gain or rig.gain_V_per_m
-    for each in test.control_changes:
-        found = margins_by_model(each.control, each.control.gain or first, rig, par)
-        if not found.kept:
-            yield (
-                f"the control from {show(each.at_s, 's')} leaves {margins_in_words(found)} by the "
-                "model, below the 6 dB and 30 degrees that a loop must keep; lower its gain"
-            )
 
 
 def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:

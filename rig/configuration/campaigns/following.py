@@ -84,11 +84,9 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         assumed: the model that the loop's feedforward assumes.
     """
     settings = rig.control if test.control is None else test.control
-    ticks = round(min(test.duration_s, LONGEST_S) / TICK)
-    setpoint = test.setpoint.sample(np.arange(ticks) * TICK)
-    true, believed = (_loaded(model, test).parameters for model in (rig.plant, assumed))
     gain = test.gain_V_per_m or settings.gain or rig.gain_V_per_m
-    error = setpoint - _followed(test, setpoint, settings, gain, rig, true, believed)
+    setpoint, position = expected_motion(test, settings, gain, rig, assumed)
+    error, true = setpoint - position, _loaded(rig.plant, test).parameters
     whole = test.setpoint.sample(np.arange(round(test.duration_s / TICK)) * TICK)
     model_ahead = ControlSettings(feedforward="model", lead=0.0)
     needed = np.where(
@@ -104,6 +102,35 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         limit_V=rig.limits.command_V,
         tracks=not settings.is_proportional,
     )
+
+
+def expected_motion(
+    test: CampaignTest,
+    settings: ControlSettings,
+    gain: float,
+    rig: Rig,
+    assumed: Model,
+    begin_s: float = 0.0,
+    end_s: float = inf,
+) -> tuple[Array, Array]:
+    """Return setpoint and expected position (ticks,) of a closed-loop test under a control, m.
+
+    The ram begins at rest at the setpoint. At most `LONGEST_S` are computed.
+
+    Args:
+        test: a test whose setpoint is a position.
+        settings: the control settings; their gain is not looked at.
+        gain: gain of the position loop, V/m.
+        rig: the rig; its plant is taken for the truth.
+        assumed: the model that the loop's feedforward assumes.
+        begin_s: time of the test from which the motion is computed, s.
+        end_s: time of the test up to which it is computed, s.
+    """
+    first = round(begin_s / TICK)
+    last = round(min(test.duration_s, end_s, begin_s + LONGEST_S) / TICK)
+    setpoint = test.setpoint.sample(np.arange(first, last) * TICK)
+    true, believed = (_loaded(model, test).parameters for model in (rig.plant, assumed))
+    return setpoint, _followed(test, setpoint, settings, gain, rig, true, believed)
 
 
 def _smooth(setpoint: Array) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from .control_orders import (
     margins_by_model as margins_by_model,
     margins_in_words as margins_in_words,
     ordered_control as ordered_control,
+    remedy_of_margins as remedy_of_margins,
 )
 from .hardware import valves_of as valves_of
 from .limits import (

@@ -1,6 +1,7 @@
 """What an operator orders of the control of a running test, in the keys of a section `control`."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import degrees
 from pathlib import Path
 from typing import Final
@@ -21,6 +22,10 @@ _NOT_GIVEN: Final = "none"
 _PLACES: Final = (0.0, 0.5, 1.0)
 """Places at which the margins are looked at, as parts of the way between the position limits. The
 oil's resonance is lowest near the middle and highest at an end."""
+_STEP: Final = 0.95
+_STEPS: Final = 90
+"""Factor and number of the steps by which a smaller gain is looked for that keeps the margins: down
+to a hundredth of the gain that was asked for, within half a second."""
 
 
 def ordered_control(text: str, now: ControlSettings) -> ControlSettings:
@@ -66,6 +71,24 @@ def margins_by_model(settings: ControlSettings, gain: float, rig: Rig, par: Para
     # On hardware a command follows from the sample before it (docs/decisions/0007).
     delay_s = TICK if rig.backend == "hardware" else 0.0
     return least_margins(settings, gain, par, delay_s, places)
+
+
+def remedy_of_margins(settings: ControlSettings, gain: float, rig: Rig, par: Parameters) -> str:
+    """Return in words what gives a position loop the margins that it must keep by the model.
+
+    It is the greatest smaller gain that keeps them, within 5 %, or other keys if no gain does.
+
+    Args:
+        settings: the control settings, which leave too small margins.
+        gain: gain of the position loop, V/m.
+        rig: the rig, with its position limits and its backend.
+        par: the parameters of the model, SI.
+    """
+    for _ in range(_STEPS):
+        gain *= _STEP
+        if margins_by_model(replace(settings, gain=gain), gain, rig, par).kept:
+            return f"the greatest gain that keeps them is about {gain:.3g} V/m"
+    return "give it a longer integral_time, or less deadband"
 
 
 def margins_in_words(margins: Margins) -> str:

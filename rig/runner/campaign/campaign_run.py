@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from estimator.leaks import DetectorFactory
 from faults import Campaign
-from rig.configuration import Rig
+from rig.configuration import Rig, unstable_controls
 from rig.io import DriverError, today
 from rig.loop import StopRequestedError, TripError
 from rig.runner.counters import RigCounter, counters_path
@@ -243,6 +243,8 @@ class _CampaignRun(Setting):
         finished = self.standing.finished
         stands = [finished[index] for index in sorted(finished)]
         self.observer.campaign_begins(self.campaign, self.directory, stands)
+        for name, text in unstable_controls(self.campaign, self.rig):
+            self.observer.rig_tells(f"warning: {name}: {text}")
         self.desk.open(
             [test.name for test in self.campaign.tests],
             {index: str(outcome.status) for index, outcome in finished.items()},

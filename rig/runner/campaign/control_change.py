@@ -8,11 +8,15 @@ from control import ControlSettings, Margins
 from faults import CampaignTest
 from rig.configuration import (
     ConfigError,
+    Expected,
     Rig,
     control_in_words,
+    expected_error,
+    is_mistaken,
     margins_by_model,
     margins_in_words,
     ordered_control,
+    remedy_of_margins,
 )
 from rig.plant import Model
 from rig.supervisor import control_for
@@ -23,10 +27,9 @@ _CAMPAIGN: Final = "campaign"
 """Name in place of an operator's for a change that stands in the campaign's file."""
 _INSTANT_S: Final = 1e-6
 """Time in s by which a change may be later than the tick at which it is due, by rounding."""
-_STEP: Final = 0.95
-_STEPS: Final = 90
-"""Factor and number of the steps by which a smaller gain is looked for that keeps the margins: down
-to a hundredth of the gain that was asked for, within half a second."""
+_FORESEEN_S: Final = 20.0
+"""Time in s of the test for which the error under an order is foreseen: enough for a loop to settle
+and for two periods of 0.1 Hz, and little enough that an answer takes less than about a second."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class RunningControl:
         self._coming = list(test.control_changes)
         self.settings = control_for(rig, test)
         self._first_gain = self.settings.gain
+        self._now_s = 0.0
 
     def asked(self, who: str, text: str) -> tuple[ControlChange, str]:
         """Return the change that an order asks for, and what the model says of it; do nothing yet.
@@ -77,8 +81,9 @@ class RunningControl:
             text: the order, as `rig.configuration.ordered_control` reads it.
 
         Raises:
-            RefusedError: the order cannot be used, changes nothing, or leaves less than the
-                least margins by the model, and less than the present control leaves.
+            RefusedError: the order cannot be used, changes nothing, leaves less than the least
+                margins by the model, and less than the present control leaves, or is expected to
+                let the ram follow much worse than under the present control and the gain alone.
         """
         if self._test.setpoint.quantity != "position":
             why = "the setpoint of the running test is the valve command, so no position loop runs"
@@ -114,6 +119,7 @@ class RunningControl:
         They are what operators have asked for, and then what the file asks for up to that time,
         which takes the place of all that was set before.
         """
+        self._now_s = time_s
         while self._coming and self._coming[0].at_s <= time_s + _INSTANT_S:
             after = self._coming.pop(0).control
             after = replace(after, gain=after.gain or self._first_gain)
@@ -123,17 +129,43 @@ class RunningControl:
         return waiting
 
     def _judged(self, change: ControlChange) -> str:
-        """Return in words which margins a change leaves by the model; refuse too small ones."""
+        """Return in words which margins and error a change leaves by the model; refuse bad ones."""
         found = self._margins(change.after)
         leaves = margins_in_words(found)
         if found.kept:
-            return f"by the model it leaves {leaves}"
+            return f"by the model it leaves {leaves}; {self._foreseen(change)}"
         present = self._margins(change.before)
         if found.gain_dB >= present.gain_dB and found.phase >= present.phase:
-            return f"by the model it leaves {leaves}, too little, but more than before"
+            but = "too little, but more than before"
+            return f"by the model it leaves {leaves}, {but}; {self._foreseen(change)}"
         raise RefusedError(
             f"set control: {change} leaves {leaves} by the model, below the 6 dB and 30 degrees "
             f"that a loop must keep; {self._remedy(change.after)}"
+        )
+
+    def _foreseen(self, change: ControlChange) -> str:
+        """Return in words which error is expected under a change; refuse one that is a mistake."""
+        new = self._expected(change.after)
+        others = []
+        # The other controls are computed only as long as the change is not better than one of them.
+        for settings in (ControlSettings(gain=change.after.gain), change.before):
+            others.append(self._expected(settings))
+            if not is_mistaken(new, tuple(others), change.after):
+                return f"expected following error at most {new}"
+        alone, present = others
+        raise RefusedError(
+            f"set control: {change} is expected to let the ram be off by {new}; the present "
+            f"control by {present}, the gain alone by {alone}; look at feedforward_gain, null and "
+            "deadband"
+        )
+
+    def _expected(self, settings: ControlSettings) -> Expected:
+        """Return the error that is expected of the test's next time, or of its last."""
+        gain = settings.gain or self._rig.gain_V_per_m
+        latest_s = max(0.0, self._test.duration_s - _FORESEEN_S)
+        begin_s = min(self._now_s, latest_s)
+        return expected_error(
+            self._test, settings, gain, self._rig, self._assumed, begin_s, begin_s + _FORESEEN_S
         )
 
     def _margins(self, settings: ControlSettings) -> Margins:
@@ -142,8 +174,4 @@ class RunningControl:
 
     def _remedy(self, settings: ControlSettings) -> str:
         gain = settings.gain or self._rig.gain_V_per_m
-        for _ in range(_STEPS):
-            gain *= _STEP
-            if self._margins(replace(settings, gain=gain)).kept:
-                return f"the greatest gain that keeps them is about {gain:.3g} V/m"
-        return "give it a longer integral_time, or less deadband"
+        return remedy_of_margins(settings, gain, self._rig, self._assumed.parameters)
