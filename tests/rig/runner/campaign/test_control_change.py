@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from control import ControlSettings, Sine
+from control import ControlSettings, Sine, Steps
 from estimator.leaks.detection import Decision
 from faults.campaign import Campaign, CampaignTest, ControlFrom
 from rig.configuration.rigs.rig import Rig
@@ -115,6 +115,60 @@ def test_a_change_says_which_margins_the_model_expects(rig: Rig, make_test: Make
     change, judged = control.asked("anna", "gain=80 V/m")
     assert str(change) == "gain 50 V/m -> 80 V/m"
     assert judged.startswith("by the model it leaves 2")
+    assert judged.endswith("; expected following error at most 51.8 mm")
+
+
+@pytest.mark.parametrize("first", [ControlSettings(), ControlSettings(feedforward_gain=14.0)])
+def test_a_feedforward_of_ten_times_the_right_one_is_refused(
+    rig: Rig, make_test: MakeTest, first: ControlSettings
+) -> None:
+    control = control_of(rig, make_test(setpoint=SWINGING, duration_s=5.0, control=first))
+    both = r"be off by 1\d\d mm .*; the present control by [\d.]+ mm, the gain alone by 7\d"
+    with pytest.raises(RefusedError, match=both):
+        control.asked("anna", "feedforward_gain=140 V s/m")
+    assert not control.take(0.0)
+    assert "at most" in control.asked("anna", "feedforward_gain=13 V s/m")[1]
+
+
+def test_the_way_back_to_the_gain_alone_is_open_though_it_follows_worse(
+    rig: Rig, make_test: MakeTest
+) -> None:
+    tracking = ControlSettings(feedforward="model", integral_time=1.0)
+    control = control_of(rig, make_test(setpoint=SWINGING, duration_s=5.0, control=tracking))
+    _, judged = control.asked("anna", "proportional")
+    assert judged.endswith("expected following error at most 70.5 mm")
+
+
+@pytest.mark.parametrize("order", ["null=0.5 V", "deadband=1 V", "integral_time=1 s"])
+def test_what_is_measured_on_the_rig_may_differ_from_the_model(
+    rig: Rig, make_test: MakeTest, order: str
+) -> None:
+    hold = make_test(setpoint=Sine(0.3, 1e-4, 0.5), duration_s=5.0)
+    assert "following error" in control_of(rig, hold).asked("anna", order)[1]
+
+
+def test_the_error_is_foreseen_for_the_time_that_comes(rig: Rig, make_test: MakeTest) -> None:
+    rests_later = Steps((0.2, 0.3), 2.0)
+    control = control_of(rig, make_test(setpoint=rests_later, duration_s=60.0))
+    assert float(control.asked("anna", "gain=80 V/m")[1].split()[-2]) > 90.0
+    control.take(39.0)
+    assert float(control.asked("anna", "gain=80 V/m")[1].split()[-2]) < 1.0
+
+
+def test_a_run_warns_of_a_control_that_is_unstable_by_the_model(
+    tmp_path: Path, rig: Rig, make_test: MakeTest, make_campaign: MakeCampaign
+) -> None:
+    told: list[str] = []
+
+    class Told(Observer):
+        def rig_tells(self, text: str) -> None:
+            told.append(text)
+
+    hot = make_test("hot", duration_s=0.5, setpoint=SWINGING, gain_V_per_m=9000.0)
+    calm = make_test("calm", duration_s=0.5, setpoint=SWINGING)
+    run_campaign(make_campaign(hot, calm), rig, tmp_path, observer=Told())
+    (warning,) = [text for text in told if text.startswith("warning: ")]
+    assert warning.startswith("warning: hot: the control leaves no margin at all by the model")
 
 
 @pytest.mark.parametrize(
