@@ -182,14 +182,16 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     the same setpoint, load, control and gain are computed once.
     """
     known: dict[str, Following] = {}
+    warned: dict[str, tuple[str, ...]] = {}
     unstable = dict(unstable_controls(campaign, rig))
-    return tuple(
-        _plan(
-            test, rig, campaign, _following(test, rig, campaign.model, known),
-            unstable.get(test.name, ""),
-        )
-        for test in campaign.tests
-    )  # fmt: skip
+    plans = []
+    for test in campaign.tests:
+        of_control = control_warnings(test, rig, campaign.model, warned)
+        if test.name in unstable:
+            of_control = (unstable[test.name], *of_control)
+        following = _following(test, rig, campaign.model, known)
+        plans.append(_plan(test, rig, campaign, following, of_control))
+    return tuple(plans)
 
 
 def _following(
@@ -219,7 +221,11 @@ def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
 
 
 def _plan(
-    test: CampaignTest, rig: Rig, campaign: Campaign, following: Following | None, unstable: str
+    test: CampaignTest,
+    rig: Rig,
+    campaign: Campaign,
+    following: Following | None,
+    of_control: tuple[str, ...],
 ) -> PlannedTest:
     times = np.arange(round(test.duration_s / TICK)) * TICK
     setpoint = test.setpoint.sample(times)
@@ -241,8 +247,7 @@ def _plan(
         warnings=(
             *_warnings(test, rig, position, speed, fastest),
             *_volts_warnings(following, speed <= fastest),
-            *([unstable] if unstable else []),
-            *control_warnings(test, rig, campaign.model),
+            *of_control,
             *_detector_warnings(test, rig, campaign.filter_name),
             *_waiting_warnings(test, rig),
         ),

@@ -95,16 +95,36 @@ def unstable_controls(campaign: Campaign, rig: Rig) -> tuple[tuple[str, str], ..
     return tuple((name, f"the control leaves {text}") for name, text in told if text)
 
 
-def control_warnings(test: CampaignTest, rig: Rig, assumed: Model) -> Iterator[str]:
-    """Yield warnings of changes with too small margins, and of controls that the gain alone beats.
+def control_warnings(
+    test: CampaignTest, rig: Rig, assumed: Model, known: dict[str, tuple[str, ...]]
+) -> tuple[str, ...]:
+    """Return warnings of changes with too small margins, and of controls that the gain alone beats.
 
     Args:
-        test: a test.
+        test: a test; in open loop there are none.
         rig: the rig; its plant is taken for the truth.
         assumed: the model that the loop assumes.
+        known: the warnings of other tests of the campaign; those of this one are added, so that
+            tests of the same setpoint, load and control are computed once.
     """
     if test.setpoint.quantity != "position":
-        return
+        return ()
+    same = repr(
+        (test.setpoint, test.duration_s, test.load, test.control, test.gain_V_per_m)
+        + test.control_changes
+    )
+    if same not in known:
+        known[same] = tuple(_control_warnings(test, rig, assumed))
+    return known[same]
+
+
+def control_with_gain(test: CampaignTest, rig: Rig) -> tuple[ControlSettings, float]:
+    """Return the control settings with which a test begins, and the gain of its loop, V/m."""
+    settings = rig.control if test.control is None else test.control
+    return settings, test.gain_V_per_m or settings.gain or rig.gain_V_per_m
+
+
+def _control_warnings(test: CampaignTest, rig: Rig, assumed: Model) -> Iterator[str]:
     settings, first = control_with_gain(test, rig)
     changes = [(each.at_s, each.control) for each in test.control_changes]
     ends = [at_s for at_s, _ in changes] + [test.duration_s]
@@ -119,12 +139,6 @@ def control_warnings(test: CampaignTest, rig: Rig, assumed: Model) -> Iterator[s
         ):
             if text:
                 yield f"the control from {show(at_s, 's')} {text}"
-
-
-def control_with_gain(test: CampaignTest, rig: Rig) -> tuple[ControlSettings, float]:
-    """Return the control settings with which a test begins, and the gain of its loop, V/m."""
-    settings = rig.control if test.control is None else test.control
-    return settings, test.gain_V_per_m or settings.gain or rig.gain_V_per_m
 
 
 def _leaves(text: str) -> str:
