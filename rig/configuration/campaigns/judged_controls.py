@@ -86,12 +86,15 @@ def unstable_controls(campaign: Campaign, rig: Rig) -> tuple[tuple[str, str], ..
     Tests with the same control and gain are told of once, by the first of them. Changes of the
     control of a running test are not looked at.
     """
-    found = {}
+    found: dict[tuple[ControlSettings, float], str] = {}
     for test in campaign.tests:
         if test.setpoint.quantity == "position":
             settings, gain = control_with_gain(test, rig)
             found.setdefault((settings, gain), test.name)
-    told = ((name, _too_small(*each, rig, campaign.model)) for each, name in found.items())
+    told = (
+        (name, _too_small(settings, gain, rig, campaign.model))
+        for (settings, gain), name in found.items()
+    )
     return tuple((name, f"the control leaves {text}") for name, text in told if text)
 
 
@@ -110,9 +113,11 @@ def control_warnings(
     if test.setpoint.quantity != "position":
         return ()
     same = repr(
-        (test.setpoint, test.duration_s, test.load, test.control, test.gain_V_per_m)
-        + test.control_changes
-    )
+        (
+            test.setpoint, test.duration_s, test.load, test.control, test.gain_V_per_m,
+            test.control_changes,
+        )
+    )  # fmt: skip
     if same not in known:
         known[same] = tuple(_control_warnings(test, rig, assumed))
     return known[same]
