@@ -26,6 +26,9 @@ is no choice between two controls any more, but a mistake such as a decimal poin
 _TENTH: Final = 0.1
 """Share of the gain's error by which a section `control` must be worse to be warned of: the reduced
 rig foresees errors within a tenth."""
+_SHORTEST_S: Final = 0.5
+"""Time in s that a control holds from which its error is looked at: so long, the offset that makes
+a change free of a bump still fades (docs/tracking.md)."""
 _BEYOND: Final = 0.75
 """Share of the other control's error by which a ram may go beyond the ends of its motion. At 50 V/m
 an integral of 1 s without feedforward goes beyond the ends of a sine of 0.1 Hz by 0.47 of the
@@ -172,7 +175,7 @@ def _beaten(
     end_s: float,
 ) -> str:
     """Return in words that the gain alone is expected to follow better; "" if it is not."""
-    if settings.is_proportional:
+    if settings.is_proportional or end_s - begin_s < _SHORTEST_S:
         return ""
     with_gain = replace(settings, gain=gain)
     new = expected_error(test, with_gain, gain, rig, assumed, begin_s, end_s)

@@ -67,3 +67,10 @@ def test_a_change_of_control_is_warned_of_from_its_time(tmp_path: Path) -> None:
         tmp_path, "control_changes: [{at: 1 s, control: {feedforward_gain: 140 V s/m}}]"
     )
     assert warning.startswith("t1: the control from 1 s is expected to let the ram be off by")
+
+
+def test_a_change_that_holds_for_less_than_a_tick_is_no_motion_to_look_at(tmp_path: Path) -> None:
+    ahead = "{at: 1 s, control: {feedforward: model}}"
+    short = "{at: 1.0001 s, control: {integral_time: 1 s}}"
+    late = "{at: 4.9999 s, control: {cyclic: true}}"
+    assert not warnings_of(tmp_path, f"control_changes: [{ahead}, {short}, {late}]")
