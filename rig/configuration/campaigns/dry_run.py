@@ -30,6 +30,7 @@ from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
 from .following import Following, expected_following
+from .foreseen import limit_warnings, setpoint_warnings, until_warnings
 
 _SEGMENTS_SHOWN: Final = 12
 
@@ -239,6 +240,9 @@ def _plan(
             *_control_warnings(test, rig, campaign.model.parameters),
             *_detector_warnings(test, rig, campaign.filter_name),
             *_waiting_warnings(test, rig),
+            *setpoint_warnings(test),
+            *until_warnings(test),
+            *limit_warnings(test, rig),
         ),
         following=following,
     )

@@ -12,6 +12,7 @@ from control import Constant, Sequence, Setpoint, SetpointError, Stretch, period
 from faults import SegmentEnd, Until
 from rig.configuration.reading import (
     Located,
+    Name,
     Physical,
     Schema,
     Under,
@@ -36,7 +37,7 @@ _DEFAULT_S: Final = 60.0
 class SegmentFile(Schema):
     """Keys of a segment: a setpoint with duration, cycles or `until`; or `hold` or `wait_for`."""
 
-    name: str | None = None
+    name: Name | None = None
     setpoint: Annotated[Any, Under(setpoint_files)] = None
     duration: Annotated[float | None, Physical("s", 1e-3, 3600.0, 10.0)] = None
     cycles: Cycles = None

@@ -36,7 +36,9 @@ class Problem:
         where = f"{self.path}:{self.line}:{self.column}" if self.line else self.path
         what = f"{self.value} {self.limit}".strip()
         text = f"{where} {self.field}: {what}" + (f"; {self.remedy}" if self.remedy else "")
-        return " ".join(text.split())
+        line = " ".join(text.split())
+        # A value may hold any character, and one such as ESC would command the terminal.
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 class ConfigError(ValueError):
