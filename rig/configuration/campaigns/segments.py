@@ -90,7 +90,9 @@ def _single(
     item: Located, context: SetpointContext, rig: Rig | None, known: Iterable[str]
 ) -> Motion | None:
     given = item.get("setpoint")
-    if item.get("duration") is None and item.get("cycles") is None:
+    timed = item.get("duration") is not None or item.get("cycles") is not None
+    # An `until` that could be read has given a duration; what is wrong with another is reported.
+    if not timed and item.get("until") is None:
         refuse_missing(item, "duration", known)
     if given is None:
         refuse_missing(item, "setpoint", known)
@@ -109,7 +111,7 @@ def _single(
         return None
     if rig is not None:
         check_against_limits(setpoint, duration_s, given, rig)
-    return Motion(setpoint, duration_s)
+    return Motion(setpoint, duration_s) if timed else None
 
 
 def _duration(item: Located, setpoint: Setpoint, duration_s: float) -> float | None:

@@ -5,11 +5,7 @@ from pathlib import Path
 import pytest
 
 from rig.configuration.campaigns.campaign import load_campaign
-from rig.configuration.campaigns.foreseen import (
-    limit_warnings,
-    setpoint_warnings,
-    until_warnings,
-)
+from rig.configuration.campaigns.foreseen import limit_warnings, setpoint_warnings, until_warnings
 from tests.rig.configuration.campaigns.written import HEAD, SINE, only_test
 
 UNTIL = "until: {verdict: internal_leakage, at_most: 40 s}"
