@@ -107,6 +107,11 @@ class FromFile:
         """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         return np.interp(np.asarray(time_s, dtype=np.float64), self._time, self._value)
 
+    @property
+    def last_time_s(self) -> float:
+        """Time of the last row, s, after which the setpoint keeps its value."""
+        return float(self._time[-1])
+
     def peak_rate(self, duration_s: float) -> float:
         """Return the greatest |slope| between rows in m/s or V/s within 0 to `duration_s`.
 

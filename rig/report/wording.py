@@ -107,11 +107,26 @@ def injected_size(fault: InjectedFault) -> str:
     return f"{fault.coefficient:.3g} m³/(s {'Pa' if fault.linear else '√Pa'})"
 
 
-def acted(fault: InjectedFault) -> str:
-    """Return in words from when to when an injected fault acted."""
+def acted(fault: InjectedFault, recorded_s: float) -> str:
+    """Return in words from when to when an injected fault acted.
+
+    Args:
+        fault: the fault.
+        recorded_s: how long its test lasted, s; 0 if that is not known.
+    """
     if fault.until_s is None:
         return f"from {fault.at_s:.1f} s"
+    if is_after(fault.until_s, recorded_s):
+        return f"from {fault.at_s:.1f} s to the end at {recorded_s:.1f} s"
     return f"{fault.at_s:.1f} s to {fault.until_s:.1f} s"
+
+
+def is_after(time_s: float, recorded_s: float) -> bool:
+    """Return whether a time of a test, s, had not come when the test ended after `recorded_s`.
+
+    It is False if `recorded_s` is 0, as for an older run, which does not tell how long it lasted.
+    """
+    return 0.0 < recorded_s < time_s - _ROUNDING_S
 
 
 def when(started: str) -> str:
@@ -138,11 +153,14 @@ def latency(test: TestOutcome) -> str:
 
 
 _LIMITS_SHOWN: Final = 5
+_ROUNDING_S: Final = 0.01
+"""A test that ended so much before a time, s, or less, ended at that time: ten ticks, far less than
+the 0.1 s to which times are shown."""
 
 
 def story(test: TestOutcome) -> str:
     """Return what was injected and found in a test, and how the loop reacted, in sentences."""
-    sentences = [_injection(test.injected), _finding(test)]
+    sentences = [_injection(test.injected, test.recorded_s), _finding(test)]
     if test.decision is not None and (passing := in_passing(test.decision, test.found)):
         sentences.append(f"Found in passing: {'; '.join(passing)}.")
     sentences.append(_reacting(test))
@@ -153,7 +171,7 @@ def story(test: TestOutcome) -> str:
     sentences.append(_limits_passed(test))
     if changed := "; ".join(str(each) for each in test.control_changes):
         sentences.append(f"Control changed {changed}.")
-    if 0.0 < test.recorded_s < test.duration_s - 0.01:
+    if is_after(test.duration_s, test.recorded_s):
         early = any(each.ended_early for each in test.segments)
         most = " at most, as segments ended early" if early and not test.message else ""
         ended = f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s"
@@ -178,7 +196,7 @@ def _limits_passed(test: TestOutcome) -> str:
     return f"Limits passed: {'; '.join(told[:_LIMITS_SHOWN])}{more}." if told else ""
 
 
-def _injection(injected: Sequence[InjectedFault]) -> str:
+def _injection(injected: Sequence[InjectedFault], recorded_s: float) -> str:
     if not injected:
         return "No fault was injected."
     sentences = []
@@ -186,6 +204,8 @@ def _injection(injected: Sequence[InjectedFault]) -> str:
         what = _OPENED.get(fault.kind, f"{label(fault.kind)} was injected")
         mean = "" if fault.mean_flow_m3_per_s is None else " on average"
         until = "" if fault.until_s is None else f", until {fault.until_s:.1f} s"
+        if fault.until_s is not None and is_after(fault.until_s, recorded_s):
+            until = f", until the test ended at {recorded_s:.1f} s"
         sentences.append(f"At {fault.at_s:.1f} s {what} ({injected_size(fault)}{mean}{until}).")
     return " ".join(sentences)
 

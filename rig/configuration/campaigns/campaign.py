@@ -15,6 +15,7 @@ from faults import Campaign, CampaignTest, OnFault
 from rig.configuration.models import named_model, read_model
 from rig.configuration.reading import (
     Located,
+    Name,
     Physical,
     Schema,
     Sources,
@@ -35,7 +36,7 @@ from .conditions import condition_files, read_conditions
 class CampaignFile(Schema):
     """Keys of a campaign file; the mappings under them have their own schemas."""
 
-    name: str
+    name: Name
     description: str = ""
     rig: str
     model: str = "nominal"

@@ -17,6 +17,7 @@ from faults import CampaignTest, ControlFrom, Fault, OnFault, SpringLoad, Until,
 from rig.configuration.reading import (
     MAX_TESTS,
     Located,
+    Name,
     Physical,
     Schema,
     Under,
@@ -52,7 +53,7 @@ _IN_PLACE_OF: Final = {
 class CampaignTestFile(Schema):
     """Keys of a test; keys that all tests share may be written once under `defaults`."""
 
-    name: str
+    name: Name
     duration: Annotated[float | None, DURATION] = None
     cycles: Cycles = None
     start_position: Annotated[float | None, Physical("m", -1.0, 6.0, 0.3)] = None

@@ -53,6 +53,10 @@ def read_control_changes(
         settings = None if given is None else read_control(given, first)
         if file is None or settings is None:
             continue
+        if given is not None and given.value == {}:
+            remedy = "give a key of the control, such as `gain: 80 V/m`, or leave the change out"
+            element.refuse("changes nothing", remedy, "an empty mapping", key="control")
+            continue
         before_s = found[-1].at_s if found else 0.0
         if file.at <= before_s:
             what = "the change before" if found else "the begin of the test"

@@ -30,6 +30,7 @@ from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
 from .following import Following, expected_following
+from .foreseen import limit_warnings, setpoint_warnings, until_warnings
 from .judged_controls import control_warnings, unstable_controls
 
 _SEGMENTS_SHOWN: Final = 12
@@ -250,6 +251,9 @@ def _plan(
             *of_control,
             *_detector_warnings(test, rig, campaign.filter_name),
             *_waiting_warnings(test, rig),
+            *setpoint_warnings(test),
+            *until_warnings(test),
+            *limit_warnings(test, rig),
         ),
         following=following,
     )

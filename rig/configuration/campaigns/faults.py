@@ -159,10 +159,12 @@ def _windows(item: Located) -> Iterator[Located]:
     entries = elements_of(profile, "write a list: - {at: ..., flow: ...}")
     if not entries:
         profile.refuse("has no entry", "write a list: - {at: ..., flow: ...}", "")
+    read = [read_mapping(ProfileEntryFile, entry) for entry in entries]
+    if not _are_in_order(entries, read):
+        return
     shared = {key: entry for key, entry in item.items() if key in ("type", "pressure", "until")}
     for index, entry in enumerate(entries):
-        own = read_mapping(ProfileEntryFile, entry)
-        if own is None:
+        if read[index] is None:
             continue
         given = {key: each for key, each in entry.items() if key in ProfileEntryFile.model_fields}
         following = entries[index + 1].get("at") if index + 1 < len(entries) else None
@@ -172,6 +174,26 @@ def _windows(item: Located) -> Iterator[Located]:
         if entry.get("flow") is None:
             usual.pop("pressure", None)
         yield entry.with_value({**usual, **given})
+
+
+def _are_in_order(entries: list[Located], read: list[ProfileEntryFile | None]) -> bool:
+    """Return whether each entry of a profile begins after the one before; if not, record why.
+
+    An entry with an `until` of its own does not last until the next one, which may begin anywhere.
+
+    Args:
+        entries: the entries.
+        read: the keys of each; None for an unusable one.
+    """
+    ordered = True
+    for index in range(1, len(entries)):
+        before, own = read[index - 1], read[index]
+        if before is None or own is None or before.until is not None or own.at > before.at:
+            continue
+        limit = f"is not after the entry before, which begins at {before.at:g} s"
+        entries[index].refuse(limit, "give the entries in the order of their times", key="at")
+        ordered = False
+    return ordered
 
 
 def _read_fault(item: Located, duration_s: float | None, rig: Rig | None) -> Fault | None:

@@ -22,6 +22,7 @@ from rig.configuration.reading import (
     Schema,
     elements_of,
     read_mapping,
+    show,
     suggestion,
 )
 from rig.configuration.rigs import Rig
@@ -36,6 +37,11 @@ rows is what a test in real time can afford."""
 _MOST_STRETCHES: Final = 100
 """Most stretches in which one limit holds, such as the turns of a loop. The loop judges each of
 them in every tick, at some nanoseconds each."""
+
+_DISTANCES: Final = (FOLLOWING_ERROR, "rms_error", "peak_error")
+"""What is watched and is a distance between setpoint and position, so that it is never below 0."""
+_INSTANT_S: Final = 1e-9
+"""Times in s that are nearer to each other are the same; ticks are 1 ms apart."""
 
 
 class _TestLimitKeys(Schema):
@@ -142,7 +148,11 @@ def _limit(
         windows,
         watched.expression,
     )
-    return limit_of if _is_sound(item, limit_of) else None
+    if not _is_sound(item, limit_of) or not _is_crossable(item, limit_of):
+        return None
+    if motion is not None and not _has_time_to_act(item, limit_of, motion.duration_s):
+        return None
+    return limit_of
 
 
 def _watched(
@@ -226,3 +236,51 @@ def _is_sound(item: Located, limit: TestLimit) -> bool:
         item.refuse("leaves nothing between the ends of a band", "reduce it", key="hysteresis")
         return False
     return True
+
+
+def _is_crossable(item: Located, limit: TestLimit) -> bool:
+    """Return whether a limit of a distance is neither always passed nor never; if not, record why.
+
+    A distance is at least 0, so that it is always above an end below 0, and never below one.
+    """
+    if limit.watched not in _DISTANCES:
+        return True
+    for key, end in (("high", limit.high), ("inner_high", limit.inner_high)):
+        if end < 0.0:
+            remedy = "give a distance of 0 or more: it counts in both directions"
+            item.refuse("is below 0, and a distance never is", remedy, key=key)
+            return False
+    has_upper = min(limit.high, limit.inner_high) < inf
+    if not has_upper and max(limit.low, limit.inner_low) <= 0.0:
+        key = "low" if limit.low > -inf else "inner_low"
+        limit_text = "can never act: a distance is never below 0"
+        item.refuse(limit_text, "give `high: ...`, which counts in both directions", key=key)
+        return False
+    return True
+
+
+def _has_time_to_act(item: Located, limit: TestLimit, duration_s: float) -> bool:
+    """Return whether a limit can act before the longest stretch in which it holds ends.
+
+    A figure is first judged when `over` of the stretch has passed, and then counts for `for`. If
+    that takes longer than the stretch, record a problem.
+    """
+    longest_s = max((end - begin for begin, end in limit.windows_s), default=duration_s)
+    # A stretch that is as long as `over` is over at the instant at which it would first be judged.
+    if limit.over_s < longest_s - _INSTANT_S and limit.over_s + limit.for_s <= longest_s:
+        return True
+    where = f"the segment {limit.during}" if limit.during else "the test"
+    length = f"{where} lasts {show(longest_s, 's')}"
+    if limit.over_s and limit.over_s >= longest_s - _INSTANT_S:
+        over = show(limit.over_s, "s")
+        usual = "" if item.get("over") is not None else ", as it does unless told otherwise"
+        what = f"can never act: it looks back `over` {over}{usual}, and {length} at most"
+        remedy = f"give an `over` below {show(longest_s, 's')}, or let {where} last longer"
+        item.refuse(what, remedy, limit.watched, "over")
+        return False
+    waits = [f"`over` {show(limit.over_s, 's')}"] if limit.over_s else []
+    needed = " and ".join([*waits, f"`for` {show(limit.for_s, 's')}"])
+    what = f"can never act: it needs {needed}, and {length} at most"
+    remedy = f"give less, so that it fits into {show(longest_s, 's')}, or let {where} last longer"
+    item.refuse(what, remedy, limit.watched, "for")
+    return False

@@ -15,6 +15,7 @@ from pydantic import Field as SchemaField
 
 from rig.configuration.reading import (
     Located,
+    Name,
     Physical,
     Schema,
     Sources,
@@ -130,7 +131,7 @@ class Schedule:
 class ScheduleFile(Schema):
     """Keys of a schedule file."""
 
-    name: str
+    name: Name
     description: str = ""
     runs: str = "runs"
     timezone: str = "UTC"
@@ -144,7 +145,7 @@ class ScheduleFile(Schema):
 class EntryFile(Schema):
     """Keys of an entry; keys that all entries share may be written once under `defaults`."""
 
-    name: str
+    name: Name
     campaign: str
     rig: str | None = None
     cron: str | None = None

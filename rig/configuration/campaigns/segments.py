@@ -12,6 +12,7 @@ from control import Constant, Sequence, Setpoint, SetpointError, Stretch, period
 from faults import SegmentEnd, Until
 from rig.configuration.reading import (
     Located,
+    Name,
     Physical,
     Schema,
     Under,
@@ -36,7 +37,7 @@ _DEFAULT_S: Final = 60.0
 class SegmentFile(Schema):
     """Keys of a segment: a setpoint with duration, cycles or `until`; or `hold` or `wait_for`."""
 
-    name: str | None = None
+    name: Name | None = None
     setpoint: Annotated[Any, Under(setpoint_files)] = None
     duration: Annotated[float | None, Physical("s", 1e-3, 3600.0, 10.0)] = None
     cycles: Cycles = None
@@ -89,7 +90,9 @@ def _single(
     item: Located, context: SetpointContext, rig: Rig | None, known: Iterable[str]
 ) -> Motion | None:
     given = item.get("setpoint")
-    if item.get("duration") is None and item.get("cycles") is None:
+    timed = item.get("duration") is not None or item.get("cycles") is not None
+    # An `until` that could be read has given a duration; what is wrong with another is reported.
+    if not timed and item.get("until") is None:
         refuse_missing(item, "duration", known)
     if given is None:
         refuse_missing(item, "setpoint", known)
@@ -108,7 +111,7 @@ def _single(
         return None
     if rig is not None:
         check_against_limits(setpoint, duration_s, given, rig)
-    return Motion(setpoint, duration_s)
+    return Motion(setpoint, duration_s) if timed else None
 
 
 def _duration(item: Located, setpoint: Setpoint, duration_s: float) -> float | None:

@@ -5,6 +5,7 @@ from .fields import (
     Field as Field,
     Interval as Interval,
     Is as Is,
+    Name as Name,
     Physical as Physical,
     Relative as Relative,
     Written as Written,

@@ -266,6 +266,8 @@ class _Builder:
         except (yaml.YAMLError, ValueError, OverflowError) as error:
             reason = getattr(error, "problem", None) or str(error)
             limit = f"cannot be read: {reason}"
-            self.sources.problems.add(place, name, node.value, limit, "quote it")
+            is_day = node.tag == "tag:yaml.org,2002:timestamp"
+            remedy = "write a day of the calendar, such as 2026-03-31" if is_day else "quote it"
+            self.sources.problems.add(place, name, node.value, limit, remedy)
             return None
         return value if isinstance(value, Hashable) else str(node.value)

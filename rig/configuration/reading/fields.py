@@ -1,11 +1,12 @@
 """Annotations of schemas' fields, which parse a quantity, check limits and suggest a remedy."""
 
 import math
+import unicodedata
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import AfterValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from .quantities import QuantityError, Reading, dimension, read, unit_factor
@@ -230,6 +231,23 @@ class Interval(Field):
         one = self.physical.json_schema()
         pair = {"type": "array", "items": one, "minItems": 2, "maxItems": 2}
         return {"anyOf": [one, pair]} if self.single else pair
+
+
+def _checked_name(text: str) -> str:
+    remedy = "write a name of letters, digits and signs that a terminal can show"
+    hidden = next((c for c in text if not c.isprintable() and unicodedata.category(c) != "Zs"), "")
+    if hidden:
+        shown = hidden.encode("unicode_escape").decode()
+        limit = f"has the character {shown}, which cannot be shown"
+        raise PydanticCustomError("quantity", "no name", {"limit": limit, "remedy": remedy})
+    if not text.strip():
+        raise PydanticCustomError("quantity", "no name", {"limit": "is empty", "remedy": remedy})
+    return text
+
+
+Name = Annotated[str, AfterValidator(_checked_name)]
+"""The annotation of a name, which terminals, reports and logs show as it is written: a text that is
+not empty and has no control character, such as ESC, BEL, NUL or a newline. Spaces are allowed."""
 
 
 def _show(number: Decimal, unit: str) -> str:

@@ -36,7 +36,9 @@ class Problem:
         where = f"{self.path}:{self.line}:{self.column}" if self.line else self.path
         what = f"{self.value} {self.limit}".strip()
         text = f"{where} {self.field}: {what}" + (f"; {self.remedy}" if self.remedy else "")
-        return " ".join(text.split())
+        line = " ".join(text.split())
+        # A value may hold any character, and one such as ESC would command the terminal.
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 class ConfigError(ValueError):
@@ -67,10 +69,15 @@ class Problems:
         if problem not in self.found:
             self.found.append(problem)
 
-    def has_at(self, place: Place) -> bool:
-        """Return whether a mistake at a place is recorded already."""
+    def has_at(self, place: Place, name: str = "") -> bool:
+        """Return whether a mistake at a place is recorded already, if `name` is given, of that.
+
+        A mapping and its first key have the same place, which `name` tells apart.
+        """
         where = (display_path(place.path), place.line, place.column)
-        return any((p.path, p.line, p.column) == where for p in self.found)
+        return any(
+            (p.path, p.line, p.column) == where and name in ("", p.field) for p in self.found
+        )
 
     def raise_if_any(self) -> None:
         """Raise an error with all problems, sorted by place, if there are any.

@@ -109,8 +109,14 @@ def elements_of(item: Located | None, remedy: str) -> list[Located]:
 def refuse_missing(item: Located, key: str, known: Iterable[str]) -> None:
     """Record that a mapping lacks a key, unless another of its keys is a misspelling of this one.
 
-    A misspelt key is reported with this name as remedy. `known` are the keys that may be written.
+    A misspelt key is reported with this name as remedy. A key whose value could not be read is not
+    lacking: that is reported already. `known` are the keys that may be written.
     """
+    problems = item.sources.problems
+    written = item.value.get(key) if isinstance(item.value, dict) else None
+    if written is not None and problems.has_at(written.place, key):
+        problems.reported += 1
+        return
     known = set(known)
     unknown = [given for given, _ in item.items() if given not in known]
     if nearest(key, unknown) is None:

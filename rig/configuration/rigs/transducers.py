@@ -139,6 +139,9 @@ def read_transducer(root: Located) -> TransducerCalibration | None:
 
 def _valid_until(root: Located, file: TransducerFile) -> datetime.date | None:
     """Return the last day on which a calibration holds; None, with a problem, if it is not said."""
+    ends = [root.value[key] for key in ("valid_until", "valid_for") if key in root.value]
+    if any(root.sources.problems.has_at(end.place, end.name) for end in ends):
+        return None
     if (file.valid_until is None) == (file.valid_for is None):
         if root.get("valid_until") is None or root.get("valid_for") is None:
             remedy = "add `valid_until: 2027-03-31` or `valid_for: 12 months`"

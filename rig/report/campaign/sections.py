@@ -1,5 +1,6 @@
 """Prepares the section of each test: reads its recording, draws its plots and marks its times."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +13,14 @@ from rig.recording import Event, Recording, RecordingError, read_recording, reco
 from rig.report.accounts import AccountHistory, account_history
 from rig.report.friction import friction
 from rig.report.panel import POINTS, Panel, TestData
-from rig.report.wording import assumed_parameters, conditions_of, loop_conditions, story
+from rig.report.wording import (
+    assumed_parameters,
+    conditions_of,
+    is_after,
+    label,
+    loop_conditions,
+    story,
+)
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
 
 from .leaks import compensation, evidence, leak_flows, missing_flow, probability
@@ -139,13 +147,14 @@ def _section(
     data = TestData(test, recording, outcome.filter, parameters, accounts, points)
     draw = _ACCOUNT_PANELS if outcome.filter == DEFAULT_FILTER else _PATTERN_PANELS
     last = float(recording.time_s[-1])
+    notes = (*notes, *not_reached(recording.metadata, last))
     return Section(
         test,
         happened,
         notes,
         (*conditions_of(recording.metadata), *_counted(test), *loop_conditions(recording)),
         tuple(panel for drawn in draw if (panel := drawn(data)) is not None),
-        _marks(test),
+        _marks(test, last),
         _spans(test, last),
         tuple(event for event in recording.events if event.kind != TIMING)[:_MANY_EVENTS],
         float(recording.time_s[0]),
@@ -201,10 +210,35 @@ def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tu
     return recording, (f"{note} Shown is what could be recovered, {shown}.",)
 
 
-def _marks(test: TestOutcome) -> tuple[dict[str, Any], ...]:
-    times = []
+def not_reached(metadata: Mapping[str, Any], last_s: float) -> Iterator[str]:
+    """Yield a note on the faults of a test that were still to come when its recording ended.
+
+    Args:
+        metadata: metadata of the recording, which lists the test's faults; an older one may not.
+        last_s: time at which the recording ends, s.
+    """
+    test = metadata.get("test")
+    faults = test.get("faults") if isinstance(test, dict) else None
+    later = [
+        f"{label(fault['kind'])} from {fault['at_s']:.1f} s on"
+        for fault in (faults if isinstance(faults, list) else [])
+        if isinstance(fault, dict) and {"kind", "at_s"} <= set(fault)
+        if isinstance(fault["at_s"], float | int) and is_after(fault["at_s"], last_s)
+    ]
+    if later:
+        yield f"Not reached, as the recording ends at {last_s:.1f} s: {', '.join(later)}."
+
+
+def _marks(test: TestOutcome, last_s: float) -> tuple[dict[str, Any], ...]:
+    """Return the marks of a test whose recording ends at `last_s`, as `Section.marks`.
+
+    The end of a fault is no mark if the recording ended before.
+    """
+    times: list[tuple[str, str, float | None]] = []
     for fault in test.injected:
-        times += [("injected", "injected", fault.at_s), ("removed", "removed", fault.until_s)]
+        times += [("injected", "injected", fault.at_s)]
+        if fault.until_s is not None and not is_after(fault.until_s, last_s):
+            times += [("removed", "removed", fault.until_s)]
     if test.decision is not None and test.decision.onset_s is not None:
         times += [("onset", "onset found", test.decision.onset_s)]
         times += [("gone", "gone again", test.decision.ended_s)]

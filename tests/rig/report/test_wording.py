@@ -7,6 +7,7 @@ from estimator.leaks.detection import Decision
 from faults.verdict import Verdict
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.report.wording import (
+    acted,
     detection_summary,
     found_flow,
     found_names,
@@ -145,3 +146,16 @@ def test_a_campaign_that_judged_nothing_has_no_summary(campaign: CampaignOf) -> 
 )
 def test_the_start_is_reported_in_words_and_in_utc(started: str, text: str) -> None:
     assert when(started) == text
+
+
+def test_a_fault_that_outlasts_its_test_is_said_to_act_until_the_test_ended() -> None:
+    fault = replace(INJECTED, until_s=55.0)
+    ended = replace(PASSED, injected=(fault,), duration_s=90.0, recorded_s=52.0)
+    assert "on average, until the test ended at 52.0 s)" in story(ended)
+    assert "55.0 s" not in story(ended)
+    assert acted(fault, 52.0) == "from 8.0 s to the end at 52.0 s"
+
+
+def test_a_fault_that_ended_in_its_test_or_in_an_older_run_keeps_its_end() -> None:
+    fault = replace(INJECTED, until_s=55.0)
+    assert [acted(fault, recorded_s) for recorded_s in (55.0, 60.0, 0.0)] == ["8.0 s to 55.0 s"] * 3

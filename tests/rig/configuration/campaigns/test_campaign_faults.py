@@ -262,7 +262,7 @@ def test_windows_back_to_back_are_one_bypass_that_stays_open(tmp_path: Path) -> 
         (profile("until: 30 s", "at: 5 s, size: 0.5"), "size: is not a known key"),
         (
             profile("until: 30 s", "at: 9 s, needle_opening: 0.5", "at: 5 s, needle_opening: 0.6"),
-            "is not after at (9 s)",
+            "at: 5 s is not after the entry before, which begins at 9 s",
         ),
         (
             profile("until: 30 s", "at: 5 s, needle_opening: 0.5, until: 9 s",
@@ -281,3 +281,11 @@ def test_a_profile_that_no_bypass_can_follow_is_refused(
     tmp_path: Path, keys: str, said: str
 ) -> None:
     assert said in "\n".join(problems_of(tmp_path, keys))
+
+
+@pytest.mark.parametrize("second", ["at: 5 s", "at: 4 s"])
+def test_entries_of_a_profile_in_a_wrong_order_are_one_problem(tmp_path: Path, second: str) -> None:
+    keys = profile("", "at: 5 s, needle_opening: 0.5", f"{second}, needle_opening: 0.6")
+    (problem,) = problems_of(tmp_path, keys)
+    assert f"{second} is not after the entry before, which begins at 5 s" in problem
+    assert problem.endswith("give the entries in the order of their times")

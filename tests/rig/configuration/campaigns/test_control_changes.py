@@ -35,6 +35,7 @@ def test_a_test_without_changes_is_recorded_as_before(tmp_path: Path) -> None:
         ("{at: 0 s, control: {gain: 80 V/m}}", "at: 0 s is not after the begin of the test at 0 s"),
         ("{at: 40 s, control: {gain: 80 V/m}}", "is not before the end of the test at 40 s"),
         ("{at: 12 s}", "control"),
+        ("{at: 12 s, control: {}}", "control: an empty mapping changes nothing; give a key"),
         ("{at: 12 s, control: {gan: 80 V/m}}", "did you mean gain?"),
         ("{at: 12, control: {gain: 80 V/m}}", "12 has no unit"),
         ("{at: 12 s, gain: 80 V/m, control: proportional}", "gain: is not a known key"),

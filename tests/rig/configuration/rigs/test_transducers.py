@@ -124,3 +124,23 @@ def test_a_check_describes_a_file_and_warns_on_the_day_that_is_given(tmp_path: P
     assert not report.warnings
     assert "expires in 1 day:" in str(check(path, day=date(2027, 3, 1)))
     assert "expired on 2027-03-02" in str(check(path, day=date(2027, 3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "said"),
+    [
+        ("valid_until: 2027-03-02", "valid_for: 12 moons", "4:1 valid_for: 12 moons is no period"),
+        ("date: 2026-03-02", "date: 2026-02-30", "3:1 date: 2026-02-30 cannot be read"),
+        (
+            "valid_until: 2027-03-02",
+            "valid_until: 2027-02-30",
+            "4:1 valid_until: 2027-02-30 cannot",
+        ),
+    ],
+)
+def test_a_wrong_time_is_one_problem_and_not_said_to_be_lacking_too(
+    tmp_path: Path, good: str, bad: str, said: str
+) -> None:
+    (problem,) = problems_of(tmp_path, FILE.replace(good, bad))
+    assert problem.startswith(said)
+    assert "quote it" not in problem

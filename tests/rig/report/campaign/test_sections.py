@@ -9,7 +9,7 @@ import pytest
 
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import McapWriter, read_recording
-from rig.report.campaign.sections import Section, sections_of
+from rig.report.campaign.sections import Section, not_reached, sections_of
 from rig.report.panel import Panel
 from rig.runner.outcomes.outcome import CampaignOutcome, Status, TestOutcome
 
@@ -92,6 +92,23 @@ def test_a_fault_that_was_taken_away_is_marked_too(
     ended = replace(leaking, injected=(replace(leaking.injected[0], until_s=12.0),))
     section = sections_of(campaign(ended), run_directory)[0]
     assert ("removed", 12.0) in [(mark["kind"], mark["time"]) for mark in section.marks]
+
+
+def test_the_end_of_a_fault_after_the_recording_s_end_is_not_marked(
+    leaking: TestOutcome, run_directory: Path, campaign: CampaignOf
+) -> None:
+    ended = replace(leaking, injected=(replace(leaking.injected[0], until_s=1000.0),))
+    section = sections_of(campaign(ended), run_directory)[0]
+    assert "removed" not in [mark["kind"] for mark in section.marks]
+
+
+def test_levels_of_a_leak_that_werenot_reached_are_noted() -> None:
+    levels = [{"kind": "internal_leakage", "at_s": at_s} for at_s in (20.0, 40.0, 60.0)]
+    (note,) = not_reached({"test": {"faults": levels}}, 39.0)
+    assert note.startswith("Not reached, as the recording ends at 39.0 s: ")
+    assert note.endswith(" from 40.0 s on, internal leak from 60.0 s on.")
+    assert list(not_reached({"test": {"faults": levels}}, 60.0)) == []
+    assert list(not_reached({}, 60.0)) == []
 
 
 def test_the_thesis_filter_shows_its_averages_against_their_thresholds(

@@ -1,0 +1,78 @@
+"""Warnings about a test that can be foreseen from its file and its rig, without computing anything.
+
+Each is one sentence for `rig check`, and what it warns of runs all the same.
+"""
+
+from collections.abc import Iterator
+from math import inf
+from typing import Final
+
+from control import FromFile, Sequence, Setpoint
+from faults import CampaignTest, Verdict
+from rig.configuration.reading import show
+from rig.configuration.rigs import Rig
+
+_ENDS_EARLY_S: Final = 0.1
+"""How long before its test a setpoint file may end without a warning, s. The last row of a file
+with ten rows a second or more comes at most so long before the test's end."""
+
+
+def setpoint_warnings(test: CampaignTest) -> Iterator[str]:
+    """Yield a warning for each setpoint file of a test that ends before its motion does."""
+    for setpoint, lasts_s in _motions(test):
+        if not isinstance(setpoint, FromFile):
+            continue
+        if setpoint.last_time_s < lasts_s - _ENDS_EARLY_S:
+            yield (
+                f"the setpoint file {setpoint.path.name} ends at {setpoint.last_time_s:g} s of "
+                f"{lasts_s:g} s, and its last value is held from then on; lengthen it, or shorten "
+                "the motion"
+            )
+
+
+def until_warnings(test: CampaignTest) -> Iterator[str]:
+    """Yield a warning if a test awaits a fault's verdict, and is to be healthy in the end.
+
+    It fails if the verdict comes, which is not the one expected, and also if it does not come.
+    """
+    awaited = [test.until, *(each.until for each in test.segment_ends)]
+    found = [each.verdict for each in awaited if each is not None and each.verdict is not None]
+    for verdict in dict.fromkeys(found):
+        if verdict != Verdict.HEALTHY and test.expect == Verdict.HEALTHY:
+            yield (
+                f"it awaits {verdict} and expects healthy, so that it fails whether the verdict "
+                f"comes or not; write `expect: {verdict}`, or await something else"
+            )
+
+
+def limit_warnings(test: CampaignTest, rig: Rig) -> Iterator[str]:
+    """Yield a warning for each end of a test's limit beyond an end at which the rig itself stops.
+
+    Rungs of the rig that only indicate stop nothing, and are left out.
+    """
+    for limit in test.limits:
+        figure, _, of = limit.watched.rpartition(" of ")
+        channel = of if figure in ("peak", "valley") else limit.watched
+        rungs = [r for r in rig.ladder if r.channel == channel and r.action != "indicate"]
+        least = max((rung.low for rung in rungs), default=-inf)
+        most = min((rung.high for rung in rungs), default=inf)
+        ends = (
+            ("low", -inf < limit.low < least, limit.low, least),
+            ("inner_low", -inf < limit.inner_low < least, limit.inner_low, least),
+            ("inner_high", most < limit.inner_high < inf, limit.inner_high, most),
+            ("high", most < limit.high < inf, limit.high, most),
+        )
+        for key, is_beyond, end, own in ends:
+            if is_beyond:
+                yield (
+                    f"the limit of {limit.watched} at {key} {show(end, limit.unit)} is never "
+                    f"reached: the rig's own limit at {show(own, limit.unit)} acts before; give a "
+                    "narrower one, or leave it out"
+                )
+
+
+def _motions(test: CampaignTest) -> list[tuple[Setpoint, float]]:
+    """Return each setpoint of a test with how long it lasts, s."""
+    if isinstance(test.setpoint, Sequence):
+        return [(each.setpoint, each.duration_s) for each in test.setpoint.stretches]
+    return [(test.setpoint, test.duration_s)]
