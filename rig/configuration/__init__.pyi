@@ -3,7 +3,10 @@ from .campaigns import (
     Expected as Expected,
     Missed as Missed,
     Schedule as Schedule,
+    control_for as control_for,
+    control_of as control_of,
     expected_error as expected_error,
+    gain_for as gain_for,
     is_mistaken as is_mistaken,
     load_campaign as load_campaign,
     load_schedule as load_schedule,
@@ -11,6 +14,7 @@ from .campaigns import (
     plan_campaign as plan_campaign,
     unstable_controls as unstable_controls,
     valve_speed as valve_speed,
+    with_load as with_load,
 )
 from .checking import check as check
 from .editing import EDITED as EDITED, editor_schema as editor_schema

@@ -1,12 +1,7 @@
 from .calibration import Strokes as Strokes, calibratable as calibratable, calibrate as calibrate
 from .checks import checks_for as checks_for
 from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig
-from .guiding import (
-    basis_for as basis_for,
-    control_for as control_for,
-    gain_for as gain_for,
-    guide_for as guide_for,
-)
+from .guiding import basis_for as basis_for, guide_for as guide_for
 from .processes import News as News, Onlooker as Onlooker, RowFeed as RowFeed, Stream as Stream
 from .session import Session as Session
 from .trip_report import (

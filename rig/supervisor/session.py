@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from control import ControlSettings
 from estimator.filters import FilterMemory
 from faults import CampaignTest
+from rig.configuration import gain_for
 from rig.io import METERS, SLOW_INPUTS
 from rig.loop import (
     TIMING,
@@ -42,7 +43,7 @@ from rig.supervisor.processes import (
 
 from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
-from .guiding import basis_for, gain_for, guide_for
+from .guiding import basis_for, guide_for
 from .moves import moves, preparing_moves
 from .states import Event, State
 

@@ -17,6 +17,12 @@ from .judged_controls import (
     is_mistaken as is_mistaken,
     unstable_controls as unstable_controls,
 )
+from .loop_of_test import (
+    control_for as control_for,
+    control_of as control_of,
+    gain_for as gain_for,
+    with_load as with_load,
+)
 from .schedule import (
     Entry as Entry,
     Missed as Missed,

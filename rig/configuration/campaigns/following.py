@@ -18,6 +18,8 @@ from faults import CampaignTest
 from rig.configuration.rigs import Rig
 from rig.plant import TICK, Model, Parameters
 
+from .loop_of_test import control_of, gain_for, with_load
+
 Array = NDArray[np.float64]
 
 LONGEST_S: Final = 20.0
@@ -83,10 +85,10 @@ def expected_following(test: CampaignTest, rig: Rig, assumed: Model) -> Followin
         rig: the rig; its plant is taken for the truth.
         assumed: the model that the loop's feedforward assumes.
     """
-    settings = rig.control if test.control is None else test.control
-    gain = test.gain_V_per_m or settings.gain or rig.gain_V_per_m
+    settings = control_of(rig, test)
+    gain = gain_for(rig, test)
     setpoint, position = expected_motion(test, settings, gain, rig, assumed)
-    error, true = setpoint - position, _loaded(rig.plant, test).parameters
+    error, true = setpoint - position, with_load(rig.plant, test).parameters
     whole = test.setpoint.sample(np.arange(round(test.duration_s / TICK)) * TICK)
     model_ahead = ControlSettings(feedforward="model", lead=0.0)
     needed = np.where(
@@ -129,7 +131,7 @@ def expected_motion(
     first = round(begin_s / TICK)
     last = round(min(test.duration_s, end_s, begin_s + LONGEST_S) / TICK)
     setpoint = test.setpoint.sample(np.arange(first, last) * TICK)
-    true, believed = (_loaded(model, test).parameters for model in (rig.plant, assumed))
+    true, believed = (with_load(model, test).parameters for model in (rig.plant, assumed))
     return setpoint, _followed(test, setpoint, settings, gain, rig, true, believed)
 
 
@@ -154,13 +156,6 @@ def law_in_words(settings: ControlSettings, gain: float, cyclic: bool) -> str:
         return f"{parts[0]} alone"
     learnt = ", before its frequencies are corrected" if settings.cyclic and cyclic else ""
     return ", ".join(parts) + learnt
-
-
-def _loaded(model: Model, test: CampaignTest) -> Model:
-    if test.load is None:
-        return model
-    stiffness, contact = test.load.stiffness, test.load.contact
-    return model.with_effect("spring_load", stiffness=stiffness, contact=contact)
 
 
 def _followed(

@@ -16,10 +16,11 @@ from rig.configuration.rigs import Rig, margins_by_model, margins_in_words, reme
 from rig.plant import Model
 
 from .following import expected_motion
+from .loop_of_test import control_of, gain_for
 
 _NOTABLE_M: Final = 1e-3
-"""Error in m by which a control must be worse before it is told: the reduced rig foresees the error
-of the simulated one to a millimetre or two."""
+"""Error in m by which a control must be worse before that is reported: the reduced rig foresees the
+error of the simulated one to a millimetre or two."""
 _TWICE: Final = 1.0
 """Share of the other control's error by which an order must be worse to be refused: twice as large
 is no choice between two controls any more, but a mistake such as a decimal point."""
@@ -86,19 +87,18 @@ def is_mistaken(new: Expected, others: tuple[Expected, ...], settings: ControlSe
 def unstable_controls(campaign: Campaign, rig: Rig) -> tuple[tuple[str, str], ...]:
     """Return test and warning for each control that leaves a loop too small margins by the model.
 
-    Tests with the same control and gain are told of once, by the first of them. Changes of the
+    Of tests with the same control and gain the first one alone is named. Changes of the
     control of a running test are not looked at.
     """
     found: dict[tuple[ControlSettings, float], str] = {}
     for test in campaign.tests:
         if test.setpoint.quantity == "position":
-            settings, gain = control_with_gain(test, rig)
-            found.setdefault((settings, gain), test.name)
-    told = (
+            found.setdefault((control_of(rig, test), gain_for(rig, test)), test.name)
+    said = (
         (name, _too_small(settings, gain, rig, campaign.model))
         for (settings, gain), name in found.items()
     )
-    return tuple((name, f"the control leaves {text}") for name, text in told if text)
+    return tuple((name, f"the control leaves {text}") for name, text in said if text)
 
 
 def control_warnings(
@@ -126,14 +126,8 @@ def control_warnings(
     return known[same]
 
 
-def control_with_gain(test: CampaignTest, rig: Rig) -> tuple[ControlSettings, float]:
-    """Return the control settings with which a test begins, and the gain of its loop, V/m."""
-    settings = rig.control if test.control is None else test.control
-    return settings, test.gain_V_per_m or settings.gain or rig.gain_V_per_m
-
-
 def _control_warnings(test: CampaignTest, rig: Rig, assumed: Model) -> Iterator[str]:
-    settings, first = control_with_gain(test, rig)
+    settings, first = control_of(rig, test), gain_for(rig, test)
     changes = [(each.at_s, each.control) for each in test.control_changes]
     ends = [at_s for at_s, _ in changes] + [test.duration_s]
     text = _beaten(test, settings, first, rig, assumed, 0.0, ends[0])

@@ -10,6 +10,7 @@ from rig.configuration import (
     ConfigError,
     Expected,
     Rig,
+    control_for,
     control_in_words,
     expected_error,
     is_mistaken,
@@ -19,7 +20,6 @@ from rig.configuration import (
     remedy_of_margins,
 )
 from rig.plant import Model
-from rig.supervisor import control_for
 
 from .operator_requests import RefusedError
 

@@ -12,7 +12,7 @@ from control import ControlSettings
 from estimator.filters import FilterMemory
 from faults import CampaignTest, FaultSchedule
 from rig.channels import READINGS
-from rig.configuration import Rig
+from rig.configuration import Rig, gain_for
 from rig.io import ChannelLimit, calibration_doubts, corrections_of, simulated_rig, today
 from rig.loop import (
     Action,
@@ -38,7 +38,6 @@ from rig.supervisor import (
     TripReport,
     basis_for,
     checks_for,
-    gain_for,
     guide_for,
     kept_trip_report,
     trip_error,
