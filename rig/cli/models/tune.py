@@ -86,7 +86,7 @@ def command(
     if out is not None and out.exists():
         problems.add(f"--out: {out} exists; name a new file")
     if out is not None and out.suffix not in (".yaml", ".yml"):
-        problems.add(f"--out: {out} does not end in .yaml, by which a file is told from a name")
+        problems.add(f"--out: {out} does not end in .yaml, as the path of a rig file does")
     if out is not None and not out.parent.is_dir():
         problems.add(f"--out: {out.parent} is no folder; make it first")
     if problems.found:

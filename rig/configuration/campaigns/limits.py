@@ -273,7 +273,7 @@ def _has_time_to_act(item: Located, limit: TestLimit, duration_s: float) -> bool
     length = f"{where} lasts {show(longest_s, 's')}"
     if limit.over_s and limit.over_s >= longest_s - _INSTANT_S:
         over = show(limit.over_s, "s")
-        usual = "" if item.get("over") is not None else ", as it does unless told otherwise"
+        usual = "" if item.get("over") is not None else ", which is the default"
         what = f"can never act: it looks back `over` {over}{usual}, and {length} at most"
         remedy = f"give an `over` below {show(longest_s, 's')}, or let {where} last longer"
         item.refuse(what, remedy, limit.watched, "over")

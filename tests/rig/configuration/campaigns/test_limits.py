@@ -33,8 +33,8 @@ def problems_of_segments(folder: Path, keys: str) -> list[str]:
 def test_a_figure_that_looks_back_over_more_than_its_segment_is_refused(tmp_path: Path) -> None:
     (problem,) = problems_of_segments(tmp_path, "figure: rms_error, high: 1 mm, during: a")
     assert problem == (
-        "campaign.yaml:11:9 over: rms_error can never act: it looks back `over` 10 s, as it does "
-        "unless told otherwise, and the segment a lasts 8 s at most; "
+        "campaign.yaml:11:9 over: rms_error can never act: it looks back `over` 10 s, which is "
+        "the default, and the segment a lasts 8 s at most; "
         "give an `over` below 8 s, or let the segment a last longer"
     )
 
