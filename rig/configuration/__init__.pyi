@@ -61,6 +61,7 @@ from .rigs import (
 )
 from .sweeps import (
     HEALTHY as HEALTHY,
+    LATENCY as LATENCY,
     Distribution as Distribution,
     Sweep as Sweep,
     SweepFilter as SweepFilter,

@@ -1,3 +1,11 @@
+from .asked import limit_label as limit_label
+from .asked_study import (
+    AskedStudy as AskedStudy,
+    CriterionStudy as CriterionStudy,
+    FigureStudy as FigureStudy,
+    LimitStudy as LimitStudy,
+    asked_study as asked_study,
+)
 from .cluster import connect as connect, run_cluster as run_cluster
 from .folder import (
     PAGE as PAGE,

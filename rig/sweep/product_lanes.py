@@ -42,7 +42,12 @@ def judged_by_product(group: Group) -> Figures:
     ends_s: list[float] = []
     filters = ProductLanes(setting.model, setting.sensors)
     squares, flow = np.zeros(LANES), np.zeros((1, LANES))
+    wanted = [LANE_READINGS.index(name) for name in setting.kept]
+    kept = np.empty((setting.ticks if wanted else 0, len(wanted), LANES))
     for time_s, readings in _blocks(group, flow):
+        if wanted:
+            first = round(time_s[0] / TICK)
+            kept[first : first + time_s.size] = readings[:, wanted]
         # The filter's sums are reset with the last sample of a window, and are read before it.
         before = filters.advance(readings[:-1])
         squares += filters.squares
@@ -59,7 +64,9 @@ def judged_by_product(group: Group) -> Figures:
     bounded = np.clip(healthy, _LEAST_HEALTHY, 1.0 - _LEAST_HEALTHY)
     flows = [(each.leak_m3_per_s, *(each.interval_m3_per_s or (None, None))) for each in decisions]
     leak, low, high = np.array(flows, dtype=np.float64).T
-    return group.outcome_columns(np.array(verdicts), np.array(ends_s)) | {
+    outcomes = group.outcome_columns(np.array(verdicts), np.array(ends_s))
+    asked = group.asked_columns(kept, leak, outcomes["latency_s"].astype(np.float64))
+    return outcomes | asked | {
         "leak_true_m3_per_s": group.true_flow(flow[0]),
         "statistic": np.array([each.statistic for each in decisions]),
         "threshold": np.array([each.threshold for each in decisions]),

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final, get_args
+from typing import Annotated, Any, Final
 
 from pydantic import Field as SchemaField
 
 from control import ControlSettings
 from estimator.leaks import LEARNING_S
-from faults import LEAK_KINDS
-from rig.configuration.campaigns import TYPICAL_PRESSURE
+from rig.configuration.campaigns import CriterionFile, OwnFigureFile, TestLimitFile
 from rig.configuration.models import ParameterReader, named_model, physical, read_model
 from rig.configuration.reading import (
     Adjustable,
@@ -24,7 +23,6 @@ from rig.configuration.reading import (
     read_in,
     read_mapping,
     show,
-    suggestion,
 )
 from rig.configuration.rigs import Rig, read_control, read_rig
 from rig.plant import (
@@ -32,7 +30,6 @@ from rig.plant import (
     NOMINAL,
     REMEMBERING,
     TICK,
-    LeakName,
     Model,
     Parameters,
     PlantEffect,
@@ -42,19 +39,15 @@ from rig.plant import (
 from .distributions import KINDS, Distribution, Drawn, Random, resolved
 from .drawn_fields import DrawnEffects, DrawnParameters
 from .expecting import following_lines
-from .sweep_motions import motion_files, read_motions
-from .sweep_plan import Sweep, SweepFilter, SweptLeaks
+from .sweep_motions import MotionContext, motion_files, read_motions
+from .sweep_plan import Sweep, SweepFilter
+from .swept_asked import asking_of
+from .swept_leaks import LeaksFile, read_leaks
 
-INTERNAL_PRESSURE: Final = 2.5e6
-"""Pressure difference in Pa that friction makes between the chambers of a moving ram.
-
-The flow of an internal leak is stated at this drop.
-"""
 _SHORTEST_S: Final = 10.0
-_AFTER_ONSET_S: Final = 4.0
+_USUAL_S: Final = 60.0
+_JUDGED_S: Final = 4.0
 _BLOCK_S: Final = 0.5
-_LEAKAGE: Final = Physical("m^3/(s Pa^0.5)", 0.0, 1e-6, 4e-9)
-_FLOW: Final = Physical("m^3/s", 0.0, 1e-3, 1e-5)
 
 
 class SweepFile(Schema):
@@ -66,7 +59,7 @@ class SweepFile(Schema):
     model: str = "nominal"
     filter: SweepFilter = "thesis-7"
     false_alarms_per_day: Annotated[float, Physical("", 1e-3, 1e3, 1.0)] = 1.0
-    duration: Annotated[float, Physical("s", _SHORTEST_S, 3600.0, 60.0)] = 60.0
+    duration: Annotated[float, Physical("s", _SHORTEST_S, 3600.0, _USUAL_S)] = _USUAL_S
     longest_step: Annotated[float, Physical("s", LONGEST_STEP, TICK, LONGEST_STEP)] = LONGEST_STEP
     cases: Annotated[int, SchemaField(ge=1, le=10_000_000)]
     seed: Annotated[int, SchemaField(ge=0, lt=2**31)] = 0
@@ -76,17 +69,9 @@ class SweepFile(Schema):
     leaks: Annotated[Any, Under(lambda: (LeaksFile,), words=("none",))] = None
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     motions: Annotated[Any, Under(motion_files, many=True)]
-
-
-class LeaksFile(Schema):
-    """Keys of `leaks` in a sweep file: how many cases leak, where, how much and from when on."""
-
-    healthy: Annotated[float, Physical("", 0.0, 1.0, 0.25)] = 0.25
-    places: tuple[LeakName, ...] = get_args(LeakName)
-    flow: Annotated[Any, Random(_FLOW)] = None
-    coefficient: Annotated[Any, Random(_LEAKAGE)] = None
-    pressure: Annotated[float | None, Physical("Pa", 1e3, 3.5e7, TYPICAL_PRESSURE)] = None
-    onset: Annotated[Any, Random(Physical("s", 0.0, 3600.0, 20.0))]
+    figures: Annotated[Any, Under(lambda: (OwnFigureFile,), named=True)] = None
+    criteria: Annotated[Any, Under(lambda: (CriterionFile,), many=True)] = None
+    limits: Annotated[Any, Under(lambda: (TestLimitFile,), many=True)] = None
 
 
 def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
@@ -108,9 +93,16 @@ def read_sweep(root: Located) -> Sweep | None:
     drawn = _Parameters(rig.plant.parameters if rig is not None else NOMINAL)
     drawn.read(root)
     drawn.check_together()
-    leaks = _read_leaks(root.get("leaks"), file, rig)
+    duration_s = _USUAL_S if file is None else file.duration
+    filter_name: SweepFilter = "thesis-7" if file is None else file.filter
+    learning_s = LEARNING_S if filter_name == "thesis-7" else None
+    leaks = read_leaks(
+        root.get("leaks"), None if file is None else duration_s, learning_s, rig
+    )
     control = read_control(root.get("control"), rig.control if rig is not None else None)
-    motions = read_motions(root.get("motions"), rig.limits if rig is not None else None, control)
+    asking = asking_of(root, rig, filter_name, duration_s)
+    context = MotionContext(rig, control, duration_s, 0 if file is None else file.seed, asking)
+    motions = read_motions(root.get("motions"), context)
     if file is not None:
         _check_duration(root, file)
     problems, sha256 = root.sources.problems, root.sources.sha256
@@ -135,6 +127,7 @@ def read_sweep(root: Located) -> Sweep | None:
         motions=motions,
         source_files={str(source): digest for source, digest in sha256.items()},
         control=control,
+        own_figures=asking.own,
     )
 
 
@@ -144,7 +137,7 @@ def _check_duration(root: Located, file: SweepFile) -> None:
     if abs(file.duration / _BLOCK_S - round(file.duration / _BLOCK_S)) > 1e-6:
         limit = f"is no multiple of {_BLOCK_S:g} s, after which decisions come"
         root.refuse(limit, "round it", duration, "duration")
-    if file.filter == "thesis-7" and file.duration < LEARNING_S + _AFTER_ONSET_S:
+    if file.filter == "thesis-7" and file.duration < LEARNING_S + _JUDGED_S:
         limit = f"leaves nothing to judge after the {LEARNING_S:g} s that thesis-7 learns in"
         root.refuse(limit, "make it 30 s or more", duration, "duration")
 
@@ -242,60 +235,6 @@ class _Parameters(ParameterReader):
                 f"{show(most, unit)}"
             )
             self._entries[given[0]].refuse(limit, "keep them apart")
-
-
-def _read_leaks(
-    item: Located | None, sweep: SweepFile | None, rig: Rig | None
-) -> SweptLeaks | None:
-    if item is None or item.value == "none":
-        return None
-    file = read_mapping(LeaksFile, item)
-    if file is None:
-        return None
-    sizes = {name: drawn for name in ("flow", "coefficient") if (drawn := getattr(file, name))}
-    if len(sizes) != 1:
-        limit = "has both flow and coefficient" if sizes else "has no size"
-        item.refuse(limit, "give flow or coefficient", "")
-        return None
-    name, drawn = next(iter(sizes.items()))
-    _check_places(item, file, rig)
-    entry, limits = item.find(name), _FLOW if name == "flow" else _LEAKAGE
-    size = quantity_in(entry, lambda: resolved(drawn, limits))
-    if size is not None and size.support[0] <= 0.0:
-        entry.refuse("may be no leak at all", "give its part of all cases as `healthy`")
-    entry, seconds = item.find("onset"), Physical("s", 0.0, 3600.0)
-    onset = quantity_in(entry, lambda: resolved(file.onset, seconds))
-    if onset is not None and sweep is not None:
-        _check_onset(entry, onset, sweep)
-    if size is None or onset is None:
-        return None
-    usual = {**dict.fromkeys(file.places, TYPICAL_PRESSURE), "internal_leakage": INTERNAL_PRESSURE}
-    pressures = tuple(file.pressure or usual[place] for place in file.places)
-    return SweptLeaks(
-        file.healthy, tuple(file.places), size, pressures if name == "flow" else None, onset
-    )
-
-
-def _check_places(item: Located, file: LeaksFile, rig: Rig | None) -> None:
-    if not file.places:
-        remedy = f"name some of {', '.join(LEAK_KINDS)}"
-        item.refuse("is empty", remedy, "[]", "places")
-    if len(set(file.places)) < len(file.places):
-        item.refuse("names one twice", "name each once", key="places")
-    for place in file.places:
-        if rig is not None and place not in rig.injectable:
-            remedy = suggestion(place, rig.injectable, "bypasses")
-            item.refuse(f"is no bypass of {rig.name}", remedy, place, "places")
-
-
-def _check_onset(entry: Located, onset: Distribution, sweep: SweepFile) -> None:
-    first, last = onset.support
-    if last > sweep.duration - _AFTER_ONSET_S:
-        limit = f"may come later than {_AFTER_ONSET_S:g} s before the end, {sweep.duration:g} s"
-        entry.refuse(limit, "let it begin earlier")
-    if sweep.filter == "thesis-7" and first < LEARNING_S:
-        limit = f"may fall into the {LEARNING_S:g} s in which thesis-7 learns what is healthy"
-        entry.refuse(limit, "let it begin later")
 
 
 def sweep_lines(sweep: Sweep) -> Iterator[str]:
