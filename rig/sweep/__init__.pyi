@@ -1,4 +1,3 @@
-from .asked import limit_label as limit_label
 from .asked_study import (
     AskedStudy as AskedStudy,
     CriterionStudy as CriterionStudy,

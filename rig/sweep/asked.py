@@ -182,9 +182,7 @@ def in_words(crossing: Crossing) -> str:
     return f"{limit_label(crossing.limit)} {word} {end}: {crossing.action}"
 
 
-def _channels(
-    asked: Asked, readings: Mapping[str, Array], setpoint: Array
-) -> dict[str, Array]:
+def _channels(asked: Asked, readings: Mapping[str, Array], setpoint: Array) -> dict[str, Array]:
     """Return channel -> samples (ticks,) of a case, in SI, with the time first."""
     name = "setpoint_m" if asked.quantity == "position" else "setpoint_V"
     channels = {"time_s": np.arange(setpoint.size) * TICK, name: setpoint, **readings}
@@ -212,5 +210,3 @@ def _test(asked: Asked, duration_s: float) -> CampaignTest:
         own_figures=asked.own,
         criteria=asked.criteria,
     )
-
-

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from control import Sequence
 from estimator.leaks import SILENT
-from rig.configuration import Sweep, SweepFilter
+from rig.configuration import Rig, Sweep, SweepFilter
 from rig.lanes import LANES, aligned, start_streams
-from rig.loop import LaneRigs, LoopSetting
+from rig.loop import LANE_READINGS, LaneRigs, LoopSetting
 from rig.plant import NO_FAULT, TICK, Model, Parameters, SensorParameters, rest_state
 
 from .asked import LIMIT_PASSED, Asked, Known, asked_of, columns_told, judged_case, readings_kept
@@ -46,6 +46,9 @@ class Setting:
         asked: what is asked of the cases of each motion.
         kept: which readings of each case must be kept for that, as in `rig.loop.LANE_READINGS`;
             none if nothing is asked of samples.
+        corrections: what the calibrations of the rig's transducers add to readings: index in
+            `rig.loop.LANE_READINGS`, indicated values and the corrections there, SI. Between two
+            points they are linear, beyond the ends those of the ends (`rig.io.corrections_of`).
     """
 
     like: Parameters
@@ -63,11 +66,20 @@ class Setting:
     sequences: tuple[Sequence | None, ...]
     asked: tuple[Asked, ...]
     kept: tuple[str, ...]
+    corrections: tuple[tuple[int, Array, Array], ...]
 
     @property
     def blocks(self) -> int:
         """Number of blocks, of half a second each, in a case."""
         return (self.ticks - 1) // BLOCK
+
+
+def _corrections(rig: Rig) -> Iterator[tuple[int, Array, Array]]:
+    """Yield what the calibrations of a rig's transducers add to the readings of its lanes."""
+    for each in rig.calibrations:
+        if each.channel in LANE_READINGS:
+            points = np.array([(point.indicated, point.correction) for point in each.points])
+            yield LANE_READINGS.index(each.channel), points[:, 0].copy(), points[:, 1].copy()
 
 
 def setting_of(sweep: Sweep) -> Setting:
@@ -99,6 +111,7 @@ def setting_of(sweep: Sweep) -> Setting:
         sequences=tuple(motion.sequence for motion in sweep.motions),
         asked=asked,
         kept=readings_kept(asked),
+        corrections=tuple(_corrections(base)),
     )
 
 

@@ -66,21 +66,25 @@ def judged_by_product(group: Group) -> Figures:
     leak, low, high = np.array(flows, dtype=np.float64).T
     outcomes = group.outcome_columns(np.array(verdicts), np.array(ends_s))
     asked = group.asked_columns(kept, leak, outcomes["latency_s"].astype(np.float64))
-    return outcomes | asked | {
-        "leak_true_m3_per_s": group.true_flow(flow[0]),
-        "statistic": np.array([each.statistic for each in decisions]),
-        "threshold": np.array([each.threshold for each in decisions]),
-        # The log odds of any fault, ln((1 - p) / p) with p the probability of health, show how
-        # likely one is even if the verdict names none.
-        "score": np.nan_to_num(np.log1p(-bounded) - np.log(bounded), nan=-40.0),
-        "probability_healthy": healthy,
-        "leak_m3_per_s": leak,
-        "leak_low_m3_per_s": low,
-        "leak_high_m3_per_s": high,
-        "nis": squares / setting.blocks,
-        "resets": filters.resets,
-        "lost": filters.resets > 0,
-    }
+    return (
+        outcomes
+        | asked
+        | {
+            "leak_true_m3_per_s": group.true_flow(flow[0]),
+            "statistic": np.array([each.statistic for each in decisions]),
+            "threshold": np.array([each.threshold for each in decisions]),
+            # The log odds of any fault, ln((1 - p) / p) with p the probability of health, show how
+            # likely one is even if the verdict names none.
+            "score": np.nan_to_num(np.log1p(-bounded) - np.log(bounded), nan=-40.0),
+            "probability_healthy": healthy,
+            "leak_m3_per_s": leak,
+            "leak_low_m3_per_s": low,
+            "leak_high_m3_per_s": high,
+            "nis": squares / setting.blocks,
+            "resets": filters.resets,
+            "lost": filters.resets > 0,
+        }
+    )
 
 
 def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
@@ -112,6 +116,8 @@ def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
         )  # fmt: skip
         if not enough:
             raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
+        for row, indicated, corrections in setting.corrections:
+            readings[:, row] += np.interp(readings[:, row], indicated, corrections)
         if not setting.has_spool:
             readings[:, LANE_READINGS.index("spool_m")] = np.nan
         if not setting.has_supply:

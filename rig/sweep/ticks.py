@@ -467,9 +467,7 @@ def thesis7_readings(ahead, rigs, cases, filters, loop, like, sensors, assumed, 
         while done < count:
             part = BLOCK + 1 if first + done == 0 else BLOCK
             here = rows[done : done + part]
-            thesis7_ticks(
-                first + done, log, here, rigs, cases, filters, like, sensors, assumed
-            )
+            thesis7_ticks(first + done, log, here, rigs, cases, filters, like, sensors, assumed)
             # Blocks draw their noise one by one, and so must these readings.
             found = readings[done : done + part]
             logged_readings(rigs, cases, again, like, sensors, log, here, found)

@@ -13,6 +13,8 @@ from .criteria import (
 )
 from .dry_run import (
     PlannedTest as PlannedTest,
+    criterion_in_words as criterion_in_words,
+    limit_in_words as limit_in_words,
     plan_campaign as plan_campaign,
     valve_speed as valve_speed,
 )

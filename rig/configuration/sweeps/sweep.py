@@ -8,7 +8,13 @@ from pydantic import Field as SchemaField
 
 from control import ControlSettings
 from estimator.leaks import LEARNING_S
-from rig.configuration.campaigns import CriterionFile, OwnFigureFile, TestLimitFile
+from rig.configuration.campaigns import (
+    CriterionFile,
+    OwnFigureFile,
+    TestLimitFile,
+    criterion_in_words,
+    limit_in_words,
+)
 from rig.configuration.models import ParameterReader, named_model, physical, read_model
 from rig.configuration.reading import (
     Adjustable,
@@ -24,7 +30,7 @@ from rig.configuration.reading import (
     read_mapping,
     show,
 )
-from rig.configuration.rigs import Rig, read_control, read_rig
+from rig.configuration.rigs import Rig, corrected_twice, read_control, read_rig
 from rig.plant import (
     LONGEST_STEP,
     NOMINAL,
@@ -88,17 +94,15 @@ def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
 def read_sweep(root: Located) -> Sweep | None:
     """Return the sweep that a file describes; record all problems, and return None if any."""
     file = read_mapping(SweepFile, root)
-    rig = _read_rig(root.get("rig"))
+    filter_name: SweepFilter = "thesis-7" if file is None else file.filter
+    rig = _read_rig(root.get("rig"), filter_name)
     model = _read_model(root)
     drawn = _Parameters(rig.plant.parameters if rig is not None else NOMINAL)
     drawn.read(root)
     drawn.check_together()
     duration_s = _USUAL_S if file is None else file.duration
-    filter_name: SweepFilter = "thesis-7" if file is None else file.filter
     learning_s = LEARNING_S if filter_name == "thesis-7" else None
-    leaks = read_leaks(
-        root.get("leaks"), None if file is None else duration_s, learning_s, rig
-    )
+    leaks = read_leaks(root.get("leaks"), None if file is None else duration_s, learning_s, rig)
     control = read_control(root.get("control"), rig.control if rig is not None else None)
     asking = asking_of(root, rig, filter_name, duration_s)
     context = MotionContext(rig, control, duration_s, 0 if file is None else file.seed, asking)
@@ -142,7 +146,7 @@ def _check_duration(root: Located, file: SweepFile) -> None:
         root.refuse(limit, "make it 30 s or more", duration, "duration")
 
 
-def _read_rig(entry: Located | None) -> Rig | None:
+def _read_rig(entry: Located | None, filter_name: SweepFilter) -> Rig | None:
     rig = read_in("rig", entry, read_rig)
     if entry is None or rig is None:
         return None
@@ -150,9 +154,12 @@ def _read_rig(entry: Located | None) -> Rig | None:
         if getattr(rig.plant.parameters, field) != getattr(NOMINAL, field):
             limit = f"has {field}, which remembers more than the plant's states"
             entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
-    if rig.calibrations:
-        limit = "has calibrations, and sweeps do not correct readings"
-        entry.refuse(limit, "name a rig without them, or run it as a campaign", rig.name)
+    if rig.calibrations and filter_name == "thesis-7":
+        limit = "has calibrations, and thesis-7 takes the readings of lanes as they are"
+        entry.refuse(limit, "write `filter: product`, or name a rig without them", rig.name)
+    if any(each.channel == "position_m" for each in rig.calibrations):
+        limit = "has a calibration of position_m, and the position loop of lanes corrects nothing"
+        entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
     return rig
 
 
@@ -246,13 +253,42 @@ def sweep_lines(sweep: Sweep) -> Iterator[str]:
         f"{sweep.rig_s / 3600.0:.4g} rig-hours"
     )
     drawn = [field for field, law in sweep.parameters.items() if law.is_drawn]
+    drawn += ["noise"] if sweep.noise.is_drawn else []
     yield f"  drawn for each case: {', '.join(drawn) or 'no parameter'}"
+    of_motions = [name for motion in sweep.motions for name in motion.drawn]
+    if of_motions:
+        yield f"  drawn of the motions: {', '.join(of_motions)}"
     leaks = sweep.leaks
     if leaks is None:
         yield "  no leaks"
     else:
-        yield f"  leaks: {', '.join(leaks.places)}; {100.0 * leaks.healthy:g} % healthy"
+        levels = f"; {len(leaks.profile)} levels one after the other" if leaks.profile else ""
+        yield f"  leaks: {', '.join(leaks.places)}; {100.0 * leaks.healthy:g} % healthy{levels}"
     total = sum(motion.share for motion in sweep.motions)
     shares = (f"{motion.name} {100.0 * motion.share / total:.3g} %" for motion in sweep.motions)
     yield f"  motions: {', '.join(shares)}"
     yield from following_lines(sweep)
+    yield from _asked_lines(sweep)
+    for calibration in sweep.rig.calibrations:
+        yield f"  readings corrected by the {calibration}"
+    for doubt in corrected_twice(sweep.rig.calibrations, sweep.model):
+        yield f"  warning: {doubt}"
+
+
+def _asked_lines(sweep: Sweep) -> Iterator[str]:
+    """Yield a line for each segmented motion, figure, criterion and limit of a sweep."""
+    for motion in sweep.motions:
+        if motion.sequence is not None:
+            lasts = show(motion.sequence.duration_s, "s")
+            yield f"  {motion.name}: {len(motion.sequence.stretches)} segments, {lasts}"
+    for own in sweep.own_figures:
+        yield f"  figure {own.name}: {own.expression.text}"
+    having: dict[str, list[str]] = {}
+    for motion in sweep.motions:
+        asked = [f"pass by {criterion_in_words(each)}" for each in motion.criteria]
+        asked += [f"limit {limit_in_words(each)}" for each in motion.limits]
+        for words in asked:
+            having.setdefault(words, []).append(motion.name)
+    for words, names in having.items():
+        everywhere = len(names) == len(sweep.motions)
+        yield f"  {words}" if everywhere else f"  {', '.join(names)}: {words}"

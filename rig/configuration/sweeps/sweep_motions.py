@@ -6,14 +6,7 @@ from typing import Annotated, Any, Final, NamedTuple, cast
 
 from control import ControlSettings, Quantity
 from rig.configuration.campaigns import Level, LevelField, check_unmixed, schema_of, typed_files
-from rig.configuration.reading import (
-    Located,
-    Physical,
-    Schema,
-    quantity_in,
-    read_mapping,
-    show,
-)
+from rig.configuration.reading import Located, Physical, Schema, quantity_in, read_mapping, show
 from rig.configuration.rigs import Limits, Rig, read_control
 from rig.plant import TICK
 
@@ -118,9 +111,7 @@ def motion_files() -> tuple[type[Schema], ...]:
     return (*typed_files(SCHEMAS), SweptSegmentsFile)
 
 
-_OF_EVERY_MOTION: Final = (
-    *("type", "name", "share", "control", "segments", "criteria", "limits"),
-)
+_OF_EVERY_MOTION: Final = (*("type", "name", "share", "control", "segments", "criteria", "limits"),)
 _LISTS: Final = {"frequencies": (_FREQUENCY, _MOST_SINES), "levels": (_LEVEL, _MOST_LEVELS)}
 _ANY_PHASE: Final = Distribution("uniform", (0.0, 2.0 * pi))
 _NOTHING: Final = Distribution("fixed", (0.0,))

@@ -172,6 +172,8 @@ class Sweep:
             chosen["control"] = self.control
         if self.own_figures:
             chosen["figures"] = self.own_figures
+        if rig.calibrations:
+            chosen["calibrations"] = rig.calibrations
         return plain(
             {
                 "name": self.name,

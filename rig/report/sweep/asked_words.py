@@ -4,9 +4,15 @@ from collections.abc import Iterator
 from math import inf, isfinite
 from typing import NamedTuple
 
-from faults import Criterion, TestLimit
-from rig.configuration import Sweep, SweptMotion, control_in_words, show
-from rig.sweep import AskedStudy, Share, limit_label
+from rig.configuration import (
+    Sweep,
+    SweptMotion,
+    control_in_words,
+    criterion_in_words,
+    limit_in_words,
+    show,
+)
+from rig.sweep import AskedStudy, Share
 
 from .words import of_share
 
@@ -91,22 +97,6 @@ def figures_in_words(study: AskedStudy) -> list[tuple[str, int, str, str, str]]:
     ]  # fmt: skip
 
 
-def criterion_in_words(criterion: Criterion) -> str:
-    """Return a criterion in words: "rms_error, at most 3 mm"."""
-    return f"{criterion.label}, {_ends(criterion.low, criterion.high, criterion.unit)}"
-
-
-def limit_in_words(limit: TestLimit) -> str:
-    """Return a limit in words: "following_error_m, at most 5 mm: ramp_down; inner at most 3 mm"."""
-    outer, inner = (
-        _ends(low, high, limit.unit)
-        for low, high in ((limit.low, limit.high), (limit.inner_low, limit.inner_high))
-    )
-    over = f" over {limit.over_s:g} s" if limit.over_s else ""
-    parts = [f"{outer}: {limit.action}"] * bool(outer) + [f"inner {inner}"] * bool(inner)
-    return f"{limit_label(limit)}{over}, {'; '.join(parts)}"
-
-
 def asked_lines(study: AskedStudy) -> Iterator[str]:
     """Yield what came of the criteria and limits of a sweep as lines for the terminal."""
     if study.passed is not None:
@@ -128,11 +118,6 @@ def _passed(share: Share | None, times: int) -> str:
     if share is None:
         return ""
     return of_share(share) + (f", {times} times" if times > share.count else "")
-
-
-def _ends(low: float, high: float, unit: str) -> str:
-    ends = (("at least", low), ("at most", high))
-    return " and ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
 
 
 def _value(value: float, unit: str) -> str:

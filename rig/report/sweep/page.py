@@ -22,9 +22,7 @@ _SHOWN: Final = 3000
 """Greatest number of cases in a plot of single cases; more would make a browser slow."""
 
 
-def sweep_page(
-    sweep: Sweep, table: pa.Table, study: Study, asked: AskedStudy | None = None
-) -> str:
+def sweep_page(sweep: Sweep, table: pa.Table, study: Study, asked: AskedStudy | None = None) -> str:
     """Return the HTML page of a sweep; the page fetches nothing.
 
     Args:
