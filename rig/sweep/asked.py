@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Constant, Setpoint
+from control import Constant
 from estimator.leaks import Decision
 from faults import FOLLOWING_ERROR, CampaignTest, Criterion, OwnFigure, TestLimit, Verdict
 from rig.configuration import LATENCY, Sweep, SweptMotion, show
@@ -139,40 +139,57 @@ def judged_case(
         known: what the detector made of the case.
     """
     channels = _channels(asked, readings, setpoint)
-    found: dict[str, float | str] = {}
-    rows = np.column_stack(list(channels.values()))
-    test = _test(asked, setpoint.size * TICK)
-    measures = Measures(test, tuple(channels))
-    measures.take(rows)
-    decision = None
-    if isfinite(known.leak_m3_per_s):
-        decision = Decision("", leak_m3_per_s=known.leak_m3_per_s)
-    for own in asked.own:
-        if own.expression.is_number:
-            found[column_name("figure", own.name)] = own.expression.of(channels)
-    met: dict[str, bool] = {}
-    for criterion, result in zip(asked.criteria, measures.results({}, decision), strict=True):
-        value = known.latency_s if criterion.figure == LATENCY else result.value
-        if criterion.figure in _OF_LEAK and not known.leaky:
-            continue
-        column = criterion.label
-        found[column_name("figure", column)] = value
-        met[column] = met.get(column, True) and criterion.low <= value <= criterion.high
-    found |= {column_name("met", label): float(each) for label, each in met.items()}
+    own = {
+        column_name("figure", each.name): each.expression.of(channels)
+        for each in asked.own
+        if each.expression.is_number
+    }
+    criteria = _criteria_columns(asked, channels, known)
     crossings = [crossing for limit in asked.limits for crossing in crossings_of(limit, channels)]
-    for limit in asked.limits:
-        for band in limit.bands:
-            column = column_name(band.name, limit_label(limit))
-            count = sum(each.limit is limit and each.band == band.name for each in crossings)
-            found[column] = float(found.get(column, 0.0)) + count
     acted = [each for each in crossings if each.action != "warn"]
     first = min(acted, key=lambda each: each.at_s, default=None)
+    found: dict[str, float | str] = {**own, **criteria, **_counted(asked, crossings)}
     if asked.limits:
         found[LIMIT_PASSED] = "" if first is None else in_words(first)
         found[LIMIT_AT] = nan if first is None else first.at_s
+    met = [value for name, value in criteria.items() if name.startswith("met_")]
     if met or asked.limits:
-        found[PASSED] = float(all(met.values()) and first is None)
+        found[PASSED] = float(all(met) and first is None)
     return found
+
+
+def _criteria_columns(
+    asked: Asked, channels: Mapping[str, Array], known: Known
+) -> dict[str, float]:
+    """Return the figures of a case's criteria, and whether they were as asked, as columns.
+
+    Criteria of a leak that the case does not have are left out.
+    """
+    measures = Measures(_test(asked), tuple(channels))
+    measures.take(np.column_stack(list(channels.values())))
+    decision = None
+    if isfinite(known.leak_m3_per_s):
+        decision = Decision("", leak_m3_per_s=known.leak_m3_per_s)
+    values: dict[str, float] = {}
+    met: dict[str, bool] = {}
+    for criterion, result in zip(asked.criteria, measures.results({}, decision), strict=True):
+        if criterion.figure in _OF_LEAK and not known.leaky:
+            continue
+        value = known.latency_s if criterion.figure == LATENCY else result.value
+        label = criterion.label
+        values[column_name("figure", label)] = value
+        met[label] = met.get(label, True) and criterion.low <= value <= criterion.high
+    return values | {column_name("met", label): float(each) for label, each in met.items()}
+
+
+def _counted(asked: Asked, crossings: Sequence[Crossing]) -> dict[str, float]:
+    """Return how often a case passed each band of its limits, as columns."""
+    counts: dict[str, float] = {}
+    for limit in asked.limits:
+        for band in limit.bands:
+            passed = sum(each.limit is limit and each.band == band.name for each in crossings)
+            counts[column_name(band.name, limit_label(limit))] = float(passed)
+    return counts
 
 
 def in_words(crossing: Crossing) -> str:
@@ -192,16 +209,15 @@ def _channels(asked: Asked, readings: Mapping[str, Array], setpoint: Array) -> d
     return channels | {each: lacking for each in asked.channels if each not in channels}
 
 
-def _test(asked: Asked, duration_s: float) -> CampaignTest:
+def _test(asked: Asked) -> CampaignTest:
     """Return a test that asks for the same figures; all else of it is not looked at."""
-    setpoint: Setpoint = Constant(0.0)
     return CampaignTest(
         name="",
         test_name="",
-        duration_s=duration_s,
+        duration_s=0.0,
         start_position_m=0.0,
         settle_s=0.0,
-        setpoint=setpoint,
+        setpoint=Constant(0.0),
         load=None,
         faults=(),
         expect=Verdict.HEALTHY,

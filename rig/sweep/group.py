@@ -226,6 +226,14 @@ class Group:
             "false_alarm": (~silent & (ends_s[:, None] <= before)).any(axis=0),
         }
 
+    def room(self) -> Array:
+        """Return an array for the readings that are kept, (ticks, `Setting.kept`, LANES).
+
+        It has no ticks if none are kept.
+        """
+        kept = self.setting.kept
+        return np.empty((self.setting.ticks if kept else 0, len(kept), LANES))
+
     def asked_columns(self, kept: Array, leak: Array, latency_s: Array) -> Figures:
         """Return what follows from what is asked of these cases as columns, (LANES,) each.
 

@@ -42,8 +42,8 @@ def judged_by_product(group: Group) -> Figures:
     ends_s: list[float] = []
     filters = ProductLanes(setting.model, setting.sensors)
     squares, flow = np.zeros(LANES), np.zeros((1, LANES))
+    kept = group.room()
     wanted = [LANE_READINGS.index(name) for name in setting.kept]
-    kept = np.empty((setting.ticks if wanted else 0, len(wanted), LANES))
     for time_s, readings in _blocks(group, flow):
         if wanted:
             first = round(time_s[0] / TICK)

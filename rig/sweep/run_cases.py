@@ -73,12 +73,16 @@ class Judged:
     start_s: float = 0.0
 
 
-def run_thesis7(group: Group) -> tuple[Array, Array]:
-    """Run a group's cases with the seven-state filter of the thesis.
+def run_thesis7(group: Group, kept: Array | None = None) -> Array:
+    """Run a group's cases with the seven-state filter of the thesis, and return its sums.
+
+    Args:
+        group: the group.
+        kept: is filled with the readings that the sweep keeps, SI, float64 (ticks,
+            `Setting.kept`, LANES); None if they are not wanted.
 
     Returns:
-        `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES); and the readings that the
-        sweep keeps, SI, float64 (ticks, `Setting.kept`, LANES), without ticks if it keeps none.
+        `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES).
 
     Raises:
         SweepError: a rig needed more integration steps than are allowed.
@@ -95,13 +99,14 @@ def run_thesis7(group: Group) -> tuple[Array, Array]:
         AHEAD, group.rigs, group.lanes, filters, setting.loop, setting.like, setting.sensors,
         setting.model.parameters,
     )  # fmt: skip
-    wanted = np.array([LANE_READINGS.index(name) for name in setting.kept], np.int64)
-    kept = np.empty((setting.ticks if wanted.size else 0, wanted.size, LANES))
-    # Without readings to keep, the code that runs is that without spool and supply pressure.
-    enough = thesis7_readings(*given, wanted, kept) if wanted.size else thesis7_cases(*given)
+    if kept is None or not kept.size:
+        enough = thesis7_cases(*given)
+    else:
+        wanted = np.array([LANE_READINGS.index(name) for name in setting.kept], np.int64)
+        enough = thesis7_readings(*given, wanted, kept)
     if not enough:
         raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
-    return filters.sums, kept
+    return filters.sums
 
 
 def judge_cases(setting: Setting, cases: Cases) -> Figures:
@@ -119,8 +124,8 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
 
 def _judged_by_filter(group: Group) -> Figures:
     if group.setting.filter_name == "thesis-7":
-        sums, kept = run_thesis7(group)
-        figures = judged_by_pattern(sums, group)
+        kept = group.room()
+        figures = judged_by_pattern(run_thesis7(group, kept), group)
         not_told = np.full(LANES, np.nan)
         latency_s = figures["latency_s"].astype(np.float64)
         return figures | group.asked_columns(kept, not_told, latency_s)

@@ -62,7 +62,7 @@ def rows_of(
             `rig.sweep.asked.columns_told` returns them; none if it asks nothing.
     """
     absent = np.full(cases.numbers.size, np.nan)
-    known = FIGURES | (asked or {})
+    known = FIGURES | dict(asked or {})
     outcomes = {name: Column(figures.get(name, absent), *told) for name, told in known.items()}
     columns = {**cases.columns, **outcomes}
     arrays = [_array(column.values) for column in columns.values()]

@@ -163,7 +163,8 @@ def asking_of(
         filter_name: its filter.
         duration_s: duration of a case, s.
     """
-    item, own = root.get("figures"), ()
+    item = root.get("figures")
+    own: tuple[OwnFigure, ...] = ()
     if item is not None:
         channels = lane_channels(rig)
         own = read_own_figures(item, rig)

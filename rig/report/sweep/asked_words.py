@@ -35,7 +35,7 @@ def motions_in_words(sweep: Sweep) -> Iterator[MotionWords]:
     """Yield each motion of a sweep in words, with the control by which the ram follows it."""
     total = sum(motion.share for motion in sweep.motions)
     for motion in sweep.motions:
-        setpoint = motion.type
+        setpoint: str = motion.type
         if motion.sequence is not None:
             setpoint = f"{len(motion.sequence.stretches)} segments"
         share = f"{100.0 * motion.share / total:.3g} %"
@@ -89,12 +89,21 @@ def limits_in_words(study: AskedStudy) -> list[AskedRow]:
 
 
 def figures_in_words(study: AskedStudy) -> list[tuple[str, int, str, str, str]]:
-    """Return name, number of cases, median, 95 % quantile and greatest value of each figure."""
+    """Return name, number of cases, median, 95 % quantile and greatest value of each figure.
+
+    A figure that is known of no case is left out.
+    """
     return [
-        (each.name, each.cases, *(_value(v, each.unit) for v in (each.median, each.p95)),
-         _value(each.greatest, each.unit))
+        (
+            each.name,
+            each.cases,
+            _value(each.median, each.unit),
+            _value(each.p95, each.unit),
+            _value(each.greatest, each.unit),
+        )
         for each in study.figures
-    ]  # fmt: skip
+        if each.cases
+    ]
 
 
 def asked_lines(study: AskedStudy) -> Iterator[str]:

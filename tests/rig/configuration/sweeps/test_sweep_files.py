@@ -188,13 +188,6 @@ def test_a_control_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str,
     assert says in problems_of(tmp_path, FOLLOWED.replace(old, new))
 
 
-def test_a_rig_with_calibrations_is_refused_as_sweeps_do_not_correct(tmp_path: Path) -> None:
-    rig = tmp_path / "rig.yaml"
-    rig.write_text("name: rig\nparent: ideal\ncalibrations: [pressure_1_example]\n")
-    found = problems_of(tmp_path, GOOD.replace("rig: ideal", "rig: ./rig.yaml"))
-    assert "has calibrations, and sweeps do not correct readings" in found
-
-
 LAWS = st.one_of(
     st.tuples(st.floats(-5, 5), st.floats(0, 5)).map(
         lambda ends: Distribution("uniform", (ends[0], ends[0] + ends[1]))
