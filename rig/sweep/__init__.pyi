@@ -3,7 +3,7 @@ from .asked_study import (
     CriterionStudy as CriterionStudy,
     FigureStudy as FigureStudy,
     LimitStudy as LimitStudy,
-    asked_study as asked_study,
+    study_of_asked as study_of_asked,
 )
 from .cluster import connect as connect, run_cluster as run_cluster
 from .folder import (

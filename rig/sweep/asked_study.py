@@ -131,7 +131,7 @@ class AskedStudy:
         return found
 
 
-def asked_study(sweep: Sweep, table: pa.Table) -> AskedStudy | None:
+def study_of_asked(sweep: Sweep, table: pa.Table) -> AskedStudy | None:
     """Return what came of all that a sweep asks of its cases; None if it asks nothing.
 
     Args:

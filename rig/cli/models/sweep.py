@@ -150,10 +150,10 @@ def _finish(
     Return the exit code: 0, or `EXIT_CRASHED` if the page could not be made.
     """
     from rig.report.sweep import asked_lines, lines_of
-    from rig.sweep import asked_study, study_of
+    from rig.sweep import study_of, study_of_asked
 
     table = folder.finish()
-    study, asked = study_of(table), asked_study(sweep, table)
+    study, asked = study_of(table), study_of_asked(sweep, table)
     summary = {
         "name": sweep.name,
         "filter": sweep.filter_name,

@@ -33,6 +33,7 @@ HINTS: Final = {
     "wait_for": "nothing comes to wait for in a simulated case; run it as a campaign",
     "faults": "give the leaks of all cases under `leaks` of the sweep",
     "load": "give a spring to all cases under `effects`: `spring_load: {stiffness: 2e4 N/m}`",
+    "control_changes": "a case has one control; give the motion twice, with two controls",
     "figures": "give figures of your own under `figures` of the sweep",
 }
 """Keys of a campaign's test that a motion does not have -> where such a thing is given."""

@@ -81,4 +81,8 @@ def test_a_case_in_open_loop_is_judged_by_its_channels() -> None:
         criteria=(Criterion("peak", -inf, 0.5, "m", channel="position_m"),), quantity="command"
     )
     found = judged_case(asked, {"position_m": POSITION}, SETPOINT, HEALTHY)
-    assert found == {"figure_peak_of_position_m": 0.41, "met_peak_of_position_m": 1.0, "passed": 1.0}
+    assert found == {
+        "figure_peak_of_position_m": 0.41,
+        "met_peak_of_position_m": 1.0,
+        "passed": 1.0,
+    }

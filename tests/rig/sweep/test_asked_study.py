@@ -13,7 +13,7 @@ from faults import Criterion, TestLimit
 from rig.configuration.sweeps.sweep import load_sweep
 from rig.configuration.sweeps.sweep_plan import Sweep
 from rig.report.sweep.asked_words import asked_lines, motions_in_words
-from rig.sweep.asked_study import AskedStudy, asked_study
+from rig.sweep.asked_study import AskedStudy, study_of_asked
 
 RMS = Criterion("rms_error", -inf, 3e-3, "m")
 SETTLING = Criterion("settling", -inf, 1.0, "s")
@@ -47,7 +47,7 @@ def studied(sweep: Sweep) -> AskedStudy:
         "passed": [1.0, 0.0, 1.0, 0.0],
     }
     table = pa.table({name: pa.array(list(values)) for name, values in columns.items()})
-    study = asked_study(sweep, table)
+    study = study_of_asked(sweep, table)
     assert study is not None
     return study
 
@@ -78,7 +78,9 @@ def test_figures_have_quantiles_and_never_settling_is_the_greatest(sweep: Sweep)
     plain = studied(sweep).plain()
     assert plain["figures"][1]["greatest"] is None
     assert plain["passed"]["count"] == 2
-    assert plain["criteria"][0]["met"]["interval"][0] < 0.5 < plain["criteria"][0]["met"]["part"] + 1
+    assert (
+        plain["criteria"][0]["met"]["interval"][0] < 0.5 < plain["criteria"][0]["met"]["part"] + 1
+    )
 
 
 def test_the_terminal_says_all_of_it(sweep: Sweep) -> None:
@@ -96,7 +98,7 @@ def test_the_terminal_says_all_of_it(sweep: Sweep) -> None:
 
 def test_a_sweep_that_asks_nothing_has_no_such_study() -> None:
     plain = load_sweep("leaks", Path(__file__).parent)
-    assert asked_study(plain, pa.table({"motion": ["sine"]})) is None
+    assert study_of_asked(plain, pa.table({"motion": ["sine"]})) is None
 
 
 def test_motions_are_named_with_their_control(sweep: Sweep) -> None:

@@ -219,10 +219,15 @@ def test_a_normal_quantity_has_its_mean_and_deviation() -> None:
     assert values.std() == pytest.approx(0.3, rel=2e-3)
 
 
-def test_the_sweep_of_the_sweeps_page_reads(tmp_path: Path) -> None:
+def test_the_sweeps_of_the_sweeps_page_read(tmp_path: Path) -> None:
     page = (Path(__file__).parents[4] / "docs" / "sweeps.md").read_text()
-    (example,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    example, night = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "mine.yaml").write_text(example)
     sweep = load_sweep(tmp_path / "mine.yaml")
     assert len(sweep.motions) == 7
     assert sweep.motions[-1].quantity == "command"
+    (tmp_path / "night.yaml").write_text(night)
+    asked = load_sweep(tmp_path / "night.yaml")
+    assert asked.leaks is not None
+    assert len(asked.leaks.profile) == 3
+    assert [len(motion.criteria) for motion in asked.motions] == [4, 2]
