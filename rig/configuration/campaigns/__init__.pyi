@@ -44,7 +44,7 @@ from .schedule import (
 from .segments import (
     Motion as Motion,
     SegmentFile as SegmentFile,
-    SegmentLoopFile as SegmentLoopFile,
+    Times as Times,
     context_of as context_of,
     read_motion as read_motion,
 )

@@ -1,23 +1,44 @@
 """The `segments` of a sweep's motion are read here: those of a campaign, the same in all cases."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
+
+from pydantic import create_model
 
 from control import FromFile, Sequence
-from rig.configuration.campaigns import SegmentFile, SegmentLoopFile, context_of, read_motion
-from rig.configuration.reading import Located, Under, show
+from rig.configuration.campaigns import SegmentFile, Times, context_of, read_motion
+from rig.configuration.reading import Located, Schema, Under, show
 from rig.configuration.rigs import Rig
 
 from .distributions import KINDS
 from .motion_keys import EveryMotionFile
 
-_ENDS_EARLY = ("until", "wait_for")
+_ENDS_EARLY: Final = ("until", "wait_for")
+
+
+SweptSegmentFile: Any = create_model(
+    "SweptSegmentFile",
+    __base__=Schema,
+    __doc__="Keys of a segment of a sweep's motion: a test's, without `until` and `wait_for`.",
+    **{
+        key: (field.annotation, field)
+        for key, field in SegmentFile.model_fields.items()
+        if key not in _ENDS_EARLY
+    },
+)
+
+
+class SweptLoopFile(Schema):
+    """Keys of a loop of such segments, which runs them as many times as `loop` says."""
+
+    loop: Times
+    segments: Annotated[Any, Under(lambda: (SweptSegmentFile, SweptLoopFile), many=True)]
 
 
 class SweptSegmentsFile(EveryMotionFile):
     """Keys of a motion with segments, which are those of a test and the same in all its cases."""
 
-    segments: Annotated[Any, Under(lambda: (SegmentFile, SegmentLoopFile), many=True)]
+    segments: Annotated[Any, Under(lambda: (SweptSegmentFile, SweptLoopFile), many=True)]
 
 
 def read_sequence(item: Located, rig: Rig | None, seed: int, duration_s: float) -> Sequence | None:

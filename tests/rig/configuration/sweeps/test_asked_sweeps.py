@@ -8,6 +8,7 @@ import pytest
 
 from control import Sequence
 from rig.configuration import check
+from rig.configuration.editing import editor_schema
 from rig.configuration.sweeps.sweep import load_sweep
 from rig.configuration.sweeps.sweep_plan import Sweep
 from tests.rig.configuration.sweeps.test_sweep_files import GOOD, problems_of
@@ -170,3 +171,12 @@ def test_calibrations_correct_the_readings_that_product_takes(tmp_path: Path) ->
     assert "readings corrected by the calibration of pressure_1_Pa" in str(
         check(tmp_path / "sweep.yaml")
     )
+
+
+def test_an_editor_is_told_the_keys_of_segments_that_a_sweep_takes() -> None:
+    defined = editor_schema("sweep")["$defs"]
+    assert {"setpoint", "cycles", "hold", "blend"} <= set(defined["SweptSegmentFile"]["properties"])
+    assert not {"until", "wait_for"} & set(defined["SweptSegmentFile"]["properties"])
+    assert {"loop", "segments"} == set(defined["SweptLoopFile"]["properties"])
+    assert {"criteria", "limits"} <= set(defined["SweptSineFile"]["properties"])
+    assert "profile" in defined["LeaksFile"]["properties"]
