@@ -154,6 +154,8 @@ def read_motions(item: Located | None, context: MotionContext) -> tuple[SweptMot
     for element in item.elements():
         motion = _Reader(element, context).read()
         if motion is None:
+            # What it asks is checked all the same, so that all mistakes are told at once.
+            context.asking.of_motion(element, None)
             continue
         criteria, limits = context.asking.of_motion(element, motion)
         motion = replace(motion, criteria=criteria, limits=limits)

@@ -58,30 +58,33 @@ class Asking(NamedTuple):
     own: tuple[OwnFigure, ...]
 
     def of_motion(
-        self, item: Located, motion: SweptMotion
+        self, item: Located, motion: SweptMotion | None
     ) -> tuple[tuple[Criterion, ...], tuple[TestLimit, ...]]:
         """Return the criteria and the limits of a motion's cases; record all problems.
 
         Args:
             item: the motion, which may have criteria and limits of its own.
-            motion: the motion as it was read.
+            motion: the motion as it was read; None if it is unusable.
         """
-        setpoint = motion.sequence or Constant(0.0, motion.quantity)
+        asked = None
+        if motion is not None:
+            setpoint = motion.sequence or Constant(0.0, motion.quantity)
+            asked = Motion(setpoint, self.duration_s)
         criteria: list[Criterion] = []
         limits: list[TestLimit] = []
         for where in (self.root, item):
-            asked = Motion(setpoint, self.duration_s)
             criteria += self._criteria(where.get("criteria"), motion, asked)
             for limit in self._limits(where.get("limits"), asked):
                 if (limit.watched, limit.during) in ((e.watched, e.during) for e in limits):
-                    text = f"watches {limit.watched}, as another limit of {motion.name} does"
+                    name = "this motion" if motion is None else motion.name
+                    text = f"watches {limit.watched}, as another limit of {name} does"
                     remedy = "give one limit with an inner and an outer band"
                     where.refuse(text, remedy, "", "limits")
                 limits.append(limit)
         return tuple(criteria), tuple(limits)
 
     def _criteria(
-        self, item: Located | None, motion: SweptMotion, asked: Motion
+        self, item: Located | None, motion: SweptMotion | None, asked: Motion | None
     ) -> list[Criterion]:
         if item is None:
             return []
@@ -93,7 +96,7 @@ class Asking(NamedTuple):
                 continue
             if name == "leak" and self.filter_name == "thesis-7":
                 element.refuse("is not told by thesis-7", "write `filter: product`", key="figure")
-            elif name in _OF_STEPS and motion.type not in _STEPPING:
+            elif name in _OF_STEPS and motion is not None and motion.type not in _STEPPING:
                 limit = f"needs steps of the setpoint, and the motion {motion.name} has none"
                 element.refuse(limit, "give it to a motion with steps", key="figure")
             elif name == LATENCY:
@@ -117,7 +120,7 @@ class Asking(NamedTuple):
             return []
         return [Criterion(LATENCY, ends.get("at_least", -inf), ends.get("at_most", inf), "s")]
 
-    def _limits(self, item: Located | None, asked: Motion) -> list[TestLimit]:
+    def _limits(self, item: Located | None, asked: Motion | None) -> list[TestLimit]:
         if item is None:
             return []
         remedy = "write a list: - {channel: following_error_m, high: 5 mm, action: warn}"

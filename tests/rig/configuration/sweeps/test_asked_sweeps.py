@@ -180,3 +180,14 @@ def test_an_editor_is_told_the_keys_of_segments_that_a_sweep_takes() -> None:
     assert {"loop", "segments"} == set(defined["SweptLoopFile"]["properties"])
     assert {"criteria", "limits"} <= set(defined["SweptSineFile"]["properties"])
     assert "profile" in defined["LeaksFile"]["properties"]
+
+
+def test_mistakes_of_motions_and_of_what_is_asked_are_told_at_once(tmp_path: Path) -> None:
+    text = (
+        SEGMENTED.replace("loop: 2", "loop: 3")
+        .replace("figure: rms_error, at_most: 3 mm", "figure: rms_eror, at_most: 3 mm")
+        .replace("channel: following_error_m, high", "channel: following_eror_m, high")
+    )
+    found = problems_of(tmp_path, text)
+    for line, words in ((15, "did you mean rms_error"), (20, "last 31 s"), (31, "did you mean")):
+        assert any(f"sweep.yaml:{line}:" in e and words in e for e in found.splitlines()), found
