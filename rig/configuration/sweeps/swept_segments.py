@@ -16,15 +16,16 @@ from .motion_keys import EveryMotionFile
 _ENDS_EARLY: Final = ("until", "wait_for")
 
 
+_LAID_OUT: Any = {
+    key: (field.annotation, field)
+    for key, field in SegmentFile.model_fields.items()
+    if key not in _ENDS_EARLY
+}
 SweptSegmentFile: Any = create_model(
     "SweptSegmentFile",
     __base__=Schema,
     __doc__="Keys of a segment of a sweep's motion: a test's, without `until` and `wait_for`.",
-    **{
-        key: (field.annotation, field)
-        for key, field in SegmentFile.model_fields.items()
-        if key not in _ENDS_EARLY
-    },
+    **_LAID_OUT,
 )
 
 

@@ -189,5 +189,5 @@ def test_mistakes_of_motions_and_of_what_is_asked_are_told_at_once(tmp_path: Pat
         .replace("channel: following_error_m, high", "channel: following_eror_m, high")
     )
     found = problems_of(tmp_path, text)
-    for line, words in ((15, "did you mean rms_error"), (20, "last 31 s"), (31, "did you mean")):
+    for line, words in ((14, "did you mean rms_error"), (19, "last 31 s"), (30, "did you mean")):
         assert any(f"sweep.yaml:{line}:" in e and words in e for e in found.splitlines()), found
