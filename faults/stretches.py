@@ -12,8 +12,9 @@ from .criteria import STEP_M, LimitEach
 
 Stretches = tuple[tuple[float, float], ...]
 
-_ROUNDING: Final = 1e-6
-"""Part of a cycle by which a motion may be too short for its last one, by rounding alone."""
+_ROUNDING_S: Final = TICK
+"""Time in s by which a motion may be too short for its last cycle: a motion that is given in cycles
+lasts for a whole number of ticks."""
 
 
 def stretches_of(
@@ -76,7 +77,6 @@ def _cycles(setpoint: Setpoint, begin_s: float, end_s: float) -> Stretches:
     period_s = period_of(setpoint)
     if not period_s:
         return ()
-    count = int((end_s - begin_s) / period_s + _ROUNDING)
-    return tuple(
-        (begin_s + number * period_s, begin_s + (number + 1) * period_s) for number in range(count)
-    )
+    count = int((end_s - begin_s + _ROUNDING_S) / period_s)
+    begins_s = [begin_s + number * period_s for number in range(count)]
+    return tuple((each, min(each + period_s, end_s)) for each in begins_s)

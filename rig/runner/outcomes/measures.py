@@ -10,6 +10,7 @@ import numpy as np
 from estimator.leaks import Decision
 from faults import FOLLOWING_ERROR, STEP_M, CampaignTest, Criterion
 from rig.configuration import show
+from rig.plant import TICK
 
 from .figures import Array, Figure
 from .timeline import Timeline
@@ -212,7 +213,7 @@ class StepPart(NamedTuple):
         times_s: times of the samples, (n,), s of the test.
         overshoot: greatest overshoot up to each sample, (n,), as a part of the step.
         settling_s: settling time up to each sample, (n,), s: where the ram is outside of 5 % of the
-            step, the time since its begin, which the settling time is to exceed.
+            step, the time from its begin to the next tick, which is the least that it can be.
         is_over: whether the step is over, so that the last of these values are final; the settling
             time is infinite then if the ram never settled.
     """
@@ -287,7 +288,8 @@ class _Step:
         settled_at_s = np.where(came_in, times_s, self._settled_at_s)
         settled_at_s = np.maximum.accumulate(settled_at_s)
         overshoot = np.maximum.accumulate(np.maximum(beyond, self._overshoot))
-        settling_s = np.where(outside, times_s, settled_at_s) - self.begin_s
+        # A ram that is outside now is within at the next tick at the earliest.
+        settling_s = np.where(outside, times_s + TICK, settled_at_s) - self.begin_s
         if len(times_s):
             self._last_s, self._settled_at_s = float(times_s[-1]), float(settled_at_s[-1])
             self._overshoot, self._is_outside = float(overshoot[-1]), bool(outside[-1])

@@ -27,6 +27,8 @@ from .measures import Rows, StepFollower, StepPart
 from .timeline import Timeline
 
 _INSTANT_S: Final = 1e-9
+_DECIMALS: Final = 9
+"""Decimals to which a settling time in s is rounded before it is judged."""
 _STEP_CHANNELS: Final = ("setpoint_m", "position_m")
 
 Known = Callable[[], Mapping[str, Figure]]
@@ -219,7 +221,9 @@ class _OfSteps:
         return iter(() if part is None else (self._known(part),))
 
     def _known(self, part: StepPart) -> FigureKnown:
-        values = part.overshoot if self._figure == "overshoot" else part.settling_s
+        # Ticks are some 1e-16 s off, by which a ram that settles in time may be late.
+        settling_s = np.round(part.settling_s, _DECIMALS)
+        values = part.overshoot if self._figure == "overshoot" else settling_s
         return FigureKnown(part.begin_s, part.times_s, values, part.is_over)
 
 
