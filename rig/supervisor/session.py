@@ -288,6 +288,10 @@ class HardwareTest:
         with self._rig.reporting_stops():
             return self._wire.skip_to(place, blend_ticks)
 
+    def alive(self) -> None:
+        """Show the safety thread that the runner works; never raise for a trip or a stop."""
+        self._rig.alive()
+
     def end_early(self) -> None:
         """Make `safe_state` hold the ram, as after a completed test, with the valve enabled."""
         self._early = True

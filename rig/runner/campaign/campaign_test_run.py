@@ -224,7 +224,8 @@ class _RunningTest:
         self._loop = setting.bench.loop(test, memory, campaign.model)
         self._decisions = DecisionRows()
         self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
-        self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
+        model, sensors = campaign.model, setting.rig.sensors
+        self._friction = FrictionWatch(self._detector, test, model, sensors, self._loop.alive)
         self._judge = Judge(self._friction, memory, self._loop.channels)
         self._position = self._loop.channels.index("position_m")
         channels, self._timeline = self._loop.channels, Timeline()
@@ -392,8 +393,7 @@ class _RunningTest:
             self._event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
         stopped = "abort", f"stopped by {self._setting.stop.reason}"
-        ended = stopped if is_cut else ("test_end", self._verdict)
-        self._event(self._last_s, *ended)
+        self._event(self._last_s, *(stopped if is_cut else ("test_end", self._verdict)))
 
     def _run_batch(self) -> None:
         pacer = self._setting.pacer

@@ -102,6 +102,9 @@ class SimulatedTest:
     def inject(self) -> None:
         """Do nothing, as the loop has the faults in a table from its beginning."""
 
+    def alive(self) -> None:
+        """Do nothing, as a simulated rig waits for its runner."""
+
     def end_early(self) -> None:
         """Do nothing, as the next test has a rig of its own."""
 

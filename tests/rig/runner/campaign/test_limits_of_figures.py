@@ -55,4 +55,4 @@ def test_a_figure_of_the_whole_test_trips_after_its_last_sample(tmp_path: Path) 
     report = json.loads((tmp_path / "out/trip-1.json").read_text())
     (note,) = report["notes"]
     assert note["who"] == "limit"
-    assert "above 1 Pa at 4.999 s: trip" in note["text"]
+    assert "above 1 Pa at 4.999 s: trip" in note["what"]

@@ -8,7 +8,7 @@ import pytest
 
 from control import Sequence, Sine, Stretch
 from estimator.leaks import Decision
-from faults import CampaignTest, Expression, OwnFigure, TestLimit, Verdict
+from faults import CampaignTest, Expression, OwnFigure, TestLimit
 from rig.runner.campaign.bench import plain_test
 from rig.runner.outcomes.figures import Figure
 from rig.runner.outcomes.limits import LimitPassed, LimitWatch
@@ -170,7 +170,7 @@ def test_figures_of_the_whole_test_are_judged_as_it_has_ended() -> None:
     watched = LimitWatch(a_test(limits=limits, own_figures=(own,)), CHANNELS)
     assert not watched.acts
     assert watched.take(rows(), None) == []
-    decision = Decision(Verdict.INTERNAL_LEAKAGE, None, 2e-6, None, {}, {})
+    decision = Decision("internal_leakage", leak_m3_per_s=2e-6)
     found = watched.finish(decision, lambda: {"friction_coulomb": Figure(500.0, None, "N")})
     assert {each.watched: each.value for each in found} == {
         "friction_coulomb": 500.0, "heat": 5.0, "leak": 2e-6,
