@@ -248,7 +248,7 @@ def _each(
     is_one_number = watched.only_each or watched.is_figure or watched.name in DECIDED_FIGURES
     if not is_one_number:
         limit = "has a value at each sample, and is judged at each"
-        remedy = "leave `each` out, or watch a figure such as `figure: peak` of the channel"
+        remedy = "leave `each` out, or watch one number of it, such as its peak, or max(...)"
         item.refuse(limit, remedy, watched.name, "each")
         return each
     if each == "step" and watched.only_each != "step":
