@@ -59,6 +59,8 @@ from .setpoints import (
 )
 from .settings import ControlSettings as ControlSettings
 from .stability import (
+    LEAST_GAIN_MARGIN_DB as LEAST_GAIN_MARGIN_DB,
+    LEAST_PHASE_MARGIN as LEAST_PHASE_MARGIN,
     LoopModel as LoopModel,
     Margins as Margins,
     least_margins as least_margins,

@@ -13,11 +13,15 @@ from .campaign import (
 from .criteria import (
     DECIDED_FIGURES as DECIDED_FIGURES,
     FOLLOWING_ERROR as FOLLOWING_ERROR,
+    FRICTION as FRICTION,
     MEASURES as MEASURES,
+    STEP_FIGURES as STEP_FIGURES,
+    STEP_M as STEP_M,
     WATCHED_FIGURES as WATCHED_FIGURES,
     Criterion as Criterion,
     LimitAction as LimitAction,
     LimitBand as LimitBand,
+    LimitEach as LimitEach,
     OwnFigure as OwnFigure,
     TestLimit as TestLimit,
 )
@@ -40,4 +44,5 @@ from .needle_calibration import (
     meter_zero as meter_zero,
 )
 from .schedule import Fault as Fault, FaultSchedule as FaultSchedule, linked as linked
+from .stretches import has_step as has_step, stretches_of as stretches_of
 from .verdict import FAULT_KINDS as FAULT_KINDS, LEAK_KINDS as LEAK_KINDS, Verdict as Verdict

@@ -20,6 +20,9 @@ MEASURES: Final = {
 }
 """Figures that a criterion may ask for by name -> SI unit; peak and valley have their channel's."""
 
+STEP_M: Final = 1e-3
+"""Change of a setpoint within a tick, m, that counts as a step: 1 m/s, faster than the valve can
+move the ram (0.71 m/s, section 2.1) and than any smooth setpoint that it can follow."""
 
 WATCHED_FIGURES: Final = {
     "rms_error": "rms(setpoint_m - position_m)",
@@ -28,9 +31,17 @@ WATCHED_FIGURES: Final = {
     "valley": "min({channel})",
     "residual_pressure_1": "mean(abs(innovation_pressure_1_Pa))",
     "residual_pressure_2": "mean(abs(innovation_pressure_2_Pa))",
+    "loop_wakeup_p50": "percentile(wakeup_s, 50)",
+    "loop_wakeup_p99": "percentile(wakeup_s, 99)",
+    "loop_command_p99": "percentile(sent_s, 99)",
+    "loop_missed": "missing(wakeup_s)",
 }
 """Figures that a limit may watch while a test runs -> the expression that they are, over the last
-samples."""
+samples or over a stretch. Those of the loop are of channels that a simulated rig does not have."""
+STEP_FIGURES: Final = ("overshoot", "settling")
+"""Figures of the steps of a setpoint, which a limit judges for each step."""
+FRICTION: Final = "friction_"
+"""What the names of identified friction parameters begin with; they are known at a test's end."""
 DECIDED_FIGURES: Final = {"leak": "m^3/s", "bulk_modulus": "Pa"}
 """Figures that a limit may watch, of which the detector's newest decision tells -> SI unit."""
 
@@ -85,6 +96,7 @@ class Criterion:
 
 
 LimitAction = Literal["warn", "hold", "ramp_down", "trip"]
+LimitEach = Literal["step", "cycle", "segment", "test"]
 
 
 @dataclass(frozen=True)
@@ -119,6 +131,8 @@ class TestLimit:
         during: name of the segment in which it holds; empty for the whole test.
         windows_s: the stretches (begin, end) of the motion as it is laid out, in s, in which it
             holds; empty for the whole test.
+        each: for a figure that is computed once for each stretch of a kind, and judged when it is
+            known: "step", "cycle", "segment" or "test"; empty for what is judged all the time.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -138,6 +152,7 @@ class TestLimit:
 
     expression: Expression | None = field(default=None, metadata={"unless_usual": True})
     """How a figure that is not the test's own follows from the channels; None for others."""
+    each: LimitEach | Literal[""] = field(default="", metadata={"unless_usual": True})
 
     @property
     def bands(self) -> tuple[LimitBand, ...]:

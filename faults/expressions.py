@@ -64,8 +64,9 @@ _OVER_SAMPLES: Final[dict[str, Callable[[Array], Any]]] = {
 }
 """Functions that make one number of all samples; samples that are NaN are left out."""
 
-FUNCTIONS: Final = (*_OF_SAMPLES, *_OVER_SAMPLES, "percentile")
-"""Names of all functions; `percentile(x, p)` has the percentage p as a number."""
+FUNCTIONS: Final = (*_OF_SAMPLES, *_OVER_SAMPLES, "percentile", "missing")
+"""Names of all functions; `percentile(x, p)` has the percentage p as a number, and `missing(x)` is
+the share of samples that are NaN."""
 
 
 class ExpressionError(ValueError):
@@ -207,6 +208,8 @@ def _value(node: ast.expr, columns: Mapping[str, Array]) -> Any:
             if name in _OF_SAMPLES:
                 return _OF_SAMPLES[name](value)
             known = value[~np.isnan(value)]
+            if name == "missing":
+                return 1.0 - known.size / value.size if value.size else np.nan
             if not known.size:
                 return np.nan
             if more:

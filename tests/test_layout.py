@@ -71,6 +71,11 @@ def test_every_declared_dependency_is_locked_with_its_hashes(project: dict[str, 
     assert declared <= {canonical(pin) for pin in locked_in("requirements-dev-lock.txt")}
 
 
+def test_what_installs_the_rest_is_locked_with_its_hashes(project: dict[str, Any]) -> None:
+    pins = {canonical(pin) for pin in locked_in("requirements-install-lock.txt")}
+    assert pins == grouped(project, "install")
+
+
 def test_the_tests_run_with_what_a_demo_runs_with() -> None:
     assert locked_in("requirements-lock.txt") < locked_in("requirements-dev-lock.txt")
 

@@ -1,10 +1,12 @@
 """The page of `rig tune`: margins at every place, and the response before and after."""
 
+from collections.abc import Sequence
 from math import degrees, isfinite, pi
 from typing import Any, Final
 
-from control import Margins
+from control import LEAST_GAIN_MARGIN_DB, LEAST_PHASE_MARGIN, Margins
 from rig.configuration import control_lines
+from rig.report.calibrations import CalibrationRow
 from rig.report.panel import Trace, line
 from rig.report.templating import rendered
 from rig.runner.experiments import Response, Tuning
@@ -12,12 +14,19 @@ from rig.runner.experiments import Response, Tuning
 MM: Final = 1e3
 
 
-def tuning_page(tuning: Tuning, started: str) -> str:
+def tuning_page(
+    tuning: Tuning,
+    started: str,
+    written: Sequence[str] = (),
+    calibrations: Sequence[CalibrationRow] = (),
+) -> str:
     """Return the HTML page of a tuning experiment.
 
     Args:
         tuning: the results.
         started: when the experiment began, UTC, as text.
+        written: a line for each file that was written, the rig file and its backup.
+        calibrations: rows of the table of calibrations; none if no transducer has one.
     """
     return rendered(
         "tuning.html.j2",
@@ -27,7 +36,31 @@ def tuning_page(tuning: Tuning, started: str) -> str:
         rows=list(margin_rows(tuning)),
         section="\n".join(list(control_lines(tuning.proposed, ""))[1:]),
         responses=[response_line(each) for each in tuning.responses],
+        least=least_margins(tuning),
+        hold=hold_line(tuning),
+        written=written,
+        calibrations=calibrations,
         figures=[_figure(each, error) for each in tuning.responses for error in (False, True)],
+    )
+
+
+def least_margins(tuning: Tuning) -> str:
+    """Return in a sentence the least margins under the proposed control, and those it must keep."""
+    gain_dB = min(each.gain_dB for each in tuning.margins_after)  # noqa: N806
+    phase = min(each.phase for each in tuning.margins_after)
+    return (
+        f"The least margins of all places are {gain_dB:.1f} dB and {degrees(phase):.0f} degrees; "
+        f"{LEAST_GAIN_MARGIN_DB:g} dB and {degrees(LEAST_PHASE_MARGIN):.0f} degrees are required."
+    )
+
+
+def hold_line(tuning: Tuning) -> str:
+    """Return in a sentence how far the held ram swung under the proposed control."""
+    if not isfinite(tuning.swing_m):
+        return "A ram held at mid stroke gave no reading of its position."
+    return (
+        f"A ram held at mid stroke stayed within {MM * tuning.swing_m:.2g} mm; it is said to hunt "
+        f"from {MM * tuning.swing_limit_m:.2g} mm on."
     )
 
 

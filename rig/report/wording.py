@@ -181,10 +181,10 @@ def story(test: TestOutcome) -> str:
 
 def _limits_passed(test: TestOutcome) -> str:
     """Return which limits were passed, each with its first passing and how often it was again."""
-    first: dict[tuple[str, str, str, float], str] = {}
-    times: Counter[tuple[str, str, str, float]] = Counter()
+    first: dict[tuple[str, str, str, str, float], str] = {}
+    times: Counter[tuple[str, str, str, str, float]] = Counter()
     for each in test.limits:
-        which = each.of, each.watched, each.band, each.limit
+        which = each.of, each.watched, each.each, each.band, each.limit
         first.setdefault(which, str(each))
         times[which] += 1
     told = [

@@ -183,7 +183,7 @@ class HardwareTest:
         self._rig = rig
         self._wire = wire
         self._test = test
-        self._begun = self._early = self._ended = False
+        self._begun = self._early = self._ended = self._ramps_down = False
         self._found = ""
 
     @property
@@ -288,6 +288,10 @@ class HardwareTest:
         with self._rig.reporting_stops():
             return self._wire.skip_to(place, blend_ticks)
 
+    def alive(self) -> None:
+        """Show the safety thread that the runner works; never raise for a trip or a stop."""
+        self._rig.alive()
+
     def end_early(self) -> None:
         """Make `safe_state` hold the ram, as after a completed test, with the valve enabled."""
         self._early = True
@@ -307,14 +311,15 @@ class HardwareTest:
         if action is Action.TRIP:
             rig.safety.trip(Cause.TEST_LIMIT)
             raise rig.tripped()
-        self._early = action is Action.HOLD
+        self._early, self._ramps_down = action is Action.HOLD, action is Action.RAMP_DOWN
         raise TripError(text)
 
     def safe_state(self) -> None:
         """End the test and its faults; repeated calls do nothing.
 
         After a completed test, or `end_early`, the ram is held; otherwise, or if the loop does not
-        hold it, the motion is brought to rest and the valve disabled.
+        hold it, or a limit asked to ramp down, the motion is brought to rest and the valve
+        disabled.
 
         Raises:
             TripError: the loop does not hold the ram after a completed test.
@@ -324,7 +329,8 @@ class HardwareTest:
         self._ended = True
         held = False
         try:
-            if self._early or (self._begun and not self._wire.ticks_left):
+            ends_held = self._early or (self._begun and not self._wire.ticks_left)
+            if ends_held and not self._ramps_down:
                 with self._rig.reporting_stops():
                     self._wire.safe_state()
                 held = True

@@ -24,6 +24,7 @@ COLUMNS = {"x_m": np.array([1.0, -2.0, np.nan, 4.0]), "y_m": np.array([1.0, 1.0,
         ("median(y_m) ** 2", 1.0),
         ("percentile(y_m, 100)", 2.0),
         ("-std(y_m - y_m)", 0.0),
+        ("missing(x_m) + missing(y_m)", 0.25),
     ],
 )
 def test_a_figure_is_one_number_of_all_samples_that_are_known(text: str, value: float) -> None:

@@ -20,8 +20,10 @@ from estimator.gap import Discovered, GapResult, Plant, Wanted, find_gap
 from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, Problems, ending
 from rig.cli.screen import Screen
 from rig.configuration import PlantModel, Rig, load_columns, load_model, load_plant, load_rig
+from rig.io import today
 from rig.plant import TICK, Model
 from rig.recording import Column, Recording, RecordingError, read_measured, replacing
+from rig.report.calibrations import CalibrationRow, calibration_rows
 from rig.report.gap import (
     estimated,
     extent,
@@ -50,7 +52,7 @@ from rig.runner.experiments import (
     rig_plant,
     room_of,
 )
-from rig.runner.outcomes import sensors_of
+from rig.runner.outcomes import calibrations_recorded, calibrations_used, sensors_of
 
 from .experiments import experiment, print_motions, rig_time
 
@@ -152,7 +154,11 @@ def found_by(asked: Asked) -> int:
         result.reasons += unread
         result.reasons += _noted([*fitted, *judged])
         result.reasons += [plant.why_no_layout] if plant.why_no_layout else []
-    _write(result, plant, name, out, (asked.rig or "simulated", asked.model))
+    if asked.live:
+        calibrated = calibration_rows(calibrations_used(rig, (today(),)), rig.uncalibrated)
+    else:
+        calibrated = calibration_rows(*calibrations_recorded((*fitted, *judged)))
+    _write(result, plant, name, out, (asked.rig or "simulated", asked.model), calibrated)
     if asked.as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
     else:
@@ -271,7 +277,12 @@ def _refuse_repeated(
 
 
 def _write(
-    result: GapResult, plant: Plant, model: str, out: Path, references: tuple[str, str]
+    result: GapResult,
+    plant: Plant,
+    model: str,
+    out: Path,
+    references: tuple[str, str],
+    calibrations: Sequence[CalibrationRow],
 ) -> None:
     """Write model, report, figures and experiment: all of them, or, if one fails, none.
 
@@ -284,9 +295,10 @@ def _write(
         model: name of the model that was tested.
         out: the folder; it is made if missing.
         references: rig and model, by path or name, of the experiment's campaign.
+        calibrations: rows of the page's table of calibrations.
     """
     command = ("rig", *sys.argv[1:])
-    page = gap_page(result, plant, model, command)
+    page = gap_page(result, plant, model, command, calibrations)
     figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
     campaign = next((each.campaign for each in result.experiments if each.campaign), None)
     out.mkdir(parents=True, exist_ok=True)

@@ -12,8 +12,10 @@ from rig.cli.application import Problems
 from rig.cli.option_types import paced
 from rig.cli.screen import Screen
 from rig.configuration import Physical, QuantityError, Rig, dump_model, load_model, load_rig
+from rig.io import today
 from rig.plant import Model, quantities
 from rig.recording import Recording, read_recording, replace_text
+from rig.report.calibrations import calibration_rows
 from rig.report.friction import (
     FrictionRun,
     changes_in_words,
@@ -35,6 +37,8 @@ from rig.runner.experiments import (
     sliding_campaign,
 )
 from rig.runner.outcomes import (
+    calibrations_recorded,
+    calibrations_used,
     change_figures,
     friction_figures,
     model_spring,
@@ -116,16 +120,19 @@ def friction(
         problems.add(f"--out: {out} is a folder; name the page's file")
     if not out.parent.is_dir():
         problems.add(f"--out: {out.parent} is no folder; make it first")
-    runs = []
+    runs: list[FrictionRun] = []
+    contents: list[Recording] = []
     for recording in recordings:
         with problems.collected():
             content = read_recording(recording)
             # Once any input is bad, the others are only read to report their problems too.
             if not problems.found:
                 runs.append(_run(recording, content, assumed, given))
+                contents.append(content)
     if problems.found:
         return problems.report()
-    replace_text(out, friction_page(runs, assumed))
+    calibrated = calibration_rows(*calibrations_recorded(contents))
+    replace_text(out, friction_page(runs, assumed, calibrated))
     if as_json:
         for run in runs:
             changes = change_figures(runs[0].curve, run.curve) if run is not runs[0] else {}
@@ -232,7 +239,9 @@ def _run_on_rig(
     figures, started = experiment_figures(found), f"{begun:%Y-%m-%d %H:%M}"
     text = json.dumps(figures, indent=1, allow_nan=False)
     replace_text(directory / "friction.json", text + "\n")
-    replace_text(directory / "friction.html", experiment_page(found, started))
+    used = calibrations_used(rig, (begun.date(), today()))
+    calibrated = calibration_rows(used, rig.uncalibrated)
+    replace_text(directory / "friction.html", experiment_page(found, started, calibrated))
     revised = revised_model(found, directory, started)
     if revised is not None:
         dump_model(revised, directory / "model.yaml")

@@ -21,9 +21,11 @@ from rig.configuration import (
     shipped_config_dir,
     with_control,
 )
+from rig.io import today
 from rig.plant import Model
 from rig.recording import replace_text
-from rig.report.tuning import margin_rows, response_line, tuning_page
+from rig.report.calibrations import calibration_rows
+from rig.report.tuning import hold_line, margin_rows, response_line, tuning_page
 from rig.runner.campaign import Pace
 from rig.runner.experiments import (
     Tuning,
@@ -33,6 +35,7 @@ from rig.runner.experiments import (
     run_tuning,
     tuning_figures,
 )
+from rig.runner.outcomes import calibrations_used
 from rig.runner.run_folder import default_directory
 
 from .experiments import experiment, print_motions, rig_time
@@ -106,8 +109,10 @@ def command(
     started = f"{begun:%Y-%m-%d %H:%M}"
     figures = tuning_figures(found)
     replace_text(directory / "tuning.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
-    replace_text(directory / "tuning.html", tuning_page(found, started))
     written = _write(file, out, found, begun) if found.safe else []
+    used = calibrations_used(rig, (begun.date(), today()))
+    calibrated = calibration_rows(used, rig.uncalibrated)
+    replace_text(directory / "tuning.html", tuning_page(found, started, written, calibrated))
     if as_json:
         click.echo(json.dumps(figures | {"written": written}, allow_nan=False))
         return 0 if found.safe else EXIT_UNSAFE
@@ -118,6 +123,7 @@ def command(
     screen.print_table(("position, mm", *right), margin_rows(found), right=right)
     for each in found.responses:
         screen.print(response_line(each), soft_wrap=True)
+    screen.print(hold_line(found), soft_wrap=True)
     for remark in found.remarks:
         screen.print(f"note: {remark}", soft_wrap=True)
     for line in list(control_lines(found.proposed, ""))[1:]:

@@ -7,7 +7,15 @@ from typing import Annotated, Any, Final
 from pydantic import create_model
 
 from control import Sequence, Stretch
-from faults import FOLLOWING_ERROR, MEASURES, Criterion, Expression, ExpressionError, OwnFigure
+from faults import (
+    FOLLOWING_ERROR,
+    FRICTION,
+    MEASURES,
+    Criterion,
+    Expression,
+    ExpressionError,
+    OwnFigure,
+)
 from rig.configuration.reading import (
     DIMENSIONS,
     AnyQuantity,
@@ -36,6 +44,8 @@ _EVERY_TEST: Final = {
     "loop_missed": "",
 }
 """Figures that tests have by themselves -> SI unit, beside `leak`."""
+FIGURE_UNITS: Final = {**MEASURES, **_EVERY_TEST}
+"""Figures that tests have by themselves -> SI unit, without those of friction."""
 _OF_CHANNEL: Final = ("peak", "valley")
 _COMMANDED: Final = ("time_s", "setpoint_m", "setpoint_V", "command_V", FOLLOWING_ERROR)
 
@@ -59,9 +69,17 @@ class CriterionFile(Schema):
     until_time: Annotated[float | None, Physical("s", 0.0, 3600.0, 10.0)] = None
 
 
-def figure_unit(name: str) -> str:
-    """Return the SI unit of a figure that tests have by themselves, one of no channel."""
-    return {**MEASURES, **_EVERY_TEST}[name]
+def figure_unit(name: str) -> str | None:
+    """Return the SI unit of a figure that tests have by themselves, one of no channel.
+
+    It is None for a name that is no such figure.
+    """
+    if name.startswith(FRICTION):
+        known = quantities()
+        found = known.get(name) or known.get(name.removeprefix(FRICTION))
+        if found is not None:
+            return found.unit
+    return FIGURE_UNITS.get(name)
 
 
 def channels_of(rig: Rig | None) -> tuple[str, ...]:
@@ -178,17 +196,11 @@ def _unit_of_criterion(
             item.refuse("has a value at each sample, and no single one", remedy, key="figure")
             return None
         return mine[file.figure].unit
-    every = {**MEASURES, **_EVERY_TEST}
-    if file.figure.startswith("friction_"):
-        known = quantities()
-        found = known.get(file.figure) or known.get(file.figure.removeprefix("friction_"))
-        if found is not None:
-            return found.unit
-    if file.figure not in every:
-        remedy = suggestion(file.figure, [*every, *mine], "figures")
+    unit = figure_unit(file.figure)
+    if unit is None:
+        remedy = suggestion(file.figure, [*FIGURE_UNITS, *mine], "figures")
         item.refuse("is no known figure", remedy, key="figure")
-        return None
-    return every[file.figure]
+    return unit
 
 
 def _window(

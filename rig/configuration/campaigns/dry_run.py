@@ -30,8 +30,9 @@ from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
 from .following import Following, expected_following
-from .foreseen import limit_warnings, setpoint_warnings, until_warnings
+from .foreseen import figure_warnings, limit_warnings, setpoint_warnings, until_warnings
 from .judged_controls import control_warnings, unstable_controls
+from .loop_of_test import motion_key
 
 _SEGMENTS_SHOWN: Final = 12
 
@@ -143,6 +144,7 @@ def limit_in_words(limit: TestLimit) -> str:
         for band in limit.bands
     ]
     over = f" over {show(limit.over_s, 's')}" if limit.over_s else ""
+    over = f" of each {limit.each}" if limit.each else over
     lasting = f", for {show(limit.for_s, 's')}" if limit.for_s else ""
     during = f", in {limit.during}" if limit.during else ""
     return f"{limit.watched}{over}: {', '.join(bands)}{lasting}{during}"
@@ -206,7 +208,7 @@ def _following(
     """
     if test.setpoint.quantity != "position":
         return None
-    same = repr((test.setpoint, test.duration_s, test.load, test.control, test.gain_V_per_m))
+    same = motion_key(test)
     if same not in known:
         known[same] = expected_following(test, rig, assumed)
     return known[same]
@@ -256,6 +258,7 @@ def _plan(
             *setpoint_warnings(test),
             *until_warnings(test),
             *limit_warnings(test, rig),
+            *figure_warnings(test, rig, campaign.filter_name),
         ),
         following=following,
     )

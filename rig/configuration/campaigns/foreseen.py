@@ -8,7 +8,8 @@ from math import inf
 from typing import Final
 
 from control import FromFile, Sequence, Setpoint
-from faults import CampaignTest, Verdict
+from estimator.filters import DEFAULT_FILTER
+from faults import FRICTION, WATCHED_FIGURES, CampaignTest, Verdict
 from rig.configuration.reading import show
 from rig.configuration.rigs import Rig
 
@@ -69,6 +70,28 @@ def limit_warnings(test: CampaignTest, rig: Rig) -> Iterator[str]:
                     f"reached: the rig's own limit at {show(own, limit.unit)} acts before; give a "
                     "narrower one, or leave it out"
                 )
+
+
+def figure_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:
+    """Yield a warning for each limit of a figure that this rig, or this filter, never tells.
+
+    Args:
+        test: the test.
+        rig: the rig.
+        filter_name: name of the filter by which the campaign judges.
+    """
+    watched = dict.fromkeys(limit.watched for limit in test.limits)
+    for name in watched:
+        if name.startswith("loop_") and name in WATCHED_FIGURES and rig.backend == "simulated":
+            yield (
+                f"the limit of {name} is not judged here: the loop of a simulated rig runs by no "
+                "clock; it is judged on hardware and on the emulated rig"
+            )
+        if name.startswith(FRICTION) and filter_name != DEFAULT_FILTER:
+            yield (
+                f"the limit of {name} is never judged: {filter_name} does not estimate the load, "
+                f"from which friction follows; judge by {DEFAULT_FILTER}"
+            )
 
 
 def _motions(test: CampaignTest) -> list[tuple[Setpoint, float]]:

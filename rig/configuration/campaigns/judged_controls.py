@@ -16,7 +16,7 @@ from rig.configuration.rigs import Rig, margins_by_model, margins_in_words, reme
 from rig.plant import Model
 
 from .following import expected_motion
-from .loop_of_test import control_of, gain_for
+from .loop_of_test import control_of, gain_for, motion_key
 
 _NOTABLE_M: Final = 1e-3
 """Error in m by which a control must be worse before that is reported: the reduced rig foresees the
@@ -115,12 +115,7 @@ def control_warnings(
     """
     if test.setpoint.quantity != "position":
         return ()
-    same = repr(
-        (
-            test.setpoint, test.duration_s, test.load, test.control, test.gain_V_per_m,
-            test.control_changes,
-        )
-    )  # fmt: skip
+    same = motion_key(test) + repr(test.control_changes)
     if same not in known:
         known[same] = tuple(_control_warnings(test, rig, assumed))
     return known[same]

@@ -2,18 +2,24 @@
 
 from collections.abc import Iterator, Sequence as Listing
 from math import inf
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import create_model
 
 from faults import (
     DECIDED_FIGURES,
     FOLLOWING_ERROR,
+    FRICTION,
+    STEP_FIGURES,
+    STEP_M,
     WATCHED_FIGURES,
     Expression,
     LimitAction,
+    LimitEach,
     OwnFigure,
     TestLimit,
+    has_step,
+    stretches_of,
 )
 from rig.configuration.reading import (
     AnyQuantity,
@@ -28,7 +34,7 @@ from rig.configuration.reading import (
 from rig.configuration.rigs import Rig
 from rig.recording import unit_of
 
-from .criteria import bounds_of, channels_of, figure_unit, windows_of
+from .criteria import FIGURE_UNITS, bounds_of, channels_of, figure_unit, windows_of
 from .segments import Motion
 
 _WINDOW_S: Final = Physical("s", 0.5, 60.0, 10.0)
@@ -40,6 +46,8 @@ them in every tick, at some nanoseconds each."""
 
 _DISTANCES: Final = (FOLLOWING_ERROR, "rms_error", "peak_error")
 """What is watched and is a distance between setpoint and position, so that it is never below 0."""
+_NEVER_BELOW_0: Final = (*_DISTANCES, *STEP_FIGURES)
+"""What is watched and is never below 0."""
 _INSTANT_S: Final = 1e-9
 """Times in s that are nearer to each other are the same; ticks are 1 ms apart."""
 
@@ -56,6 +64,7 @@ class _TestLimitKeys(Schema):
     inner_low: Annotated[Any, AnyQuantity()] = None
     inner_high: Annotated[Any, AnyQuantity()] = None
     action: LimitAction = "trip"
+    each: LimitEach | None = None
     hysteresis: Annotated[Any, AnyQuantity()] = None
     during: str | None = None
     over: Annotated[float | None, _WINDOW_S] = None
@@ -108,6 +117,8 @@ class _Watched(NamedTuple):
     """Whether it is one number of the last samples, so that it is computed over some time."""
     expression: Expression | None = None
     """How it follows from the channels, for a figure that is not the test's own."""
+    only_each: LimitEach | None = None
+    """The only kind of stretch over which the figure is computed; None if there is a choice."""
 
 
 def _limit(
@@ -127,7 +138,8 @@ def _limit(
         return None
     keys = ("low", "high", "inner_low", "inner_high", "hysteresis")
     ends = bounds_of(item, keys, watched.unit)
-    if file.over is not None and not watched.is_figure:
+    each = _each(item, file, watched, motion)
+    if file.over is not None and not watched.is_figure and not each:
         limit = "is for figures; a channel has a value at each sample"
         item.refuse(limit, "leave it out", key="over")
     if problems.reported > before:
@@ -143,14 +155,15 @@ def _limit(
         file.action,
         getattr(file, "for"),
         ends.get("hysteresis", 0.0),
-        (file.over or usual) if watched.is_figure else 0.0,
+        (file.over or usual) if watched.is_figure and not each else 0.0,
         file.during or "",
         windows,
         watched.expression,
+        each,
     )
     if not _is_sound(item, limit_of) or not _is_crossable(item, limit_of):
         return None
-    if motion is not None and not _has_time_to_act(item, limit_of, motion.duration_s):
+    if motion is not None and not each and not _has_time_to_act(item, limit_of, motion.duration_s):
         return None
     return limit_of
 
@@ -179,7 +192,11 @@ def _watched(
                 "is not measured by this rig", suggestion(channel, known, "channels"), key="channel"
             )
             return None
-    follows = channel == FOLLOWING_ERROR or file.figure in ("rms_error", "peak_error")
+    follows = channel == FOLLOWING_ERROR or file.figure in (
+        "rms_error",
+        "peak_error",
+        *STEP_FIGURES,
+    )
     if follows and motion is not None and motion.setpoint.quantity != "position":
         limit = "compares with a setpoint in m, and this test has none"
         key = "channel" if channel else "figure"
@@ -200,13 +217,75 @@ def _watched_figure(
         return _Watched(figure, DECIDED_FIGURES[figure], is_figure=False)
     if figure in WATCHED_FIGURES:
         expression = Expression(WATCHED_FIGURES[figure].format(channel=channel))
-        unit = unit_of(channel) if channel else figure_unit(figure)
+        unit = unit_of(channel) if channel else FIGURE_UNITS[figure]
         name = f"{figure} of {channel}" if channel else figure
         return _Watched(name, unit, True, expression)
-    known = [*DECIDED_FIGURES, *WATCHED_FIGURES, *mine]
-    remedy = suggestion(figure, known, "figures that are computed as it runs")
-    item.refuse("is no figure that is computed as the test runs", remedy, key="figure")
+    unit_of_figure = figure_unit(figure)
+    if figure in STEP_FIGURES:
+        return _Watched(figure, FIGURE_UNITS[figure], is_figure=False, only_each="step")
+    if figure.startswith(FRICTION) and unit_of_figure is not None:
+        return _Watched(figure, unit_of_figure, is_figure=False, only_each="test")
+    item.refuse(
+        "is no known figure", suggestion(figure, [*FIGURE_UNITS, *mine], "figures"), key="figure"
+    )
     return None
+
+
+def _each(
+    item: Located, file: _TestLimitKeys, watched: _Watched, motion: Motion | None
+) -> LimitEach | Literal[""]:
+    """Return over which stretches a limit's figure is computed once; "" if it is judged all along.
+
+    If the figure, the limit's other keys or the motion do not allow it, record why.
+    """
+    each = file.each or watched.only_each
+    if each is None:
+        return ""
+    if watched.only_each not in (None, each):
+        of = f"is a figure of a {watched.only_each} alone"
+        item.refuse(of, f"write `each: {watched.only_each}`, or leave it out", watched.name, "each")
+        return each
+    is_one_number = watched.only_each or watched.is_figure or watched.name in DECIDED_FIGURES
+    if not is_one_number:
+        limit = "has a value at each sample, and is judged at each"
+        remedy = "leave `each` out, or watch one number of it, such as its peak, or max(...)"
+        item.refuse(limit, remedy, watched.name, "each")
+        return each
+    if each == "step" and watched.only_each != "step":
+        remedy = f"write one of {', '.join(STEP_FIGURES)}, or `each: cycle`, segment or test"
+        item.refuse("is no figure of a step", remedy, watched.name, "each")
+        return each
+    for key in ("for", "over", "hysteresis"):
+        if item.get(key) is not None:
+            limit = f"is given for a figure that has one value for each {each}"
+            item.refuse(limit, f"leave `{key}` out", key=key)
+    if motion is not None:
+        _check_stretches(item, each, file.during or "", motion)
+    return each
+
+
+def _check_stretches(item: Located, each: LimitEach, during: str, motion: Motion) -> None:
+    """Record a problem if a motion has no stretch over which a limit's figure is computed."""
+    setpoint = motion.setpoint
+    laid = setpoint, motion.duration_s, during
+    of = f"the segment {during}" if during else "the test"
+    key = "each" if item.get("each") is not None else "figure"
+    if each == "test" and during:
+        limit = f"is known as the test ends, and `during: {during}` holds before"
+        item.refuse(limit, "leave `during` out, or write `each: segment`", key=key)
+    elif each == "segment" and not stretches_of(*laid, each):
+        item.refuse("can never act: the test has no segments", "write `each: test`", key=key)
+    elif each == "cycle" and not stretches_of(*laid, each):
+        limit = f"can never act: {of} has no whole cycle of a setpoint that repeats itself"
+        remedy = (
+            "let it last for a cycle of a sine, triangle, trapezoid or multisine, or use `over`"
+        )
+        item.refuse(limit, remedy, key=key)
+    elif each == "step" and setpoint.quantity == "position" and not has_step(*laid):
+        limit = (
+            f"can never act: {of} has no step, a jump by more than {show(STEP_M, 'm')} in a tick"
+        )
+        item.refuse(limit, "leave it out, or limit following_error_m", key=key)
 
 
 def _is_sound(item: Located, limit: TestLimit) -> bool:
@@ -239,17 +318,23 @@ def _is_sound(item: Located, limit: TestLimit) -> bool:
 
 
 def _is_crossable(item: Located, limit: TestLimit) -> bool:
-    """Return whether a limit of a distance is neither always passed nor never; if not, record why.
+    """Return whether a limit is neither always passed nor never; if not, record why.
 
     A distance is at least 0, so that it is always above an end below 0, and never below one.
     """
-    if limit.watched not in _DISTANCES:
+    if limit.watched not in _NEVER_BELOW_0:
         return True
+    is_distance = limit.watched in _DISTANCES
     for key, end in (("high", limit.high), ("inner_high", limit.inner_high)):
-        if end < 0.0:
+        if end < 0.0 and is_distance:
             remedy = "give a distance of 0 or more: it counts in both directions"
             item.refuse("is below 0, and a distance never is", remedy, key=key)
             return False
+        if end < 0.0:
+            item.refuse(f"is below 0, and {limit.watched} never is", "give 0 or more", key=key)
+            return False
+    if not is_distance:
+        return True
     has_upper = min(limit.high, limit.inner_high) < inf
     if not has_upper and max(limit.low, limit.inner_low) <= 0.0:
         key = "low" if limit.low > -inf else "inner_low"

@@ -25,6 +25,14 @@ def control_for(rig: Rig, test: CampaignTest) -> ControlSettings:
     return replace(control_of(rig, test), gain=gain_for(rig, test))
 
 
+def motion_key(test: CampaignTest) -> str:
+    """Return a text that two tests share if their rams follow the same motion in the same way.
+
+    It tells setpoint, duration, load, control and gain, but no change of the control on the way.
+    """
+    return repr((test.setpoint, test.duration_s, test.load, test.control, test.gain_V_per_m))
+
+
 def with_load(model: Model, test: CampaignTest) -> Model:
     """Return a model with the spring load of a test, if it has one."""
     if test.load is None:

@@ -129,7 +129,7 @@ class Asking(NamedTuple):
             for element in elements_of(item, remedy)
             if element.get("figure") is None
             or self._is_known(element, str(element.find("figure").value), _IN_LIMITS)
-            if self._is_channel(element)
+            if self._is_channel(element) and _is_judged_all_along(element)
         ]
         limits = read_test_limits(item.with_value(known), self.own, asked, self.rig)
         return list(limits)
@@ -150,6 +150,15 @@ class Asking(NamedTuple):
         remedy = suggestion(str(channel.value), channels, "channels of cases")
         channel.refuse("is not simulated in lanes", remedy)
         return False
+
+
+def _is_judged_all_along(item: Located) -> bool:
+    """Return whether a limit has no `each`; if it has, record that sweeps do not judge so."""
+    if item.get("each") is None:
+        return True
+    limit = "is not judged in the cases of a sweep, whose limits hold all along"
+    item.refuse(limit, "give a criterion of the figure, or `over: 5 s` in its place", key="each")
+    return False
 
 
 def asking_of(

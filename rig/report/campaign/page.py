@@ -15,11 +15,11 @@ from faults import to_litres_per_minute
 from rig.plant import LEAKS
 from rig.recording import replace_text
 from rig.report import wording
+from rig.report.calibrations import calibration_rows
 from rig.report.templating import rendered
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance, reaction
 from rig.runner.run_folder import REPORT
 
-from .calibrations import calibration_rows
 from .sections import Section, sections_of
 
 DAY_S: Final = 86400.0
@@ -72,7 +72,7 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
         smallest=smallest_rows(sections),
         intervals=any(row.chart["lower"] is not None for row in rows),
         command=_rerun(outcome),
-        calibrations=calibration_rows(outcome),
+        calibrations=calibration_rows(outcome.calibrations, outcome.uncalibrated),
     )
 
 

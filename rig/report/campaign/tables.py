@@ -99,20 +99,22 @@ def limit_rows(test: TestOutcome, metadata: Mapping[str, Any]) -> tuple[LimitRow
             each
             for each in test.limits
             if (each.of, each.watched, each.band) == ("test", watched, row["band"])
+            and each.each == row["each"]
             and each.limit in (row["low"], row["high"])
         ]
         found.append(_row("test", row, passed))
-    told = {(row["watched"], row["band"]) for row in rows}
-    others: dict[tuple[str, str, float], list[LimitPassed]] = {}
+    told = {(row["watched"], row["each"], row["band"]) for row in rows}
+    others: dict[tuple[str, str, str, float], list[LimitPassed]] = {}
     for each in test.limits:
-        if each.of == "rig" or (each.watched, each.band) not in told:
-            others.setdefault((each.of, each.watched, each.limit), []).append(each)
-    for (of, watched, limit), passed in others.items():
+        if each.of == "rig" or (each.watched, each.each, each.band) not in told:
+            others.setdefault((each.of, each.watched, each.each, each.limit), []).append(each)
+    for (of, watched, kind, limit), passed in others.items():
         first = passed[0]
         above = first.value > limit
         row = {
-            "watched": watched, "where": "", "band": first.band, "action": first.action,
-            "low": None if above else limit, "high": limit if above else None, "unit": first.unit,
+            "watched": watched, "where": f" of each {kind}" if kind else "", "band": first.band,
+            "low": None if above else limit, "high": limit if above else None,
+            "action": first.action, "unit": first.unit,
         }  # fmt: skip
         found.append(_row(of, row, passed))
     return tuple(found)
@@ -122,7 +124,9 @@ def _configured(metadata: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     test = metadata.get("test")
     limits = test.get("limits") if isinstance(test, Mapping) else None
     for limit in limits or ():
-        where = f" over {limit['over_s']:g} s" if limit.get("over_s") else ""
+        kind = limit.get("each") or ""
+        where = f" of each {kind}" if kind else ""
+        where += f" over {limit['over_s']:g} s" if limit.get("over_s") else ""
         where += f" for {limit['for_s']:g} s" if limit.get("for_s") else ""
         where += f", in {limit['during']}" if limit.get("during") else ""
         inner = limit.get("inner_low"), limit.get("inner_high")
@@ -130,8 +134,8 @@ def _configured(metadata: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         for band, ends, action in (("inner", inner, "warn"), ("outer", outer, limit["action"])):
             if ends != (None, None):
                 yield {
-                    "watched": limit["watched"], "where": where, "band": band, "low": ends[0],
-                    "high": ends[1], "action": action, "unit": limit["unit"],
+                    "watched": limit["watched"], "each": kind, "where": where, "band": band,
+                    "low": ends[0], "high": ends[1], "action": action, "unit": limit["unit"],
                 }  # fmt: skip
 
 
@@ -140,7 +144,10 @@ def _row(of: str, row: Mapping[str, Any], passed: list[LimitPassed]) -> LimitRow
     band = " or ".join(f"{word} {show(end, row['unit'])}" for word, end in ends if end is not None)
     first = ""
     if passed:
-        since = f", since {passed[0].since_s:.3f} s" if isfinite(passed[0].since_s) else ""
-        first = f"{show(passed[0].value, row['unit'])} at {passed[0].at_s:.3f} s{since}"
+        earliest = passed[0]
+        since = f", since {earliest.since_s:.3f} s" if isfinite(earliest.since_s) else ""
+        if earliest.each:
+            since = f", of the {earliest.each} from {earliest.since_s:.3f} s"
+        first = f"{earliest.value_words} at {earliest.at_s:.3f} s{since}"
     watched, action = row["watched"] + row["where"], row["action"].replace("_", " ")
     return LimitRow(of, watched, f"{row['band']}: {band}", action, first, len(passed))

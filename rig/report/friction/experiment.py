@@ -11,6 +11,7 @@ from estimator.friction import (
     model_curve,
     steady_among,
 )
+from rig.report.calibrations import CalibrationRow
 from rig.report.templating import number, numbers, rendered
 from rig.runner.experiments import FrictionExperiment
 
@@ -21,12 +22,15 @@ _MISFIT: Final = 4.0
 than once in 100."""
 
 
-def experiment_page(experiment: FrictionExperiment, started: str) -> str:
+def experiment_page(
+    experiment: FrictionExperiment, started: str, calibrations: Sequence[CalibrationRow] = ()
+) -> str:
     """Return the HTML page of a friction experiment.
 
     Args:
         experiment: the results of the experiment.
         started: when the experiment began, UTC, as text.
+        calibrations: rows of the table of calibrations; none if no transducer has one.
     """
     return rendered(
         "friction_experiment.html.j2",
@@ -36,6 +40,7 @@ def experiment_page(experiment: FrictionExperiment, started: str) -> str:
         started=started,
         parameters=list(parameter_rows(experiment)),
         remarks=list(remarks(experiment)),
+        calibrations=calibrations,
         figures={"places": _places(experiment), "curve": _curve(experiment)},
     )
 

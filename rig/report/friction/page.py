@@ -20,6 +20,7 @@ from estimator.friction import (
     model_curve,
 )
 from rig.plant import Model
+from rig.report.calibrations import CalibrationRow
 from rig.report.panel import Array, Panel, TestData, Trace
 from rig.report.templating import numbers, rendered
 
@@ -92,12 +93,15 @@ def changes_in_words(runs: Sequence[FrictionRun]) -> Iterator[str]:
         yield f"{in_words(change.name)}: {difference}, z = {change.score:+.1f}, {result}"
 
 
-def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
+def friction_page(
+    runs: Sequence[FrictionRun], model: Model, calibrations: Sequence[CalibrationRow] = ()
+) -> str:
     """Return the HTML page of the friction of some recordings, compared with the model's.
 
     Args:
         runs: friction of each recording, oldest first, at least one.
         model: the model that the filter assumed.
+        calibrations: rows of the table of calibrations; none if no transducer has one.
     """
     units = {name: each.unit for name, each in runs[0].curve.estimates.items()}
     return rendered(
@@ -108,6 +112,7 @@ def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
         parameters=[(name, in_words(name), units[name]) for name in PARAMETERS],
         shown=shown,
         changes=list(changes_in_words(runs)),
+        calibrations=calibrations,
         needs=[(run, list(needs_in_words(run.curve))) for run in runs],
         figures={"curves": _curves(runs, model), "trends": _trends(runs, model)},
     )

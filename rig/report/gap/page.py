@@ -9,6 +9,7 @@ import yaml
 from numpy.typing import NDArray
 
 from estimator.gap import ChannelGap, Curve, Discovered, FreeRun, GapResult, Plant
+from rig.report.calibrations import CalibrationRow
 from rig.report.templating import numbers, rendered
 from rig.runner.outcomes import versions
 
@@ -24,7 +25,13 @@ _MODELS: Final = (("model as given", "bad"), ("model as written", "found"))
 """Name and role of the traces of both models."""
 
 
-def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ...] = ()) -> str:
+def gap_page(
+    result: GapResult,
+    plant: Plant,
+    model: str,
+    command: tuple[str, ...] = (),
+    calibrations: Sequence[CalibrationRow] = (),
+) -> str:
     """Return the HTML page of a gap search.
 
     Args:
@@ -32,6 +39,7 @@ def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ..
         plant: the plant whose model was tested.
         model: name of the model that was tested.
         command: the command line that ran the search, for the page.
+        calibrations: rows of the table of calibrations; none if no transducer has one.
     """
     return rendered(
         "gap.html.j2",
@@ -53,6 +61,7 @@ def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ..
         ],
         versions=versions(),
         words=gap_words,
+        calibrations=calibrations,
         curves=drawn_curves(result),
         figures=figures_of(result),
     )

@@ -102,6 +102,9 @@ class Loop(Protocol):
             TripError: always.
         """
 
+    def alive(self) -> None:
+        """Show that the runner works, while it computes something that takes seconds."""
+
     def end_early(self) -> None:
         """Note that the test is ended early but the campaign goes on.
 

@@ -10,8 +10,6 @@ from math import ceil, inf
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from estimator.filters import start_memory
 from estimator.leaks import Detector, DetectorFactory, PatternDetector
 from faults import Campaign, CampaignTest, FaultSchedule
@@ -29,6 +27,7 @@ from rig.runner.outcomes import (
     FrictionWatch,
     HealthyInnovations,
     HealthyReferences,
+    LimitPassed,
     LimitWatch,
     Measures,
     Observer,
@@ -225,7 +224,8 @@ class _RunningTest:
         self._loop = setting.bench.loop(test, memory, campaign.model)
         self._decisions = DecisionRows()
         self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
-        self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
+        model, sensors = campaign.model, setting.rig.sensors
+        self._friction = FrictionWatch(self._detector, test, model, sensors, self._loop.alive)
         self._judge = Judge(self._friction, memory, self._loop.channels)
         self._position = self._loop.channels.index("position_m")
         channels, self._timeline = self._loop.channels, Timeline()
@@ -380,19 +380,20 @@ class _RunningTest:
                 self._event(self._last_s, "until", str(self._end))
             self._judge.finish()
             self._note_verdict()
+            is_cut = self._loop.ticks_left and not self._end.came
+            if not is_cut:
+                self._watch(self._limits.finish(self._judge.decision, lambda: self._figures))
         except (TripError, _InterruptedError) as error:
             kind = "trip" if isinstance(error, TripError) else str(error.status)
             # What stopped the loop may be in no row.
-            self._tell_limits(np.empty((0, len(self._loop.channels))))
+            self._tell(self._limits.take_passed(self._loop.passed()))
             self._event(self._last_s, kind, str(error))
             raise
         except Exception as error:
             self._event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
         stopped = "abort", f"stopped by {self._setting.stop.reason}"
-        is_cut = self._loop.ticks_left and not self._end.came
-        ended = stopped if is_cut else ("test_end", self._verdict)
-        self._event(self._last_s, *ended)
+        self._event(self._last_s, *(stopped if is_cut else ("test_end", self._verdict)))
 
     def _run_batch(self) -> None:
         pacer = self._setting.pacer
@@ -412,7 +413,7 @@ class _RunningTest:
             self._loop.decided(self._decisions.row(self._last_s, self._judge.decision))
             self._note_verdict()
         if len(rows):
-            self._watch(rows)
+            self._watch(self._limits.take(rows, self._judge.decision, self._loop.passed()))
             self._end.take(rows, self._judge.decision)
             self._end_segment(rows)
         for note in self._setting.desk.take_notes():
@@ -450,20 +451,20 @@ class _RunningTest:
             )
             self._setting.observer.rig_tells(f"{self._test.name}: {changed}")
 
-    def _watch(self, rows: Array) -> None:
-        """Follow the test's limits in the next rows, and act on those that the loop does not judge.
+    def _watch(self, passings: list[LimitPassed]) -> None:
+        """Tell which limits were passed, and act on those that the loop does not judge.
 
         Raises:
             TripError: such a limit was passed that asks for a hold or worse.
         """
-        self._tell_limits(rows)
+        self._tell(passings)
         if self._limits.due is not None:
             action = Action[self._limits.due.action.upper()]
             self._loop.limited(action, str(self._limits.due))
 
-    def _tell_limits(self, rows: Array) -> None:
-        """Tell which limits of the test were passed in the next rows, or in the loop since."""
-        for passing in self._limits.take(rows, self._judge.decision, self._loop.passed()):
+    def _tell(self, passings: list[LimitPassed]) -> None:
+        """Tell which limits of the test were passed."""
+        for passing in passings:
             # What the loop does about limits of the rig is told by the rig itself.
             if passing.of == "test":
                 self._event(passing.at_s, "limit", str(passing))

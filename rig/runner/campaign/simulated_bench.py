@@ -79,6 +79,7 @@ class SimulatedTest:
         self._found = ""
         self._passed: list[RungPassed] = []
         self._told = 0
+        self._limited: News | None = None
 
     @property
     def ticks_left(self) -> int:
@@ -100,6 +101,9 @@ class SimulatedTest:
 
     def inject(self) -> None:
         """Do nothing, as the loop has the faults in a table from its beginning."""
+
+    def alive(self) -> None:
+        """Do nothing, as a simulated rig waits for its runner."""
 
     def end_early(self) -> None:
         """Do nothing, as the next test has a rig of its own."""
@@ -160,6 +164,7 @@ class SimulatedTest:
             TripError: always.
         """
         self.say(text)
+        self._limited = News(time.monotonic_ns(), "limit", text)
         self.loop.stop(action, Cause.TEST_LIMIT)
         raise self._stopped(self.loop.stopped)
 
@@ -190,10 +195,11 @@ class SimulatedTest:
         at_ns = time.monotonic_ns()
         self.loop.safe_state()
         safe_ns = time.monotonic_ns()
+        found = [News(at_ns, "detector", self._found)] if self._found else []
         report = TripReport(
             trips={"loop": (stopped.cause, at_ns)},
             confirmations=dict.fromkeys(("valve null", "bypass shut"), safe_ns),
-            notes=[News(at_ns, "detector", self._found)] if self._found else [],
+            notes=[*([self._limited] if self._limited else []), *found],
             channels=self.channels,
             rows=self._last,
             channel=stopped.channel,

@@ -149,6 +149,9 @@ class Tuning:
         remarks: what a reader should know, a sentence each.
         recordings: paths of the recordings, relative to the experiment's folder.
         hunts: whether a held ram swings under the proposed control.
+        swing_m: range of the held ram's position under the proposed control, m; infinite if no
+            reading of it was recorded.
+        swing_limit_m: the range from which on it is said to hunt, m.
     """
 
     rig: str
@@ -161,6 +164,8 @@ class Tuning:
     remarks: tuple[str, ...]
     recordings: tuple[str, ...]
     hunts: bool = False
+    swing_m: float = 0.0
+    swing_limit_m: float = HUNTING_M
 
     @property
     def safe(self) -> bool:
@@ -273,6 +278,7 @@ def run_tuning(
     exciting = exciting_campaign(rig, assumed, seed)
     # On hardware a command follows from the sample before it (docs/decisions/0007).
     delay_s = TICK if rig.backend == "hardware" else 0.0
+    swing_limit = HUNTING_M + rig.sensors.position_resolution
     with connected_parts(exciting, rig, directory, pace, observer, stop) as parts:
         setpoint = _exciting(rig, assumed, seed)
         compared = parts.run(exciting)
@@ -283,7 +289,7 @@ def run_tuning(
         for attempt in range(1, _MOST_HOLDS + 1):
             held = parts.run(hold_campaign(rig, assumed, proposed, attempt, seed))
             swing = _swing(held[_HOLD])
-            if swing <= HUNTING_M + rig.sensors.position_resolution:
+            if swing <= swing_limit:
                 break
             remarks = (*remarks, _hunting(swing, proposed, attempt))
             if attempt < _MOST_HOLDS:
@@ -308,7 +314,9 @@ def run_tuning(
         ),
         remarks=remarks,
         recordings=tuple(parts.recordings),
-        hunts=swing > HUNTING_M + rig.sensors.position_resolution,
+        hunts=swing > swing_limit,
+        swing_m=swing,
+        swing_limit_m=swing_limit,
     )
 
 
@@ -396,6 +404,7 @@ def tuning_figures(tuning: Tuning) -> dict[str, Any]:
         "rig": tuning.rig,
         "safe": tuning.safe,
         "hunts": tuning.hunts,
+        "hold_swing_m": tuning.swing_m,
         "models": [plain(each) for each in tuning.models],
         "present": plain(tuning.present),
         "proposed": plain(tuning.proposed),

@@ -2,6 +2,7 @@ from .awaiting import AwaitedEnd as AwaitedEnd, SegmentEnds as SegmentEnds
 from .calibrations import (
     CalibrationUsed as CalibrationUsed,
     calibrations_applied as calibrations_applied,
+    calibrations_recorded as calibrations_recorded,
     calibrations_used as calibrations_used,
 )
 from .figures import (

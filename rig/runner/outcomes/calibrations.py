@@ -1,12 +1,18 @@
-"""Which calibrations of transducers a campaign used, for its results, its report and recordings."""
+"""Which calibrations of transducers a campaign used, for its results, its report and recordings.
+
+What recordings name is read again for the pages of what is found in them.
+"""
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import date
-from typing import Any
+from datetime import UTC, date, datetime
+from typing import Any, Final
 
 from rig.configuration import Rig, plain
-from rig.recording import unit_of
+from rig.recording import Recording, unit_of
+
+_TEXTS: Final = ("channel", "transducer", "date", "valid_until")
 
 
 @dataclass(frozen=True)
@@ -71,3 +77,42 @@ def calibrations_applied(rig: Rig) -> dict[str, Any]:
         ],
         "uncalibrated": list(rig.uncalibrated),
     }
+
+
+def calibrations_recorded(
+    recordings: Iterable[Recording],
+) -> tuple[tuple[CalibrationUsed, ...], tuple[str, ...]]:
+    """Return the calibrations that recordings name, each once, and the channels without one.
+
+    Entries of the metadata that cannot be read are left out, as files of other programs may have
+    metadata of the same name. A calibration is in doubt if one of the recordings was made on a day
+    on which it did not hold.
+    """
+    used: dict[tuple[str, ...], CalibrationUsed] = {}
+    without: dict[str, None] = {}
+    for recording in recordings:
+        named = recording.metadata
+        start_ns = named.get("start_ns")
+        day = ""
+        if isinstance(start_ns, int) and start_ns > 0:
+            day = str(datetime.fromtimestamp(start_ns / 1e9, UTC).date())
+        for entry in _entries(named.get("calibrations")):
+            with suppress(KeyError, TypeError, ValueError):
+                texts = tuple(str(entry[key]) for key in _TEXTS)
+                channel, transducer, since, until = texts
+                doubt = f"recorded on {day}, outside its validity" if day else ""
+                if since <= day <= until:
+                    doubt = ""
+                correction = float(entry["largest_correction"])
+                found = CalibrationUsed(
+                    channel, transducer, since, until, correction, unit_of(channel), doubt
+                )
+                if texts not in used or doubt:
+                    used[texts] = found
+        without |= dict.fromkeys(map(str, _entries(named.get("uncalibrated"))))
+    return tuple(used.values()), tuple(without)
+
+
+def _entries(named: object) -> list[Any]:
+    """Return the entries of a list in metadata; [] if it is none."""
+    return named if isinstance(named, list) else []

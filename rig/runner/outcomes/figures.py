@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import nan
 from typing import Any, Final
 
 import numpy as np
@@ -82,6 +83,16 @@ def figures_of(
         if timing["ticks"]:
             found["loop_missed"] = Figure(timing["missed"] / timing["ticks"], None, "")
     return {name: figure for name, figure in found.items() if np.isfinite(figure.value)}
+
+
+def decided_figure(figure: str, decision: Decision | None) -> float:
+    """Return a figure of `faults.DECIDED_FIGURES`, SI; NaN if the detector does not tell it."""
+    if decision is None:
+        return nan
+    value = decision.leak_m3_per_s
+    if figure == "bulk_modulus":
+        value = decision.details.get("bulk_modulus_Pa")
+    return nan if value is None else float(value)
 
 
 def residual_level(innovation: Array) -> Figure | None:

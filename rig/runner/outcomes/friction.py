@@ -1,7 +1,9 @@
 """Identifies friction from the samples of a test, and converts it for `results.json`."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from estimator.filters import DEFAULT_FILTER, FilterRun
 from estimator.friction import (
@@ -18,6 +20,11 @@ from rig.plant import Model, SensorParameters
 
 from .outcome_record import named
 
+_ALIVE_S: Final = 0.5
+"""Time in s after which friction that is still being identified is waited for anew. Some six
+seconds of a processor are needed for the samples of an hour, and a session with a real rig takes a
+supervisor without a sign of life for lost after 5 s."""
+
 
 class FrictionWatch:
     """A detector that passes all samples on to another one, and identifies friction from them.
@@ -27,11 +34,19 @@ class FrictionWatch:
         test: the test, whose load gives the spring; if it has none, the model's spring is used.
         model: the model that the filter assumes.
         sensors: data sheet of the transducers.
+        alive: is called every half second while friction is identified, so that a session with a
+            real rig does not take its supervisor for lost.
     """
 
     def __init__(
-        self, detector: Detector, test: CampaignTest, model: Model, sensors: SensorParameters
+        self,
+        detector: Detector,
+        test: CampaignTest,
+        model: Model,
+        sensors: SensorParameters,
+        alive: Callable[[], None] = lambda: None,
     ) -> None:
+        self._alive = alive
         self._detector = detector
         self._model = model
         self._sensors = sensors
@@ -40,6 +55,7 @@ class FrictionWatch:
             self._spring = Spring(test.load.stiffness, test.load.contact)
         self._collector = BlockCollector(model.parameters)
         self._watching = False
+        self._curve: FrictionCurve | None = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Pass the next samples on, with the filter's run over them, and collect them for friction.
@@ -50,6 +66,7 @@ class FrictionWatch:
         self._watching = run.filter.name == DEFAULT_FILTER
         if self._watching:
             self._collector.take(samples, run)
+            self._curve = None
 
     def decide(self) -> Decision:
         """Return the other detector's decision."""
@@ -57,15 +74,23 @@ class FrictionWatch:
 
     @property
     def curve(self) -> FrictionCurve | None:
-        """The friction identified from all samples so far, computed anew at each access.
+        """The friction identified from all samples so far, computed at the first access after them.
 
         It is None without samples, or if the filter does not estimate the load.
         """
-        if not self._watching:
-            return None
-        lag = load_lag(self._model, self._sensors)
-        blocks = self._collector.blocks
-        return identify_friction(blocks, lag, self._spring, self._model.parameters)
+        if self._watching and self._curve is None:
+            self._curve = self._identified()
+        return self._curve
+
+    def _identified(self) -> FrictionCurve:
+        """Identify friction in another thread, and call `alive` from this one meanwhile."""
+        lag, blocks = load_lag(self._model, self._sensors), self._collector.blocks
+        known = blocks, lag, self._spring, self._model.parameters
+        with ThreadPoolExecutor(1) as threads:
+            identified = threads.submit(identify_friction, *known)
+            while not wait([identified], _ALIVE_S).done:
+                self._alive()
+            return identified.result()
 
 
 def model_spring(model: Model) -> Spring:

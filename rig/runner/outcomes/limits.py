@@ -1,28 +1,29 @@
 """Tells which limits were passed in a test, when, and what is to be done.
 
 What the loop judges it alone counts; its log is put into words here. The other limits are judged
-here, in the rows of the test.
+here, in the rows of the test: figures of a stretch, such as a step or a cycle, as they are known.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from math import nan
+from math import inf, nan
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.leaks import Decision
-from faults import DECIDED_FIGURES, CampaignTest, Expression, TestLimit
+from faults import DECIDED_FIGURES, FOLLOWING_ERROR, CampaignTest, Expression, TestLimit
 from rig.configuration import show
 from rig.io import ChannelLimit
 from rig.loop import LIMITED, RungPassed, rungs_with_bands
 from rig.plant import TICK
 from rig.recording import unit_of
 
-from .figures import Array
+from .figures import Array, decided_figure
 from .measures import Rows
+from .stretch_figures import FigureKnown, Known, StretchFigure
 from .timeline import Timeline
 
 _MOST_KEPT: Final = 20
@@ -44,7 +45,10 @@ class LimitPassed:
         at_s: when, s of the test.
         action: what was done: `warn`, `hold`, `ramp_down` or `trip`.
         since_s: since when the value was beyond the band, s of the test; NaN if it is not known.
+            For a figure of a stretch it is the stretch's begin.
         of: whose limit it is, "test" or "rig".
+        each: the kind of stretch of which it is a figure: "step", "cycle", "segment" or "test";
+            empty for what is judged all the time.
     """
 
     watched: str
@@ -56,12 +60,24 @@ class LimitPassed:
     action: str
     since_s: float = nan
     of: str = "test"
+    each: str = ""
 
     def __str__(self) -> str:
-        """Return it in words: "following_error_m 5.1 mm above 5 mm at 12.345 s: ramp_down"."""
+        """Return it in words: "following_error_m 5.1 mm above 5 mm at 12.345 s: ramp_down".
+
+        A figure of a stretch is "overshoot of the step from 1.000 s 12 % above 10 % at 1.234 s".
+        """
         word = "above" if self.value > self.limit else "below"
         limit = f"{word} {show(self.limit, self.unit)} at {self.at_s:.3f} s"
-        return f"{self.watched} {show(self.value, self.unit)} {limit}: {self.action}"
+        of = f" of the {self.each} from {self.since_s:.3f} s" if self.each else ""
+        return f"{self.watched}{of} {self.value_words} {limit}: {self.action}"
+
+    @property
+    def value_words(self) -> str:
+        """The value in words; a ram that was not settled at the end of a step "did not settle"."""
+        if self.value == inf and self.watched == "settling":
+            return "did not settle,"
+        return show(self.value, self.unit)
 
 
 @dataclass
@@ -72,6 +88,7 @@ class _Band:
         name: "inner" or "outer".
         beyond_s: since when the value is beyond, s of the test; NaN while it is within.
         passed: whether it has been beyond for long enough, and has not come back since.
+        stretch_s: begin of the stretch whose figure was judged last, s of the test; NaN before any.
     """
 
     limit: TestLimit
@@ -81,6 +98,7 @@ class _Band:
     action: str
     beyond_s: float = nan
     passed: bool = False
+    stretch_s: float = nan
 
     def take(self, times: Array, values: Array) -> list[LimitPassed]:
         """Process samples, and return the passings among them."""
@@ -103,6 +121,23 @@ class _Band:
                 found.append(self._passing(float(time_s), float(value)))
         return found
 
+    def take_stretch(self, known: FigureKnown) -> list[LimitPassed]:
+        """Process a figure of a stretch; return its passing, the first one alone, if there is one.
+
+        What is known before the stretch has ended can only grow, so that it may be above an end,
+        and says nothing of whether it will be below one.
+        """
+        if known.begin_s != self.stretch_s:
+            self.stretch_s, self.passed = known.begin_s, False
+        beyond = known.values > self.high
+        if known.is_final:
+            beyond[-1] |= known.values[-1] < self.low
+        if self.passed or not beyond.any():
+            return []
+        self.passed, self.beyond_s = True, known.begin_s
+        first = int(np.argmax(beyond))
+        return [self._passing(float(known.times_s[first]), float(known.values[first]))]
+
     def forget(self) -> None:
         """Begin anew, as where the limit does not hold."""
         self.beyond_s, self.passed = nan, False
@@ -110,7 +145,10 @@ class _Band:
     def _passing(self, time_s: float, value: float) -> LimitPassed:
         end = self.high if value > self.high else self.low
         watched, unit, since_s = self.limit.watched, self.limit.unit, self.beyond_s
-        return LimitPassed(watched, self.name, value, end, unit, time_s, self.action, since_s)
+        return LimitPassed(
+            watched, self.name, value, end, unit, time_s, self.action, since_s,
+            each=self.limit.each,
+        )  # fmt: skip
 
 
 @dataclass
@@ -121,6 +159,8 @@ class _Watched:
     bands: list[_Band] = field(default_factory=list)
     rows: Rows | None = None
     expression: Expression | None = None
+    stretches: StretchFigure | None = None
+    """Computes the figure, if it is one of each stretch of a kind."""
 
 
 class LimitWatch:
@@ -153,12 +193,23 @@ class LimitWatch:
         self._timeline = timeline or Timeline()
         self._times_passed: Counter[tuple[object, ...]] = Counter()
         mine = [limit for limit in test.limits if limit.watched not in LIMITED]
-        self._watched = [self._watching(limit, channels) for limit in mine]
-        self.acts = any(limit.action != "warn" for limit in mine)
+        watched = [self._watching(test, limit, channels) for limit in mine]
+        self._watched = [each for each in watched if each is not None]
+        acting = (limit for limit in mine if limit.action != "warn")
+        self.acts = any(limit.each != "test" for limit in acting)
 
-    def _watching(self, limit: TestLimit, channels: Sequence[str]) -> _Watched:
+    def _watching(
+        self, test: CampaignTest, limit: TestLimit, channels: Sequence[str]
+    ) -> _Watched | None:
+        """Return a limit that is judged here; None if the rig has no channel for its figure."""
         bands = [_Band(limit, each.name, each.low, each.high, each.action) for each in limit.bands]
         expression = limit.expression or self._own.get(limit.watched)
+        wanted = () if expression is None else expression.channels
+        if any(name not in (*channels, FOLLOWING_ERROR) for name in wanted):
+            return None
+        if limit.each:
+            figure = StretchFigure(test, limit, expression, channels, self._timeline)
+            return _Watched(limit, bands, stretches=figure)
         rows = None
         if expression is not None:
             rows = Rows(channels, expression.channels)
@@ -172,22 +223,62 @@ class LimitWatch:
         """Process the next rows of the test, and return what was passed in them, in order of time.
 
         Args:
-            rows: float64 (n, channels), with `time_s` first; none after a trip.
+            rows: float64 (n, channels), with `time_s` first.
             decision: the detector's newest decision; None before the first.
             by_loop: what the loop has found passed since the last call.
         """
         found = [self._by_loop(each) for each in by_loop]
         for each in self._watched if len(rows) else ():
+            if each.stretches is not None:
+                found += self._judged_stretches(each, each.stretches.take(rows, decision))
+                continue
             here = rows[self._holds(each.limit, rows[:, 0])]
             if len(here):
                 found += self._judged(each, here, decision)
             if not len(here) or here[-1, 0] < rows[-1, 0]:
                 for band in each.bands:
                     band.forget()
+        return self._kept(found)
+
+    def take_passed(self, by_loop: Sequence[RungPassed]) -> list[LimitPassed]:
+        """Return what the loop has found passed since the last call, where no rows come with it."""
+        return self._kept([self._by_loop(each) for each in by_loop])
+
+    def finish(self, decision: Decision | None, known: Known) -> list[LimitPassed]:
+        """Judge the figures that are known as the test has ended; return what was passed.
+
+        Args:
+            decision: the detector's last decision; None if there is none.
+            known: returns the figures that every test has; it is called only if a limit asks.
+        """
+        found = []
+        for each in self._watched:
+            if each.stretches is not None:
+                found += self._judged_stretches(each, each.stretches.finish(decision, known))
+        return self._kept(found)
+
+    def _kept(self, found: list[LimitPassed]) -> list[LimitPassed]:
+        """Keep passings in the order of their times, and return those that the outcome lists."""
         found = [each for each in found if self._is_kept(each)]
         found.sort(key=lambda passing: passing.at_s)
         self.passed += found
         return found
+
+    def _judged_stretches(
+        self, watched: _Watched, figures: Iterable[FigureKnown]
+    ) -> list[LimitPassed]:
+        """Return the passings of figures of stretches; note the first to be acted on."""
+        found = []
+        for known in figures:
+            for band in watched.bands:
+                found += self._noted(band, band.take_stretch(known))
+        return found
+
+    def _noted(self, band: _Band, passings: list[LimitPassed]) -> list[LimitPassed]:
+        """Return passings of a band, the first of which is noted if it is to be acted on."""
+        if passings and band.action != "warn" and self.due is None:
+            self.due = passings[0]
+        return passings
 
     def _judged(
         self, watched: _Watched, rows: Array, decision: Decision | None
@@ -196,14 +287,11 @@ class LimitWatch:
         found = []
         times, values = self._samples(watched, rows, decision)
         for band in watched.bands:
-            passings = band.take(times, values)
-            found += passings
-            if passings and band.action != "warn" and self.due is None:
-                self.due = passings[0]
+            found += self._noted(band, band.take(times, values))
         return found
 
     def _is_kept(self, passing: LimitPassed) -> bool:
-        which = passing.of, passing.watched, passing.band, passing.limit
+        which = passing.of, passing.watched, passing.each, passing.band, passing.limit
         self._times_passed[which] += 1
         return self._times_passed[which] <= _MOST_KEPT
 
@@ -244,7 +332,7 @@ class LimitWatch:
         """Return (times in s, values) of a limit in the next rows; one of each for a figure."""
         limit, now = watched.limit, rows[-1:, 0]
         if watched.rows is None:
-            return now, np.array([_decided(limit.watched, decision)])
+            return now, np.array([decided_figure(limit.watched, decision)])
         watched.rows.take(rows)
         from_s, begin_s = float(rows[0, 0]), self._begin_s(limit, float(now[0]))
         expression = watched.expression
@@ -265,13 +353,3 @@ class LimitWatch:
         """The first passing of a limit of the test that called for more than a warning, if any."""
         ours = (each for each in self.passed if each.of == "test")
         return next((each for each in ours if each.action != "warn"), None)
-
-
-def _decided(figure: str, decision: Decision | None) -> float:
-    """Return a figure of `DECIDED_FIGURES`, SI; NaN if the detector does not tell it."""
-    if decision is None:
-        return nan
-    value = decision.leak_m3_per_s
-    if figure == "bulk_modulus":
-        value = decision.details.get("bulk_modulus_Pa")
-    return nan if value is None else float(value)

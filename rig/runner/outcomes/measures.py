@@ -3,20 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from estimator.leaks import Decision
-from faults import FOLLOWING_ERROR, CampaignTest, Criterion
+from faults import FOLLOWING_ERROR, STEP_M, CampaignTest, Criterion
 from rig.configuration import show
+from rig.plant import TICK
 
 from .figures import Array, Figure
 from .timeline import Timeline
 
-_JUMP_M: Final = 1e-3
-"""Change of a setpoint within a tick, m, that counts as a step: 1 m/s, faster than the valve can
-move the ram (0.71 m/s, section 2.1) and than any smooth setpoint that it can follow."""
 _SETTLED: Final = 0.05
 """Part of a step within which the ram must stay to have settled: the usual 5 %."""
 
@@ -201,19 +199,103 @@ def step_answers(columns: Mapping[str, Array]) -> list[tuple[float, float]]:
     The overshoot is a part of the step; the settling time is infinite if the ram was not within 5 %
     of the step when it ended. A step lasts until the setpoint moves again, or to the last sample.
     """
-    setpoint, position, time = (columns[each] for each in ("setpoint_m", "position_m", "time_s"))
-    moves = np.flatnonzero(np.abs(np.diff(setpoint)) > 0.0) + 1
-    found = []
-    for place, begin in enumerate(moves):
-        height = setpoint[begin] - setpoint[begin - 1]
-        if abs(height) <= _JUMP_M:
-            continue
-        end = moves[place + 1] if place + 1 < len(moves) else len(setpoint)
-        beyond = (position[begin:end] - setpoint[begin]) / height
+    follower = StepFollower()
+    parts = follower.take(*(columns[each] for each in ("time_s", "setpoint_m", "position_m")))
+    ended = [part for part in (*parts, follower.finish()) if part is not None and part.is_over]
+    return [(float(part.overshoot[-1]), float(part.settling_s[-1])) for part in ended]
+
+
+class StepPart(NamedTuple):
+    """What some samples of one step say of it.
+
+    Attributes:
+        begin_s: when the step began, s of the test.
+        times_s: times of the samples, (n,), s of the test.
+        overshoot: greatest overshoot up to each sample, (n,), as a part of the step.
+        settling_s: settling time up to each sample, (n,), s: where the ram is outside of 5 % of the
+            step, the time from its begin to the next tick, which is the least that it can be.
+        is_over: whether the step is over, so that the last of these values are final; the settling
+            time is infinite then if the ram never settled.
+    """
+
+    begin_s: float
+    times_s: Array
+    overshoot: Array
+    settling_s: Array
+    is_over: bool
+
+
+class StepFollower:
+    """Follows the steps of a setpoint through samples that come batch by batch."""
+
+    def __init__(self) -> None:
+        self._setpoint = nan
+        self._step: _Step | None = None
+
+    def take(self, times_s: Array, setpoint: Array, position: Array) -> list[StepPart]:
+        """Process the next samples, each (n,), in s and m; return what they say, in their order."""
+        rises = np.diff(setpoint, prepend=self._setpoint)
+        self._setpoint = setpoint[-1] if len(setpoint) else self._setpoint
+        moves = np.flatnonzero(np.abs(rises) > 0.0)
+        found = []
+
+        def follow(step: _Step, begin: int, after: int) -> None:
+            is_over = after < moves.size
+            here = slice(begin, int(moves[after]) if is_over else len(setpoint))
+            found.append(step.take(times_s[here], position[here]))
+            self._step = None if is_over else step
+            if is_over:
+                found.append(step.final())
+
+        if self._step is not None and len(setpoint):
+            follow(self._step, 0, 0)
+        for place in np.flatnonzero(np.abs(rises[moves]) > STEP_M):
+            begin = int(moves[place])
+            step = _Step(float(times_s[begin]), float(setpoint[begin]), float(rises[begin]))
+            follow(step, begin, int(place) + 1)
+        return found
+
+    def finish(self) -> StepPart | None:
+        """Return the present step as one that is over; None if there is none."""
+        step, self._step = self._step, None
+        return None if step is None else step.final()
+
+
+@dataclass
+class _Step:
+    """One step, with what its samples so far say of it.
+
+    Attributes:
+        begin_s: when it began, s of the test.
+        target: the setpoint that it leads to, m.
+        height: by how much the setpoint jumped, m.
+    """
+
+    begin_s: float
+    target: float
+    height: float
+
+    def __post_init__(self) -> None:
+        self._last_s = self._settled_at_s = self.begin_s
+        self._overshoot = 0.0
+        self._is_outside = False
+
+    def take(self, times_s: Array, position: Array) -> StepPart:
+        beyond = (position - self.target) / self.height
         beyond = np.where(np.isnan(beyond), 0.0, beyond)
-        outside = np.flatnonzero(np.abs(beyond) > _SETTLED)
-        settled = 0 if not outside.size else outside[-1] + 1
-        late = settled >= end - begin
-        settled_s = inf if late else float(time[begin + settled] - time[begin])
-        found.append((max(float(beyond.max()), 0.0), settled_s))
-    return found
+        outside = np.abs(beyond) > _SETTLED
+        came_in = ~outside & np.concatenate([[self._is_outside], outside[:-1]])[: len(outside)]
+        settled_at_s = np.where(came_in, times_s, self._settled_at_s)
+        settled_at_s = np.maximum.accumulate(settled_at_s)
+        overshoot = np.maximum.accumulate(np.maximum(beyond, self._overshoot))
+        # A ram that is outside now is within at the next tick at the earliest.
+        settling_s = np.where(outside, times_s + TICK, settled_at_s) - self.begin_s
+        if len(times_s):
+            self._last_s, self._settled_at_s = float(times_s[-1]), float(settled_at_s[-1])
+            self._overshoot, self._is_outside = float(overshoot[-1]), bool(outside[-1])
+        return StepPart(self.begin_s, times_s, overshoot, settling_s, is_over=False)
+
+    def final(self) -> StepPart:
+        settling_s = inf if self._is_outside else self._settled_at_s - self.begin_s
+        last_s, overshoot = np.array([self._last_s]), np.array([self._overshoot])
+        return StepPart(self.begin_s, last_s, overshoot, np.array([settling_s]), is_over=True)

@@ -28,6 +28,12 @@ class ConnectedRig:
     def __init__(self) -> None:
         self.ends: list[Event | str] = []
 
+    def note(self, who: str, text: str) -> None:
+        """Take no note of what is told."""
+
+    def say(self, text: str) -> None:
+        """Show it to nobody."""
+
     def write(self, outputs: Mapping[str, float]) -> None:
         """Have the valves where they shall be."""
 
@@ -60,6 +66,20 @@ def ended_early(rig: ConnectedRig, wire: Wire) -> HardwareTest:
     test = HardwareTest(cast("Any", rig), cast("Any", wire), cast("Any", None), Model())
     test.end_early()
     return test
+
+
+@pytest.mark.parametrize(
+    ("action", "ends"), [(Action.HOLD, [Event.DONE]), (Action.RAMP_DOWN, ["ramp down"])]
+)
+def test_after_its_last_sample_a_test_ends_as_its_limit_asks(
+    action: Action, ends: list[Event | str]
+) -> None:
+    rig = ConnectedRig()
+    test = ended_early(rig, Wire())
+    with pytest.raises(TripError, match="settling"):
+        test.limited(action, "settling of the step from 1.000 s 2 s above 1 s at 3.000 s")
+    test.safe_state()
+    assert rig.ends == ends
 
 
 def test_a_test_whose_ram_is_held_is_completed() -> None:

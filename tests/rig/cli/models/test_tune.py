@@ -20,13 +20,22 @@ control:
 
 position_gain: 40 V/m   # kept
 """
+CALIBRATED = "calibrations: [pt1.yaml]\n"
+PT1 = """\
+channel: pressure_1_Pa
+transducer: PT-1
+date: 2026-03-02
+valid_until: 2099-03-02
+points: [{reference: 0 MPa, indicated: 0 MPa}, {reference: 20 MPa, indicated: 20.001 MPa}]
+"""
 
 
 @pytest.fixture
 def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "mine.yaml"
-    file.write_text(RIG)
+    file.write_text(RIG + CALIBRATED)
+    (tmp_path / "pt1.yaml").write_text(PT1)
     return file
 
 
@@ -36,7 +45,7 @@ def test_the_section_is_written_anew_and_the_old_file_is_kept(invoke: Invoke, mi
     (steps,) = (line for line in done.out.splitlines() if line.startswith("steps: before "))
     assert ", within 5 % of a step in 0." in steps.split("after")[1]
     (backup,) = mine.parent.glob("mine.yaml.*.bak")
-    assert backup.read_text() == RIG
+    assert backup.read_text() == RIG + CALIBRATED
     text = mine.read_text()
     assert "long ago" not in text
     assert "position_gain: 40 V/m   # kept" in text
@@ -45,7 +54,12 @@ def test_the_section_is_written_anew_and_the_old_file_is_kept(invoke: Invoke, mi
     figures = json.loads((mine.parent / "out" / "tuning.json").read_text())
     assert figures["safe"]
     assert figures["steps"]["steps"]["after"]["overshoot"] < 0.03
-    assert "Proposed control" in (mine.parent / "out" / "tuning.html").read_text()
+    page = (mine.parent / "out" / "tuning.html").read_text()
+    for words in (
+        "Proposed control", "A ram held at mid stroke stayed within", "degrees are required",
+        backup.name, "Rig file: ", "<h2>Calibrations</h2>", "PT-1",
+    ):  # fmt: skip
+        assert words in page
 
 
 def test_what_is_not_safe_is_not_written(
@@ -55,7 +69,7 @@ def test_what_is_not_safe_is_not_written(
     done = invoke("tune", "mine.yaml", "--folder", "out", "--json")
     assert done.code == tune.EXIT_UNSAFE
     assert json.loads(done.out)["written"] == []
-    assert mine.read_text() == RIG
+    assert mine.read_text() == RIG + CALIBRATED
 
 
 def test_a_shipped_rig_stays_as_it_is(invoke: Invoke, mine: Path) -> None:
@@ -77,4 +91,4 @@ def test_a_dry_run_shows_every_motion_and_moves_nothing(invoke: Invoke, mine: Pa
     assert done.code == 0
     for name in ("strokes with tones", "hold", "steps before", "sine after"):
         assert f"{name}: " in done.out
-    assert list(mine.parent.iterdir()) == [mine]
+    assert {path.name for path in mine.parent.iterdir()} == {"mine.yaml", "pt1.yaml"}

@@ -119,7 +119,7 @@ def test_a_limit_may_watch_figures_that_every_test_has(
         (limit("channel: position_m, high: 0.5 m, for: 900 s"), "for: 900 s is above 600 s"),
         (limit("channel: position_m, high: 0.5 m, over: 5 s"), "is for figures"),
         (limit("channel: position_m, low: 0.1 m, high: 0.5 m, hysteresis: 0.3 m"), "reduce it"),
-        (limit("figure: settling, high: 5 s"), "is no figure that is computed as the test runs"),
+        (limit("figure: settling, high: 5 s"), "can never act: the test has no step"),
         (limit("figure: rms_error, high: 5 V"), "is not a length"),
         (limit("figure: peak, channel: lod_N, high: 5 N"), "did you mean load_N?"),
         (limit("figure: leak, high: 1 L/min, over: 5 s"), "is for figures"),

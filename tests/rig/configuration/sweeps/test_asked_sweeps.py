@@ -150,6 +150,9 @@ def test_check_tells_what_is_asked_and_all_that_is_drawn(tmp_path: Path) -> None
         ("during: up}", "during: down}", "is no segment of this test"),
         ("trip, during: sine}", "trip, during: sine}\n      - {channel: following_error_m, "
          "high: 9 mm, during: sine}", "as another limit of work does"),
+        ("figure: rms_error, over: 5 s", "figure: rms_error, each: cycle", "hold all along"),
+        ("figure: rms_error, over: 5 s, high: 5 mm", "figure: overshoot, high: 5 %",
+         "is not computed of the cases"),
         ("duration: 30 s", "duration: 700 s", "700 s is above 600 s, for which the samples"),
     ],
 )  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 
 from rig.configuration import load_campaign
 from rig.recording import read_recording
+from rig.report.campaign.tables import limit_rows
 from rig.runner.campaign import run_campaign
 from rig.runner.outcomes import CampaignOutcome, Status
 
@@ -70,3 +71,29 @@ def test_a_warning_is_recorded_and_the_test_goes_on(tmp_path: Path) -> None:
     record = json.loads((tmp_path / "out/results.json").read_text())["tests"][0]
     assert record["limits"][0]["watched"] == "following_error_m"
     assert record["criteria"][0]["met"] is False
+
+
+def test_a_cycle_beyond_its_limit_ends_test_and_campaign_as_it_ends(tmp_path: Path) -> None:
+    limit = "{figure: rms_error, each: cycle, inner_high: 1 mm, high: 10 mm, action: hold}"
+    outcome = run(tmp_path, limit)
+    first, second = outcome.tests
+    assert (first.status, second.status, outcome.exit_code) == (Status.TRIPPED, Status.NOT_RUN, 3)
+    assert first.message.startswith("rms_error of the cycle from 0.000 s ")
+    assert "above 10 mm at 1.999 s: hold" in first.message
+    assert 2.0 <= first.recorded_s <= 2.05
+    recording = read_recording(tmp_path / "out" / str(first.recording))
+    assert [each.kind for each in recording.events].count("limit") == 2
+    inner, outer = limit_rows(first, recording.metadata)
+    assert (inner.watched, inner.times, outer.times) == ("rms_error of each cycle", 1, 1)
+    assert outer.first.endswith("at 1.999 s, of the cycle from 0.000 s")
+
+
+def test_a_figure_of_the_whole_test_trips_after_its_last_sample(tmp_path: Path) -> None:
+    outcome = run(tmp_path, "{figure: residual_pressure_1, each: test, high: 1 Pa, action: trip}")
+    first, second = outcome.tests
+    assert (first.status, first.recorded_s) == (Status.TRIPPED, 5.0)
+    assert second.status is Status.NOT_RUN
+    report = json.loads((tmp_path / "out/trip-1.json").read_text())
+    (note,) = report["notes"]
+    assert note["who"] == "limit"
+    assert "above 1 Pa at 4.999 s: trip" in note["what"]

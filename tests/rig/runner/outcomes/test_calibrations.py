@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,13 @@ from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rigs.rig import Rig
 from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
 from rig.plant import Model
-from rig.recording import read_recording
+from rig.recording import Recording, read_recording
 from rig.runner import run_campaign
-from rig.runner.outcomes.calibrations import calibrations_used
+from rig.runner.outcomes.calibrations import (
+    CalibrationUsed,
+    calibrations_recorded,
+    calibrations_used,
+)
 from rig.runner.outcomes.observer import Observer
 
 MakeTest = Callable[..., CampaignTest]
@@ -84,3 +88,23 @@ def test_a_calibration_that_ends_during_a_campaign_is_in_doubt(calibrated: Rig) 
 
 def test_a_rig_without_calibrations_leaves_no_trace_of_them(rig: Rig) -> None:
     assert calibrations_used(rig, [date(2026, 1, 1)]) == ()
+
+
+def test_recordings_name_their_calibrations_again_each_once_and_doubt_the_expired() -> None:
+    applied = {
+        "channel": "pressure_1_Pa", "transducer": "PT-1", "date": "2026-03-02",
+        "valid_until": "2027-03-02", "largest_correction": -2e4, "unit": "Pa",
+    }  # fmt: skip
+
+    def recorded(day: date, named: object) -> Recording:
+        start_ns = int(datetime(day.year, day.month, day.day, 12, tzinfo=UTC).timestamp()) * 10**9
+        metadata = {"calibrations": named, "uncalibrated": ["load_N"], "start_ns": start_ns}
+        return Recording({"time_s": np.zeros(1)}, metadata)
+
+    held, late = recorded(date(2026, 6, 1), [applied]), recorded(date(2027, 6, 1), [applied])
+    used = CalibrationUsed("pressure_1_Pa", "PT-1", "2026-03-02", "2027-03-02", -2e4, "Pa")
+    assert calibrations_recorded([held, held]) == ((used,), ("load_N",))
+    ((doubtful,), _) = calibrations_recorded([held, late])
+    assert doubtful.doubt == "recorded on 2027-06-01, outside its validity"
+    for foreign in ({"a": 1}, [3], [{"channel": "x"}], "none", None):
+        assert calibrations_recorded([recorded(date(2026, 6, 1), foreign)])[0] == ()

@@ -1,22 +1,45 @@
 """A campaign's friction: in its outcome and its results, as `rig identify friction` finds it."""
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from control import Constant
 from estimator.friction.curve import FrictionCurve, identify_recording
 from estimator.friction.fit import PARAMETERS
 from estimator.friction.samples import Spring
+from estimator.leaks import PatternDetector
 from faults.campaign import Campaign
 from rig.configuration import load_campaign
+from rig.plant import DATA_SHEET, Model
 from rig.recording import Recording, read_recording
+from rig.runner.campaign.bench import plain_test
 from rig.runner.campaign.campaign_run import run_campaign
-from rig.runner.outcomes.friction import change_figures, friction_figures, model_spring
+from rig.runner.outcomes import friction
+from rig.runner.outcomes.friction import (
+    FrictionWatch,
+    change_figures,
+    friction_figures,
+    model_spring,
+)
 from rig.runner.outcomes.outcome import CampaignOutcome
 from rig.runner.outcomes.recorded import sensors_of, spring_of
 from rig.runner.run_folder.results import results
+
+
+def test_the_session_hears_of_its_runner_while_friction_is_identified(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard = threading.Event()
+    monkeypatch.setattr(friction, "_ALIVE_S", 0.001)
+    monkeypatch.setattr(friction, "identify_friction", lambda *_: heard.wait(60.0))
+    test = plain_test("a", Constant(0.3), 5.0, 0.3, 1.0)
+    watch = FrictionWatch(PatternDetector(1.0), test, Model(), DATA_SHEET, heard.set)
+    watch._watching = True
+    assert watch.curve
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,10 @@
-"""The table of a campaign's page that names the calibrations of the rig's transducers."""
+"""The table of a page that names the calibrations of the rig's transducers."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rig.configuration import show
-from rig.runner.outcomes import CampaignOutcome
+from rig.runner.outcomes import CalibrationUsed
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class CalibrationRow:
         date: day of the calibration; empty without one.
         valid_until: last day on which it holds; empty without one.
         correction: its largest correction, with its sign; empty without one.
-        remark: whether it held during the campaign, or that there is none.
+        remark: whether it held when it was used, or that there is none.
         doubtful: whether the calibration did not hold.
     """
 
@@ -29,10 +30,16 @@ class CalibrationRow:
     doubtful: bool = False
 
 
-def calibration_rows(outcome: CampaignOutcome) -> tuple[CalibrationRow, ...]:
+def calibration_rows(
+    used: Iterable[CalibrationUsed], uncalibrated: Iterable[str]
+) -> tuple[CalibrationRow, ...]:
     """Return the rows of the table: all calibrations, then the channels that have none.
 
     There are no rows if no channel has a calibration.
+
+    Args:
+        used: the calibrations by which readings were corrected.
+        uncalibrated: names of the measured channels that have none.
     """
     rows = [
         CalibrationRow(
@@ -44,10 +51,9 @@ def calibration_rows(outcome: CampaignOutcome) -> tuple[CalibrationRow, ...]:
             each.doubt or "holds",
             bool(each.doubt),
         )
-        for each in outcome.calibrations
+        for each in used
     ]
-    rows += [
-        CalibrationRow(channel, "", "", "", "", "no calibration")
-        for channel in outcome.uncalibrated
-    ]
-    return tuple(rows)
+    if not rows:
+        return ()
+    without = (CalibrationRow(name, "", "", "", "", "no calibration") for name in uncalibrated)
+    return (*rows, *without)

@@ -1,10 +1,10 @@
-"""The page of a campaign has a table of its calibrations, if there are any."""
+"""A page has a table of the calibrations that were used, if there are any."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 from rig.report import render
-from rig.report.campaign.calibrations import CalibrationRow, calibration_rows
+from rig.report.calibrations import CalibrationRow, calibration_rows
 from rig.runner.outcomes.calibrations import CalibrationUsed
 from rig.runner.outcomes.outcome import CampaignOutcome
 
@@ -17,15 +17,15 @@ USED = (
 )
 
 
-def test_each_calibration_has_a_row_and_so_has_each_channel_without(
-    campaign: Callable[..., CampaignOutcome],
-) -> None:
-    rows = calibration_rows(campaign(calibrations=USED, uncalibrated=("spool_m",)))
+def test_each_calibration_has_a_row_and_so_has_each_channel_without() -> None:
+    rows = calibration_rows(USED, ["spool_m"])
     assert rows == (
         CalibrationRow("pressure_1_Pa", "<PT-1>", "2026-03-02", "2027-03-02", "-20 kPa", "holds"),
         CalibrationRow("load_N", "L-1", "2024-03-02", "2025-03-02", "35 N", EXPIRED, True),
         CalibrationRow("spool_m", "", "", "", "", "no calibration"),
     )
+
+    assert calibration_rows((), ["spool_m"]) == ()
 
 
 def test_the_page_shows_them_and_says_nothing_where_there_are_none(
