@@ -5,9 +5,11 @@ from .campaigns import (
     Schedule as Schedule,
     control_for as control_for,
     control_of as control_of,
+    criterion_in_words as criterion_in_words,
     expected_error as expected_error,
     gain_for as gain_for,
     is_mistaken as is_mistaken,
+    limit_in_words as limit_in_words,
     load_campaign as load_campaign,
     load_schedule as load_schedule,
     plain as plain,
@@ -61,6 +63,7 @@ from .rigs import (
 )
 from .sweeps import (
     HEALTHY as HEALTHY,
+    LATENCY as LATENCY,
     Distribution as Distribution,
     Sweep as Sweep,
     SweepFilter as SweepFilter,

@@ -77,6 +77,10 @@ class LaneRigs(NamedTuple):
     """(8, LANES) coefficients (`rig.plant.faults.FaultInput`)."""
     onset: NDArray[np.float64]
     """(1, LANES), number of the tick from which on the faults act."""
+    growth: NDArray[np.float64] | None = None
+    """(ticks, LANES), factor on the coefficients in each tick from tick 0 on, for faults that
+    change with time; `onset` then has no effect on the plants. None for faults that act in full
+    from their onset on, which is compiled apart."""
 
 
 @inlined
@@ -93,8 +97,23 @@ def _log_step(log, first, y, command):
 
 
 @inlined
-def _faults_at(faults, acts):
-    """Return the eight fault coefficients, which are 0 in lanes where `acts` is false."""
+def _faults_at(faults, growth, acts, tick):
+    """Return the eight fault coefficients at each lane's tick.
+
+    Without `growth` they are 0 in lanes where `acts` is false, else in proportion to `growth`.
+    """
+    if growth is not None:
+        grown = gather(growth, min(max(tick, 0.0), growth.shape[0] - 1.0))
+        return (
+            grown * load(faults, 0),
+            grown * load(faults, 1),
+            grown * load(faults, 2),
+            grown * load(faults, 3),
+            grown * load(faults, 4),
+            grown * load(faults, 5),
+            grown * load(faults, 6),
+            grown * load(faults, 7),
+        )
     return (
         select(acts, load(faults, 0), 0.0),
         select(acts, load(faults, 1), 0.0),
@@ -147,7 +166,8 @@ def plant_ticks(first, setpoint, open_loop, loop, guide, rigs, like, sensors, lo
         begins = (remaining <= 0.0) & (next_tick < ticks)
         tick = min(next_tick, ticks - 1.0)
         next_tick = select(begins, next_tick + 1.0, next_tick)
-        fault = _faults_at(rigs.faults, next_tick > until_onset)
+        acts = next_tick > until_onset
+        fault = _faults_at(rigs.faults, rigs.growth, acts, first + next_tick - 1.0)
         if anywhere(begins):
             position = encoder_position(par.position_gain * y[_POSITION], sensors)
             asked = gather(setpoint, tick)

@@ -1,3 +1,10 @@
+from .asked_study import (
+    AskedStudy as AskedStudy,
+    CriterionStudy as CriterionStudy,
+    FigureStudy as FigureStudy,
+    LimitStudy as LimitStudy,
+    study_of_asked as study_of_asked,
+)
 from .cluster import connect as connect, run_cluster as run_cluster
 from .folder import (
     PAGE as PAGE,

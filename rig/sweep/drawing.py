@@ -8,16 +8,21 @@ rigs, leaks and noise.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.configuration import HEALTHY, Sweep
-from rig.plant import LEAKS, Parameters, quantities
+from rig.lanes import aligned
+from rig.plant import LEAKS, TICK, Parameters, quantities
 
 from .motions import Column, Motions, Streams, drawn_motions
 
 Array = NDArray[np.float64]
+
+_AT_ONCE_S: Final = 1e-9
+"""Ramps in s that are not longer than this jump; times that are nearer are the same."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,9 @@ class Cases:
         faults: name of the injected leak, or `healthy`, (n,).
         onset_s: onset of the leak, s, float64 (n,); NaN for a healthy rig.
         columns: columns of the table that show what was drawn, by their names.
+        profile: levels of leaks that change with time, float64 (levels, 3, n): when each begins, s,
+            how long it takes to be reached, s, and its part of the last level; None without such
+            leaks.
     """
 
     chunk: int
@@ -51,6 +59,26 @@ class Cases:
     faults: NDArray[np.str_]
     onset_s: Array
     columns: Mapping[str, Column]
+    profile: Array | None = None
+
+    def growth(self, at: NDArray[np.intp], ticks: int) -> Array | None:
+        """Return the factors on the leaks' coefficients, as `rig.loop.LaneRigs.growth` has them.
+
+        Args:
+            at: indices of the cases, (lanes,).
+            ticks: number of ticks of a case.
+        """
+        if self.profile is None:
+            return None
+        time_s = np.arange(ticks)[:, None] * TICK
+        grown, before = np.zeros((ticks, at.size)), np.zeros(at.size)
+        for begin, ramp, part in self.profile[..., at]:
+            since = time_s - begin
+            share = np.clip(since / np.maximum(ramp, _AT_ONCE_S), 0.0, 1.0)
+            share = np.where(ramp > _AT_ONCE_S, share, since >= -_AT_ONCE_S)
+            grown += (part - before) * share
+            before = part
+        return aligned(grown)
 
     def of(self, at: NDArray[np.intp], chunk: int) -> "Cases":
         """Return some of the cases as a chunk of its own.
@@ -89,6 +117,7 @@ def draw(sweep: Sweep, first: int, count: int) -> Cases:
     noise = streams.drawn("noise", sweep.noise)
     columns["noise"] = Column(noise, "", "factor on the deviation of every transducer")
     coefficients, onset_s, faults, shown = _leaks(sweep, streams)
+    profile, levels = _profile(sweep, streams, shown)
     motions, described = drawn_motions(sweep.motions, streams, sweep.duration_s)
     numbers = np.arange(first, first + count, dtype=np.int64)
     seeds = [streams.seeds(f"noise of {part}") for part in ("pressures", "others")]
@@ -109,7 +138,9 @@ def draw(sweep: Sweep, first: int, count: int) -> Cases:
             **columns,
             **described,
             **shown,
+            **levels,
         },
+        profile=profile,
     )
 
 
@@ -146,9 +177,13 @@ def _leaks(
         at = (streams.uniform("place") * len(leaks.places)).astype(np.intp)
         faults = np.where(leaky, np.array(leaks.places)[at], faults)
         size = np.where(leaky, streams.drawn("leak", leaks.size), np.nan)
+        if leaks.profile:
+            last = len(leaks.profile)
+            size = np.where(leaky, streams.drawn(f"leak level {last}", leaks.size), np.nan)
         if leaks.pressure is not None:
             size = size / np.sqrt(np.array(leaks.pressure)[at])
-        onset_s = np.where(leaky, streams.drawn("onset", leaks.onset), np.nan)
+        begin = "leak at 1" if leaks.profile else "onset"
+        onset_s = np.where(leaky, streams.drawn(begin, leaks.onset), np.nan)
         for row, name in enumerate(LEAKS):
             coefficients[row] = np.where(faults == name, size, 0.0)
     shown = {
@@ -157,3 +192,41 @@ def _leaks(
         "coefficient": Column(size, "m^3/(s Pa^0.5)", "of the leak injected"),
     }
     return coefficients, onset_s, faults, shown
+
+
+def _profile(
+    sweep: Sweep, streams: Streams, shown: Mapping[str, Column]
+) -> tuple[Array | None, dict[str, Column]]:
+    """Return the levels of leaks that change with time, and the columns that show them.
+
+    Args:
+        sweep: the sweep.
+        streams: random numbers of the cases.
+        shown: columns of the cases' leaks, with the coefficient of the last level.
+
+    Returns:
+        `Cases.profile`, or None without such leaks; and columns by their names, NaN for a healthy
+        case.
+    """
+    leaks = sweep.leaks
+    if leaks is None or not leaks.profile:
+        return None, {}
+    last = shown["coefficient"].values.astype(np.float64)
+    leaky = ~np.isnan(last)
+    profile = np.zeros((len(leaks.profile), 3, streams.count))
+    columns: dict[str, Column] = {}
+    drawn_last = streams.drawn(f"leak level {len(leaks.profile)}", leaks.size)
+    for index, level in enumerate(leaks.profile):
+        number = index + 1
+        begin = streams.drawn(f"leak at {number}", level.at)
+        ramp = streams.drawn(f"leak ramp {number}", level.ramp)
+        part = streams.drawn(f"leak level {number}", level.size) / drawn_last
+        profile[index] = begin, ramp, part
+        about = f"of level {number} of the leak"
+        columns |= {
+            f"level_{number}_s": Column(np.where(leaky, begin, np.nan), "s", f"begin {about}"),
+            f"level_{number}_coefficient": Column(
+                part * last, "m^3/(s Pa^0.5)", f"coefficient {about}"
+            ),
+        }
+    return profile, columns

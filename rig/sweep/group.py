@@ -2,19 +2,22 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from control import Sequence
 from estimator.leaks import SILENT
-from rig.configuration import Sweep, SweepFilter
+from rig.configuration import Rig, Sweep, SweepFilter
 from rig.lanes import LANES, aligned, start_streams
-from rig.loop import LaneRigs, LoopSetting
-from rig.plant import NO_FAULT, Model, Parameters, SensorParameters, rest_state
+from rig.loop import LANE_READINGS, LaneRigs, LoopSetting
+from rig.plant import NO_FAULT, TICK, Model, Parameters, SensorParameters, rest_state
 
+from .asked import LIMIT_PASSED, Asked, Known, asked_of, columns_told, judged_case, readings_kept
 from .drawing import Cases
 from .guiding import MotionControl, guide_of_cases
-from .ticks import BLOCK, SEEN, SETTLED, CaseLanes, scale_sines
+from .ticks import BLOCK, SEEN, SETTLED, CaseLanes, scale_sines, setpoint_ticks
 
 Array = NDArray[np.float64]
 Figures = dict[str, NDArray[np.generic]]
@@ -39,6 +42,13 @@ class Setting:
         guided: whether the cases differ in their control, or add something to gain times error.
         middle: middle of the rig's position limits, at which a case in open loop begins, m.
         has_spool, has_supply: whether the rig measures spool position and supply pressure.
+        sequences: setpoint of each motion with segments; None for other motions.
+        asked: what is asked of the cases of each motion.
+        kept: which readings of each case must be kept for that, as in `rig.loop.LANE_READINGS`;
+            none if nothing is asked of samples.
+        corrections: what the calibrations of the rig's transducers add to readings: index in
+            `rig.loop.LANE_READINGS`, indicated values and the corrections there, SI. Between two
+            points they are linear, beyond the ends those of the ends (`rig.io.corrections_of`).
     """
 
     like: Parameters
@@ -53,11 +63,23 @@ class Setting:
     middle: float
     has_spool: bool
     has_supply: bool
+    sequences: tuple[Sequence | None, ...]
+    asked: tuple[Asked, ...]
+    kept: tuple[str, ...]
+    corrections: tuple[tuple[int, Array, Array], ...]
 
     @property
     def blocks(self) -> int:
         """Number of blocks, of half a second each, in a case."""
         return (self.ticks - 1) // BLOCK
+
+
+def _corrections(rig: Rig) -> Iterator[tuple[int, Array, Array]]:
+    """Yield what the calibrations of a rig's transducers add to the readings of its lanes."""
+    for each in rig.calibrations:
+        if each.channel in LANE_READINGS:
+            points = np.array([(point.indicated, point.correction) for point in each.points])
+            yield LANE_READINGS.index(each.channel), points[:, 0].copy(), points[:, 1].copy()
 
 
 def setting_of(sweep: Sweep) -> Setting:
@@ -67,6 +89,7 @@ def setting_of(sweep: Sweep) -> Setting:
     gains = {sweep.gain_of(motion) for motion in closed}
     tracks = any(not sweep.control_of(motion).is_proportional for motion in closed)
     draws = any("position_gain" in motion.values for motion in closed)
+    asked = tuple(asked_of(sweep, motion) for motion in sweep.motions)
     return Setting(
         like=base.plant.parameters,
         sensors=base.sensors,
@@ -85,6 +108,10 @@ def setting_of(sweep: Sweep) -> Setting:
         middle=0.5 * (base.limits.position_min_m + base.limits.position_max_m),
         has_spool=base.has_spool_sensor,
         has_supply=base.has_supply_pressure_sensor,
+        sequences=tuple(motion.sequence for motion in sweep.motions),
+        asked=asked,
+        kept=readings_kept(asked),
+        corrections=tuple(_corrections(base)),
     )
 
 
@@ -108,6 +135,7 @@ class Group:
     at: NDArray[np.intp]
 
     def __post_init__(self) -> None:
+        self._setpoints: Array | None = None
         cases, at = self.cases, self.at
         self.motions = motions = cases.motions.of(at)
         scale_sines(motions.sines, motions.peak[None, :].copy(), self.setting.ticks)
@@ -117,19 +145,38 @@ class Group:
         faults = np.zeros((len(NO_FAULT), LANES))
         faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
         onset = cases.onset_tick[at][None, :].copy()
-        self.rigs = LaneRigs(aligned(np.transpose(at_rest)), parameters, faults, onset)
         setting = self.setting
+        growth = cases.growth(at, setting.ticks)
+        self.rigs = LaneRigs(aligned(np.transpose(at_rest)), parameters, faults, onset, growth)
+        # Whether there is a table is the same in all groups, so that there is one code for it.
+        segmented = any(sequence is not None for sequence in setting.sequences)
+        table = self.setpoints() if segmented else None
         guide = None
         if setting.guided:
             guide = guide_of_cases(
                 motions, setting.controls, setting.model.parameters, setting.sensors,
-                setting.loop.limit, setting.ticks,
+                setting.loop.limit, self.setpoints,
             )  # fmt: skip
         self.lanes = CaseLanes(
-            motions.sines, motions.wave, motions.levels, motions.ends, np.zeros((1, LANES)),
+            motions.sines, motions.wave, motions.levels, motions.ends, table, np.zeros((1, LANES)),
             motions.open_loop[None, :].copy(), guide, cases.noise[at][None, :].copy(),
             self._stream(0), self._stream(1),
         )  # fmt: skip
+
+    def setpoints(self) -> Array:
+        """Return the setpoints of all ticks of these cases, m or V, float64 (ticks, LANES)."""
+        if self._setpoints is None:
+            ticks, motions = self.setting.ticks, self.motions
+            held = np.zeros((1, LANES))
+            self._setpoints = aligned(np.empty((ticks, LANES)))
+            setpoint_ticks(
+                0, motions.sines, motions.wave, motions.levels, motions.ends, held, self._setpoints
+            )
+            for lane, kind in enumerate(motions.kind.tolist()):
+                sequence = self.setting.sequences[kind]
+                if sequence is not None:
+                    self._setpoints[:, lane] = _sampled(sequence, ticks)
+        return self._setpoints
 
     def _starts(self) -> Array:
         """Return the positions at which the rams rest at first, m, (LANES,).
@@ -179,6 +226,47 @@ class Group:
             "false_alarm": (~silent & (ends_s[:, None] <= before)).any(axis=0),
         }
 
+    def room(self) -> Array:
+        """Return an array for the readings that are kept, (ticks, `Setting.kept`, LANES).
+
+        It has no ticks if none are kept.
+        """
+        kept = self.setting.kept
+        return np.empty((self.setting.ticks if kept else 0, len(kept), LANES))
+
+    def asked_columns(self, kept: Array, leak: Array, latency_s: Array) -> Figures:
+        """Return what follows from what is asked of these cases as columns, (LANES,) each.
+
+        Args:
+            kept: the readings of each tick that are kept, SI, (ticks, `Setting.kept`, LANES).
+            leak: flow of each leak as estimated, m^3/s, (LANES,); NaN where it is not told.
+            latency_s: time from each onset until the leak was named, s, (LANES,); NaN where it
+                was not.
+        """
+        told = columns_told(self.setting.asked)
+        columns: dict[str, list[float | str]] = {
+            name: ["" if name == LIMIT_PASSED else float("nan")] * LANES for name in told
+        }
+        setpoints, leaky = self.setpoints(), ~np.isnan(self.cases.onset_s[self.at])
+        judged: dict[int, int] = {}
+        for lane, case in enumerate(self.at.tolist() if told else ()):
+            # The last group repeats its last case.
+            first = judged.setdefault(case, lane)
+            if first < lane:
+                for column in columns.values():
+                    column[lane] = column[first]
+                continue
+            asked = self.setting.asked[int(self.motions.kind[lane])]
+            readings = {
+                name: np.ascontiguousarray(kept[:, row, lane])
+                for row, name in enumerate(self.setting.kept)
+            }
+            known = Known(float(leak[lane]), float(latency_s[lane]), bool(leaky[lane]))
+            found = judged_case(asked, readings, setpoints[:, lane].copy(), known)
+            for name, value in found.items():
+                columns[name][lane] = value
+        return {name: np.array(values) for name, values in columns.items()}
+
     def true_flow(self, total: Array) -> Array:
         """Return the mean leak flow from 2 s after the onset to the end, m^3/s; NaN if healthy.
 
@@ -190,6 +278,12 @@ class Group:
         count = np.floor(last / SEEN) - np.ceil((onset + SETTLED) / SEEN) + 1.0
         leaky = ~np.isnan(self.cases.onset_s[self.at])
         return np.where(leaky, total / np.maximum(count, 1.0), np.nan)
+
+
+@lru_cache(maxsize=8)
+def _sampled(sequence: Sequence, ticks: int) -> Array:
+    """Return a setpoint at each tick, m or V, (ticks,)."""
+    return sequence.sample(np.arange(ticks) * TICK)
 
 
 def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:

@@ -1,6 +1,6 @@
 """The control laws of cases that run side by side, with the feedforward of their setpoints."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,6 @@ from rig.loop import LaneGuide, lane_guide
 from rig.plant import Parameters, SensorParameters
 
 from .motions import AMPLITUDE, FREQUENCY, SINE_ROWS, Motions
-from .ticks import setpoint_ticks
 
 Array = NDArray[np.float64]
 
@@ -41,7 +40,7 @@ def guide_of_cases(
     assumed: Parameters,
     sensors: SensorParameters,
     limit: float,
-    ticks: int,
+    setpoints: Callable[[], Array],
 ) -> LaneGuide:
     """Return the control laws of cases in lanes, before their first tick.
 
@@ -53,7 +52,8 @@ def guide_of_cases(
         assumed: the parameters of the model that the loop assumes, SI.
         sensors: data sheet of the transducers.
         limit: greatest command of either sign, V.
-        ticks: number of ticks of a case.
+        setpoints: returns the setpoints of all ticks of the cases, m or V, (ticks, LANES); it is
+            called only if some case has more than the proportional law.
     """
     kinds = [controls[kind] for kind in motions.kind.tolist()]
     drawn, usual = motions.gain, np.array([each.gain for each in kinds])
@@ -62,10 +62,7 @@ def guide_of_cases(
         not control.settings.is_proportional and motions.open_loop[lane] == 0.0
         for lane, control in enumerate(kinds)
     ]
-    setpoint = np.empty((ticks if any(tracks) else 0, LANES))
-    setpoint_ticks(
-        0, motions.sines, motions.wave, motions.levels, motions.ends, np.zeros((1, LANES)), setpoint
-    )
+    setpoint = setpoints() if any(tracks) else np.empty((0, LANES))
     guides: list[Guide] = []
     for lane, control in enumerate(kinds):
         if not tracks[lane]:

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Pseudorandom, Trapezoid
+from control import Pseudorandom, Sequence as Segments, Trapezoid
 from rig.configuration import Distribution, SweptMotion
 
 Array = NDArray[np.float64]
@@ -185,6 +185,9 @@ def drawn_motions(
         for case in np.flatnonzero(kind == index).tolist():
             own = {key: [float(values[case]) for values in each] for key, each in drawn.items()}
             turns = [float(phase[case]) for phase in phases]
+            if motion.sequence is not None:
+                made[case] = _segments(motion.sequence)
+                continue
             made[case] = _motion(motion.type, own, duration_s, int(seeds[case]), turns)
         columns |= _columns_of(motion, drawn, kind == index)
     cases = [made[case] for case in range(streams.count)]
@@ -211,15 +214,24 @@ def _columns_of(
     """
     level = "m" if motion.quantity == "position" else "V"
     columns = {}
+    names = iter(motion.drawn)
     for key, laws in motion.values.items():
         for index, law in enumerate(laws):
             if not law.is_drawn:
                 continue
-            name = f"{motion.name}_{key}" + (f"_{index + 1}" if len(laws) > 1 else "")
+            name = next(names)
             values = np.where(chosen, drawn[key][index], np.nan)
             about = f"{key} of the motion {motion.name}"
             columns[name] = Column(values, _UNITS.get(key, level), about)
     return columns
+
+
+def _segments(sequence: Segments) -> _Course:
+    """Return the begin of a motion with segments, as its only level.
+
+    What the cases follow is the table that a group of them has (`Group.setpoints`).
+    """
+    return _Course([float(sequence.sample(np.zeros(1))[0])])
 
 
 def _motion(

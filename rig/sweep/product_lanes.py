@@ -42,7 +42,12 @@ def judged_by_product(group: Group) -> Figures:
     ends_s: list[float] = []
     filters = ProductLanes(setting.model, setting.sensors)
     squares, flow = np.zeros(LANES), np.zeros((1, LANES))
+    kept = group.room()
+    wanted = [LANE_READINGS.index(name) for name in setting.kept]
     for time_s, readings in _blocks(group, flow):
+        if wanted:
+            first = round(time_s[0] / TICK)
+            kept[first : first + time_s.size] = readings[:, wanted]
         # The filter's sums are reset with the last sample of a window, and are read before it.
         before = filters.advance(readings[:-1])
         squares += filters.squares
@@ -59,21 +64,27 @@ def judged_by_product(group: Group) -> Figures:
     bounded = np.clip(healthy, _LEAST_HEALTHY, 1.0 - _LEAST_HEALTHY)
     flows = [(each.leak_m3_per_s, *(each.interval_m3_per_s or (None, None))) for each in decisions]
     leak, low, high = np.array(flows, dtype=np.float64).T
-    return group.outcome_columns(np.array(verdicts), np.array(ends_s)) | {
-        "leak_true_m3_per_s": group.true_flow(flow[0]),
-        "statistic": np.array([each.statistic for each in decisions]),
-        "threshold": np.array([each.threshold for each in decisions]),
-        # The log odds of any fault, ln((1 - p) / p) with p the probability of health, show how
-        # likely one is even if the verdict names none.
-        "score": np.nan_to_num(np.log1p(-bounded) - np.log(bounded), nan=-40.0),
-        "probability_healthy": healthy,
-        "leak_m3_per_s": leak,
-        "leak_low_m3_per_s": low,
-        "leak_high_m3_per_s": high,
-        "nis": squares / setting.blocks,
-        "resets": filters.resets,
-        "lost": filters.resets > 0,
-    }
+    outcomes = group.outcome_columns(np.array(verdicts), np.array(ends_s))
+    asked = group.asked_columns(kept, leak, outcomes["latency_s"].astype(np.float64))
+    return (
+        outcomes
+        | asked
+        | {
+            "leak_true_m3_per_s": group.true_flow(flow[0]),
+            "statistic": np.array([each.statistic for each in decisions]),
+            "threshold": np.array([each.threshold for each in decisions]),
+            # The log odds of any fault, ln((1 - p) / p) with p the probability of health, show how
+            # likely one is even if the verdict names none.
+            "score": np.nan_to_num(np.log1p(-bounded) - np.log(bounded), nan=-40.0),
+            "probability_healthy": healthy,
+            "leak_m3_per_s": leak,
+            "leak_low_m3_per_s": low,
+            "leak_high_m3_per_s": high,
+            "nis": squares / setting.blocks,
+            "resets": filters.resets,
+            "lost": filters.resets > 0,
+        }
+    )
 
 
 def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
@@ -105,6 +116,8 @@ def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
         )  # fmt: skip
         if not enough:
             raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
+        for row, indicated, corrections in setting.corrections:
+            readings[:, row] += np.interp(readings[:, row], indicated, corrections)
         if not setting.has_spool:
             readings[:, LANE_READINGS.index("spool_m")] = np.nan
         if not setting.has_supply:

@@ -23,12 +23,14 @@ from estimator.filters import THESIS_WINDOW, initial_state
 from estimator.leaks import LEARNING_S, PATTERNS, STARTED_S, HealthyLevel, pattern_of
 from rig.compile_cache import source_key
 from rig.lanes import LANES, aligned
+from rig.loop import LANE_READINGS
 from rig.plant import LEAKS
 
+from .asked import Asked
 from .drawing import Cases
 from .group import Figures, Group, Setting, SweepError, groups_of
 from .motions import Motions
-from .ticks import BLOCK, SUMS, Thesis7Lanes, thesis7_cases
+from .ticks import BLOCK, SUMS, Thesis7Lanes, thesis7_cases, thesis7_readings
 
 Array = NDArray[np.float64]
 
@@ -71,8 +73,13 @@ class Judged:
     start_s: float = 0.0
 
 
-def run_thesis7(group: Group) -> Array:
+def run_thesis7(group: Group, kept: Array | None = None) -> Array:
     """Run a group's cases with the seven-state filter of the thesis, and return its sums.
+
+    Args:
+        group: the group.
+        kept: is filled with the readings that the sweep keeps, SI, float64 (ticks,
+            `Setting.kept`, LANES); None if they are not wanted.
 
     Returns:
         `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES).
@@ -88,10 +95,15 @@ def run_thesis7(group: Group) -> Array:
         np.zeros((1, LANES)),
         aligned(np.zeros((setting.blocks, len(SUMS), LANES))),
     )
-    enough = thesis7_cases(
+    given = (
         AHEAD, group.rigs, group.lanes, filters, setting.loop, setting.like, setting.sensors,
         setting.model.parameters,
     )  # fmt: skip
+    if kept is None or not kept.size:
+        enough = thesis7_cases(*given)
+    else:
+        wanted = np.array([LANE_READINGS.index(name) for name in setting.kept], np.int64)
+        enough = thesis7_readings(*given, wanted, kept)
     if not enough:
         raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
     return filters.sums
@@ -112,7 +124,11 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
 
 def _judged_by_filter(group: Group) -> Figures:
     if group.setting.filter_name == "thesis-7":
-        return judged_by_pattern(run_thesis7(group), group)
+        kept = group.room()
+        figures = judged_by_pattern(run_thesis7(group, kept), group)
+        not_told = np.full(LANES, np.nan)
+        latency_s = figures["latency_s"].astype(np.float64)
+        return figures | group.asked_columns(kept, not_told, latency_s)
     from .product_lanes import judged_by_product
 
     return judged_by_product(group)
@@ -149,7 +165,8 @@ def _load(setting: Setting, cases: Cases) -> float:
     if setting.filter_name in _loaded:
         return 0.0
     start = time.perf_counter()
-    short = replace(setting, ticks=_LEAST_BLOCKS * BLOCK + 1)
+    nothing = (Asked(),) * len(setting.asked)
+    short = replace(setting, ticks=_LEAST_BLOCKS * BLOCK + 1, asked=nothing)
     judge_cases(short, _still_case(setting, cases))
     _loaded.add(setting.filter_name)
     return time.perf_counter() - start

@@ -9,6 +9,7 @@ from typing import Any, Final
 from rig.configuration import Sweep
 from rig.lanes import LANES
 
+from .asked import columns_told
 from .drawing import Cases, draw
 from .folder import SweepFolder
 from .group import Setting, SweepError, setting_of
@@ -168,7 +169,9 @@ def run_sweep(
             drawn[cases.chunk] = cases
             yield cases
 
-    for judged in runner(chunks(), setting_of(sweep), stopped):
+    setting = setting_of(sweep)
+    asked = columns_told(setting.asked)
+    for judged in runner(chunks(), setting, stopped):
         received_s = time.perf_counter() - started
         if judged.source != sources():
             raise SweepError(
@@ -176,7 +179,7 @@ def run_sweep(
                 "same on all machines"
             )
         cases = drawn.pop(judged.chunk)
-        folder.keep(judged.chunk, rows_of(cases, dict(judged.figures)))
+        folder.keep(judged.chunk, rows_of(cases, dict(judged.figures), asked))
         timing.add(judged, cases.numbers.size, cases.numbers.size * sweep.duration_s, received_s)
         timing.elapsed_s = time.perf_counter() - started
         advanced(cases.numbers.size)

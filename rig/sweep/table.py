@@ -5,7 +5,7 @@ finished chunk is a file of its own, a part, from which the table is made at the
 """
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -48,13 +48,22 @@ _ABOUT: Final = b"about"
 _UNIT: Final = b"unit"
 
 
-def rows_of(cases: Cases, figures: Figures) -> pa.Table:
+def rows_of(
+    cases: Cases, figures: Figures, asked: Mapping[str, tuple[str, str]] | None = None
+) -> pa.Table:
     """Return the table's rows of some cases, with the columns drawn and the columns of results.
 
     A result that the filter of the sweep does not tell is missing in every row.
+
+    Args:
+        cases: the cases.
+        figures: their results.
+        asked: unit and description of the columns that follow from what the sweep asks, as
+            `rig.sweep.asked.columns_told` returns them; none if it asks nothing.
     """
     absent = np.full(cases.numbers.size, np.nan)
-    outcomes = {name: Column(figures.get(name, absent), *told) for name, told in FIGURES.items()}
+    known = FIGURES | dict(asked or {})
+    outcomes = {name: Column(figures.get(name, absent), *told) for name, told in known.items()}
     columns = {**cases.columns, **outcomes}
     arrays = [_array(column.values) for column in columns.values()]
     fields = [

@@ -28,6 +28,7 @@ from rig.lanes import (
 )
 from rig.loop import (
     COMMAND,
+    LANE_READINGS,
     LOGGED,
     LOGGED_OF_CHAMBERS,
     MOST_STEPS,
@@ -65,6 +66,7 @@ SEEN: Final = 10
 SETTLED: Final = 2000.0
 """Ticks after the onset until a leak's flow begins to count (the command-line contract)."""
 
+_READING_COUNT: Final = len(LANE_READINGS)
 _OUTPUTS: Final = 9
 """Number of the filter's outputs at each tick."""
 
@@ -85,6 +87,9 @@ class CaseLanes(NamedTuple):
     """Levels of the setpoints as in `rig.sweep.motions.Motions`, (k, LANES)."""
     ends: NDArray[np.float64]
     """Time at which each level ends, s, (k, LANES)."""
+    table: NDArray[np.float64] | None
+    """Setpoint of each tick in place of all that, m or V, (ticks, LANES), where a lane's setpoint
+    has segments; None where none has."""
     level: NDArray[np.float64]
     """Index of the present level, (1, LANES); updated in place."""
     open_loop: NDArray[np.float64]
@@ -205,6 +210,25 @@ def setpoint_ticks(first, sines, wave, levels, ends, held, setpoint):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def case_setpoints(first, cases, table, setpoint):
+    """Fill in the setpoints of some ticks, from a table if there is one.
+
+    Args:
+        first: number of the first tick.
+        cases: `CaseLanes`; the index of the present level is updated without a table.
+        table: the table of `cases`, given by itself so that code without it is compiled apart.
+        setpoint: is filled with the setpoint of each tick, m or V, (ticks, LANES).
+    """
+    if table is None:
+        setpoint_ticks(
+            first, cases.sines, cases.wave, cases.levels, cases.ends, cases.level, setpoint
+        )
+    else:
+        for k in range(setpoint.shape[0]):
+            store(setpoint, k, load(table, first + k))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed):
     """Run the thesis's seven-state filter over a block of ticks, and fill in the block's `SUMS`.
 
@@ -213,7 +237,7 @@ def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed
 
     Args:
         first: number of the first tick; at tick 0 the filter makes no step yet.
-        log: log of the chambers that `plant_ticks` has filled.
+        log: log that `plant_ticks` has filled, with or without spool and supply pressure.
         rows: rows of this log at each tick, from `plant_ticks`, (ticks, LANES).
         rigs: `LaneRigs`.
         cases: `CaseLanes`; the stream of the pressures' noise is updated.
@@ -232,9 +256,9 @@ def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed
     )  # fmt: skip
     noise, out = empty_lanes(2 * rows.shape[0]), empty_lanes(_OUTPUTS)
     fill_normal(cases.pressures, noise)
-    outputs = in_lanes(out)
+    outputs, width = in_lanes(out), float(log.shape[1])
     for k in range(rows.shape[0]):
-        row, drawn = load(rows, k) * LOGGED_OF_CHAMBERS, 2 * k
+        row, drawn = load(rows, k) * width, 2 * k
         p1, p2 = gather(log, row + PRESSURE_1), gather(log, row + PRESSURE_2)
         shown = reading_means(gather(log, row + POSITION), p1, p2, nothing, nothing, par)
         position = encoder_position(shown.position, sensors)
@@ -277,7 +301,16 @@ def _leak_flow(tick, p1, p2, back, rigs):
     flow = abs(load(rigs.faults, 0) * signed_root(oil_1 - back))
     flow += abs(load(rigs.faults, 1) * signed_root(oil_2 - back))
     flow += abs(load(rigs.faults, 2) * signed_root(oil_1 - oil_2))
-    return select(load(rigs.onset, 0) + SETTLED <= tick, flow, 0.0 * flow)
+    grown = _grown(flow, rigs.growth, tick)
+    return select(load(rigs.onset, 0) + SETTLED <= tick, grown, 0.0 * flow)
+
+
+@inlined
+def _grown(flow, growth, tick):
+    """Return a flow in proportion to the factor at a tick (`LaneRigs.growth`), if there is one."""
+    if growth is None:
+        return flow
+    return load(growth, tick) * flow
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -310,9 +343,7 @@ def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
     first = 0
     while first < ticks:
         count = min(batch if first == 0 else batch - 1, ticks - first)
-        setpoint_ticks(
-            first, cases.sines, cases.wave, cases.levels, cases.ends, cases.level, setpoint[:count]
-        )
+        case_setpoints(first, cases, cases.table, setpoint[:count])
         if not plant_ticks(
             first, setpoint[:count], cases.open_loop, loop, cases.guide, rigs, like, sensors, log,
             rows[:count],
@@ -352,23 +383,96 @@ def reading_block(first, rigs, cases, loop, like, sensors, log, readings, flow):
     """
     ticks = readings.shape[0]
     setpoint, rows = empty_lanes(ticks), empty_lanes(ticks)
-    setpoint_ticks(first, cases.sines, cases.wave, cases.levels, cases.ends, cases.level, setpoint)
+    case_setpoints(first, cases, cases.table, setpoint)
     if not plant_ticks(
         first, setpoint, cases.open_loop, loop, cases.guide, rigs, like, sensors, log, rows
     ):
         return False
+    for k in range(ticks):
+        if (first + k) % SEEN == 0:
+            row = load(rows, k) * LOGGED
+            p1, p2 = gather(log, row + PRESSURE_1), gather(log, row + PRESSURE_2)
+            seen = _leak_flow(first + k, p1, p2, gather(log, row + RETURN), rigs)
+            store(flow, 0, load(flow, 0) + seen)
+    logged_readings(rigs, cases, cases.pressures, like, sensors, log, rows, readings)
+    return True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def logged_readings(rigs, cases, pressures, like, sensors, log, rows, readings):
+    """Fill in what the transducers read in some ticks, from the plants' log, with noise.
+
+    Args:
+        rigs: `LaneRigs`.
+        cases: `CaseLanes`; the stream of the other transducers' noise is updated.
+        pressures: state of the stream of the pressures' noise, (4, LANES); updated.
+        like: `Parameters` whose friction law all rigs have.
+        sensors: `SensorParameters`.
+        log: log that `plant_ticks` has filled, (steps, `LOGGED`, LANES).
+        rows: rows of this log at each tick, from `plant_ticks`, (ticks, LANES).
+        readings: is filled with `rig.loop.lane_ticks.LANE_READINGS`, (ticks, 6, LANES).
+    """
+    align_stack()
+    ticks = rows.shape[0]
     of_pressures, of_others = empty_lanes(2 * ticks), empty_lanes(2 * ticks)
-    fill_normal(cases.pressures, of_pressures)
+    fill_normal(pressures, of_pressures)
     fill_normal(cases.others, of_others)
     noise, scale = empty_lanes(NOISE_COUNT * ticks), load(cases.scale, 0)
     for k in range(ticks):
         for i in range(2):
             store(noise, NOISE_COUNT * k + i, scale * load(of_pressures, 2 * k + i))
             store(noise, NOISE_COUNT * k + 2 + i, scale * load(of_others, 2 * k + i))
-        if (first + k) % SEEN == 0:
-            row = load(rows, k) * LOGGED
-            p1, p2 = gather(log, row + PRESSURE_1), gather(log, row + PRESSURE_2)
-            seen = _leak_flow(first + k, p1, p2, gather(log, row + RETURN), rigs)
-            store(flow, 0, load(flow, 0) + seen)
     reading_ticks(log, rows, noise, rigs.parameters, like, sensors, readings)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def thesis7_readings(ahead, rigs, cases, filters, loop, like, sensors, assumed, wanted, kept):
+    """Run cases as `thesis7_cases` does, and keep some of the readings of every tick.
+
+    The filter and the kept readings have the same noise, so that both are as if the filter had been
+    given these readings.
+
+    Args:
+        ahead: as for `thesis7_cases`.
+        rigs: as for `thesis7_cases`.
+        cases: as for `thesis7_cases`.
+        filters: as for `thesis7_cases`.
+        loop: as for `thesis7_cases`.
+        like: as for `thesis7_cases`.
+        sensors: as for `thesis7_cases`.
+        assumed: as for `thesis7_cases`.
+        wanted: indices of the readings to keep in `rig.loop.lane_ticks.LANE_READINGS`, int64 (m,).
+        kept: is filled with these readings, (ticks, m, LANES).
+
+    Returns:
+        As `thesis7_cases`.
+    """
+    ticks = kept.shape[0]
+    batch = ahead * BLOCK + 1
+    steps = batch * MOST_STEPS
+    log = empty_lanes(steps * LOGGED).reshape((steps, LOGGED, LANES))
+    rows, setpoint = empty_lanes(batch), empty_lanes(batch)
+    readings = empty_lanes(batch * _READING_COUNT).reshape((batch, _READING_COUNT, LANES))
+    again = cases.pressures.copy()
+    first = 0
+    while first < ticks:
+        count = min(batch if first == 0 else batch - 1, ticks - first)
+        case_setpoints(first, cases, cases.table, setpoint[:count])
+        if not plant_ticks(
+            first, setpoint[:count], cases.open_loop, loop, cases.guide, rigs, like, sensors, log,
+            rows[:count],
+        ):  # fmt: skip
+            return False
+        done = 0
+        while done < count:
+            part = BLOCK + 1 if first + done == 0 else BLOCK
+            here = rows[done : done + part]
+            thesis7_ticks(first + done, log, here, rigs, cases, filters, like, sensors, assumed)
+            # Blocks draw their noise one by one, and so must these readings.
+            found = readings[done : done + part]
+            logged_readings(rigs, cases, again, like, sensors, log, here, found)
+            done += part
+        for i in range(wanted.size):
+            kept[first : first + count, i] = readings[:count, wanted[i]]
+        first += count
     return True

@@ -149,28 +149,31 @@ def _finish(
 
     Return the exit code: 0, or `EXIT_CRASHED` if the page could not be made.
     """
-    from rig.report.sweep import lines_of
-    from rig.sweep import study_of
+    from rig.report.sweep import asked_lines, lines_of
+    from rig.sweep import study_of, study_of_asked
 
     table = folder.finish()
-    study = study_of(table)
+    study, asked = study_of(table), study_of_asked(sweep, table)
     summary = {
         "name": sweep.name,
         "filter": sweep.filter_name,
         "false_alarms_per_day": sweep.false_alarms_per_day,
         "table": str(folder.path / TABLE),
         **study.plain(),
+        **({} if asked is None else {"asked": asked.plain()}),
         "timing": timing.plain(),
     }
     replace_text(folder.path / SUMMARY, json.dumps(summary, indent=2) + "\n")
     for line in lines_of(sweep.filter_name, study, timing):
+        say(line)
+    for line in () if asked is None else asked_lines(asked):
         say(line)
     page = folder.path / PAGE
     code = 0
     try:
         from rig.report.sweep import sweep_page
 
-        replace_text(page, sweep_page(sweep, table, study))
+        replace_text(page, sweep_page(sweep, table, study, asked))
         say(f"report: {page}")
     except Exception as error:  # the results are written already, so a missing page loses none
         click.echo(f"rig: no report: {one_line(error)}", err=True)

@@ -4,8 +4,17 @@ from .campaign import (
     plain as plain,
     read_campaign as read_campaign,
 )
+from .criteria import (
+    CriterionFile as CriterionFile,
+    OwnFigureFile as OwnFigureFile,
+    bounds_of as bounds_of,
+    read_criteria as read_criteria,
+    read_own_figures as read_own_figures,
+)
 from .dry_run import (
     PlannedTest as PlannedTest,
+    criterion_in_words as criterion_in_words,
+    limit_in_words as limit_in_words,
     plan_campaign as plan_campaign,
     valve_speed as valve_speed,
 )
@@ -17,6 +26,7 @@ from .judged_controls import (
     is_mistaken as is_mistaken,
     unstable_controls as unstable_controls,
 )
+from .limits import TestLimitFile as TestLimitFile, read_test_limits as read_test_limits
 from .loop_of_test import (
     control_for as control_for,
     control_of as control_of,
@@ -30,6 +40,13 @@ from .schedule import (
     ScheduleFile as ScheduleFile,
     load_schedule as load_schedule,
     read_schedule as read_schedule,
+)
+from .segments import (
+    Motion as Motion,
+    SegmentFile as SegmentFile,
+    Times as Times,
+    context_of as context_of,
+    read_motion as read_motion,
 )
 from .setpoints import (
     Level as Level,

@@ -119,8 +119,8 @@ class PlannedTest:
         lines += [f"  wait for {_condition(each)}" for each in test.wait_for]
         if test.until is not None:
             lines.append(f"  {test.until.label}, at most {test.duration_s:g} s")
-        lines += [f"  pass by {_criterion(each)}" for each in test.criteria]
-        lines += [f"  limit {_limit(each)}" for each in test.limits]
+        lines += [f"  pass by {criterion_in_words(each)}" for each in test.criteria]
+        lines += [f"  limit {limit_in_words(each)}" for each in test.limits]
         if test.on_fault != OnFault.IGNORE:
             lines.append(f"  on a confirmed fault: {test.on_fault}")
         return lines + [f"  warning: {warning}" for warning in self.warnings]
@@ -132,11 +132,13 @@ def _condition(condition: Condition) -> str:
     return f"{condition.channel} {span}, at most {show(condition.give_up_s, 's')}"
 
 
-def _criterion(criterion: Criterion) -> str:
+def criterion_in_words(criterion: Criterion) -> str:
+    """Return a criterion in words: "rms_error at most 3 mm"."""
     return f"{criterion.label} {_range(criterion.low, criterion.high, criterion.unit)}"
 
 
-def _limit(limit: TestLimit) -> str:
+def limit_in_words(limit: TestLimit) -> str:
+    """Return a limit in words: "following_error_m: warn above 3 mm, trip above 5 mm"."""
     bands = [
         f"{band.action.replace('_', ' ')} {_beyond(band.low, band.high, limit.unit)}"
         for band in limit.bands

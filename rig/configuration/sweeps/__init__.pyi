@@ -7,6 +7,7 @@ from .sweep import (
 )
 from .sweep_plan import (
     HEALTHY as HEALTHY,
+    LATENCY as LATENCY,
     Sweep as Sweep,
     SweepFilter as SweepFilter,
     SweptMotion as SweptMotion,

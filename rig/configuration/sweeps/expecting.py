@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from math import inf
 
 from control import Chirp, Setpoint, Sine, Trapezoid, Triangle
 from faults import CampaignTest, Verdict
@@ -37,9 +38,11 @@ def following_lines(sweep: Sweep) -> Iterator[str]:
             seed=0,
             control=replace(sweep.control_of(motion), gain=gain),
         )
-        yield f"  {motion.name}, at its fastest: {expected_following(test, sweep.rig, sweep.model)}"
+        expected = expected_following(test, sweep.rig, sweep.model)
+        how = "" if motion.sequence is not None else ", at its fastest"
+        yield f"  {motion.name}{how}: {expected}"
         speed = setpoint.peak_rate(sweep.duration_s)
-        if speed > fastest:
+        if fastest < speed < inf:
             yield (
                 f"  warning: {motion.name} moves at up to {speed:.2g} m/s, the valve delivers "
                 f"{fastest:.2g} m/s; the ram will lag"
@@ -50,9 +53,11 @@ def fastest_setpoint(motion: SweptMotion, duration_s: float) -> Setpoint | None:
     """Return the setpoint of a motion with the largest amplitude and the highest frequency drawn.
 
     A trapezoid rests for the longest time, so that it moves fastest. The mean is the middle of what
-    may be drawn. The result is None for motions that jump, and for a multisine, whose frequencies
-    are drawn one by one.
+    may be drawn. A motion with segments is the same in all cases. The result is None for other
+    motions that jump, and for a multisine, whose frequencies are drawn one by one.
     """
+    if motion.sequence is not None:
+        return motion.sequence
     highest = {key: laws[0].support[1] for key, laws in motion.values.items()}
     if motion.type not in ("sine", "triangle", "trapezoid", "chirp"):
         return None

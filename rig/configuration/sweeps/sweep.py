@@ -2,14 +2,19 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final, get_args
+from typing import Annotated, Any, Final
 
 from pydantic import Field as SchemaField
 
 from control import ControlSettings
 from estimator.leaks import LEARNING_S
-from faults import LEAK_KINDS
-from rig.configuration.campaigns import TYPICAL_PRESSURE
+from rig.configuration.campaigns import (
+    CriterionFile,
+    OwnFigureFile,
+    TestLimitFile,
+    criterion_in_words,
+    limit_in_words,
+)
 from rig.configuration.models import ParameterReader, named_model, physical, read_model
 from rig.configuration.reading import (
     Adjustable,
@@ -24,15 +29,13 @@ from rig.configuration.reading import (
     read_in,
     read_mapping,
     show,
-    suggestion,
 )
-from rig.configuration.rigs import Rig, read_control, read_rig
+from rig.configuration.rigs import Rig, corrected_twice, read_control, read_rig
 from rig.plant import (
     LONGEST_STEP,
     NOMINAL,
     REMEMBERING,
     TICK,
-    LeakName,
     Model,
     Parameters,
     PlantEffect,
@@ -42,19 +45,15 @@ from rig.plant import (
 from .distributions import KINDS, Distribution, Drawn, Random, resolved
 from .drawn_fields import DrawnEffects, DrawnParameters
 from .expecting import following_lines
-from .sweep_motions import motion_files, read_motions
-from .sweep_plan import Sweep, SweepFilter, SweptLeaks
+from .sweep_motions import MotionContext, motion_files, read_motions
+from .sweep_plan import Sweep, SweepFilter
+from .swept_asked import asking_of
+from .swept_leaks import LeaksFile, read_leaks
 
-INTERNAL_PRESSURE: Final = 2.5e6
-"""Pressure difference in Pa that friction makes between the chambers of a moving ram.
-
-The flow of an internal leak is stated at this drop.
-"""
 _SHORTEST_S: Final = 10.0
-_AFTER_ONSET_S: Final = 4.0
+_USUAL_S: Final = 60.0
+_JUDGED_S: Final = 4.0
 _BLOCK_S: Final = 0.5
-_LEAKAGE: Final = Physical("m^3/(s Pa^0.5)", 0.0, 1e-6, 4e-9)
-_FLOW: Final = Physical("m^3/s", 0.0, 1e-3, 1e-5)
 
 
 class SweepFile(Schema):
@@ -66,7 +65,7 @@ class SweepFile(Schema):
     model: str = "nominal"
     filter: SweepFilter = "thesis-7"
     false_alarms_per_day: Annotated[float, Physical("", 1e-3, 1e3, 1.0)] = 1.0
-    duration: Annotated[float, Physical("s", _SHORTEST_S, 3600.0, 60.0)] = 60.0
+    duration: Annotated[float, Physical("s", _SHORTEST_S, 3600.0, _USUAL_S)] = _USUAL_S
     longest_step: Annotated[float, Physical("s", LONGEST_STEP, TICK, LONGEST_STEP)] = LONGEST_STEP
     cases: Annotated[int, SchemaField(ge=1, le=10_000_000)]
     seed: Annotated[int, SchemaField(ge=0, lt=2**31)] = 0
@@ -76,17 +75,9 @@ class SweepFile(Schema):
     leaks: Annotated[Any, Under(lambda: (LeaksFile,), words=("none",))] = None
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     motions: Annotated[Any, Under(motion_files, many=True)]
-
-
-class LeaksFile(Schema):
-    """Keys of `leaks` in a sweep file: how many cases leak, where, how much and from when on."""
-
-    healthy: Annotated[float, Physical("", 0.0, 1.0, 0.25)] = 0.25
-    places: tuple[LeakName, ...] = get_args(LeakName)
-    flow: Annotated[Any, Random(_FLOW)] = None
-    coefficient: Annotated[Any, Random(_LEAKAGE)] = None
-    pressure: Annotated[float | None, Physical("Pa", 1e3, 3.5e7, TYPICAL_PRESSURE)] = None
-    onset: Annotated[Any, Random(Physical("s", 0.0, 3600.0, 20.0))]
+    figures: Annotated[Any, Under(lambda: (OwnFigureFile,), named=True)] = None
+    criteria: Annotated[Any, Under(lambda: (CriterionFile,), many=True)] = None
+    limits: Annotated[Any, Under(lambda: (TestLimitFile,), many=True)] = None
 
 
 def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
@@ -103,14 +94,19 @@ def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
 def read_sweep(root: Located) -> Sweep | None:
     """Return the sweep that a file describes; record all problems, and return None if any."""
     file = read_mapping(SweepFile, root)
-    rig = _read_rig(root.get("rig"))
+    filter_name: SweepFilter = "thesis-7" if file is None else file.filter
+    rig = _read_rig(root.get("rig"), filter_name)
     model = _read_model(root)
     drawn = _Parameters(rig.plant.parameters if rig is not None else NOMINAL)
     drawn.read(root)
     drawn.check_together()
-    leaks = _read_leaks(root.get("leaks"), file, rig)
+    duration_s = _USUAL_S if file is None else file.duration
+    learning_s = LEARNING_S if filter_name == "thesis-7" else None
+    leaks = read_leaks(root.get("leaks"), None if file is None else duration_s, learning_s, rig)
     control = read_control(root.get("control"), rig.control if rig is not None else None)
-    motions = read_motions(root.get("motions"), rig.limits if rig is not None else None, control)
+    asking = asking_of(root, rig, filter_name, duration_s)
+    context = MotionContext(rig, control, duration_s, 0 if file is None else file.seed, asking)
+    motions = read_motions(root.get("motions"), context)
     if file is not None:
         _check_duration(root, file)
     problems, sha256 = root.sources.problems, root.sources.sha256
@@ -135,6 +131,7 @@ def read_sweep(root: Located) -> Sweep | None:
         motions=motions,
         source_files={str(source): digest for source, digest in sha256.items()},
         control=control,
+        own_figures=asking.own,
     )
 
 
@@ -144,12 +141,12 @@ def _check_duration(root: Located, file: SweepFile) -> None:
     if abs(file.duration / _BLOCK_S - round(file.duration / _BLOCK_S)) > 1e-6:
         limit = f"is no multiple of {_BLOCK_S:g} s, after which decisions come"
         root.refuse(limit, "round it", duration, "duration")
-    if file.filter == "thesis-7" and file.duration < LEARNING_S + _AFTER_ONSET_S:
+    if file.filter == "thesis-7" and file.duration < LEARNING_S + _JUDGED_S:
         limit = f"leaves nothing to judge after the {LEARNING_S:g} s that thesis-7 learns in"
         root.refuse(limit, "make it 30 s or more", duration, "duration")
 
 
-def _read_rig(entry: Located | None) -> Rig | None:
+def _read_rig(entry: Located | None, filter_name: SweepFilter) -> Rig | None:
     rig = read_in("rig", entry, read_rig)
     if entry is None or rig is None:
         return None
@@ -157,9 +154,12 @@ def _read_rig(entry: Located | None) -> Rig | None:
         if getattr(rig.plant.parameters, field) != getattr(NOMINAL, field):
             limit = f"has {field}, which remembers more than the plant's states"
             entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
-    if rig.calibrations:
-        limit = "has calibrations, and sweeps do not correct readings"
-        entry.refuse(limit, "name a rig without them, or run it as a campaign", rig.name)
+    if rig.calibrations and filter_name == "thesis-7":
+        limit = "has calibrations, and thesis-7 takes the readings of lanes as they are"
+        entry.refuse(limit, "write `filter: product`, or name a rig without them", rig.name)
+    if any(each.channel == "position_m" for each in rig.calibrations):
+        limit = "has a calibration of position_m, and the position loop of lanes corrects nothing"
+        entry.refuse(limit, "name a rig without it, or run it as a campaign", rig.name)
     return rig
 
 
@@ -244,60 +244,6 @@ class _Parameters(ParameterReader):
             self._entries[given[0]].refuse(limit, "keep them apart")
 
 
-def _read_leaks(
-    item: Located | None, sweep: SweepFile | None, rig: Rig | None
-) -> SweptLeaks | None:
-    if item is None or item.value == "none":
-        return None
-    file = read_mapping(LeaksFile, item)
-    if file is None:
-        return None
-    sizes = {name: drawn for name in ("flow", "coefficient") if (drawn := getattr(file, name))}
-    if len(sizes) != 1:
-        limit = "has both flow and coefficient" if sizes else "has no size"
-        item.refuse(limit, "give flow or coefficient", "")
-        return None
-    name, drawn = next(iter(sizes.items()))
-    _check_places(item, file, rig)
-    entry, limits = item.find(name), _FLOW if name == "flow" else _LEAKAGE
-    size = quantity_in(entry, lambda: resolved(drawn, limits))
-    if size is not None and size.support[0] <= 0.0:
-        entry.refuse("may be no leak at all", "give its part of all cases as `healthy`")
-    entry, seconds = item.find("onset"), Physical("s", 0.0, 3600.0)
-    onset = quantity_in(entry, lambda: resolved(file.onset, seconds))
-    if onset is not None and sweep is not None:
-        _check_onset(entry, onset, sweep)
-    if size is None or onset is None:
-        return None
-    usual = {**dict.fromkeys(file.places, TYPICAL_PRESSURE), "internal_leakage": INTERNAL_PRESSURE}
-    pressures = tuple(file.pressure or usual[place] for place in file.places)
-    return SweptLeaks(
-        file.healthy, tuple(file.places), size, pressures if name == "flow" else None, onset
-    )
-
-
-def _check_places(item: Located, file: LeaksFile, rig: Rig | None) -> None:
-    if not file.places:
-        remedy = f"name some of {', '.join(LEAK_KINDS)}"
-        item.refuse("is empty", remedy, "[]", "places")
-    if len(set(file.places)) < len(file.places):
-        item.refuse("names one twice", "name each once", key="places")
-    for place in file.places:
-        if rig is not None and place not in rig.injectable:
-            remedy = suggestion(place, rig.injectable, "bypasses")
-            item.refuse(f"is no bypass of {rig.name}", remedy, place, "places")
-
-
-def _check_onset(entry: Located, onset: Distribution, sweep: SweepFile) -> None:
-    first, last = onset.support
-    if last > sweep.duration - _AFTER_ONSET_S:
-        limit = f"may come later than {_AFTER_ONSET_S:g} s before the end, {sweep.duration:g} s"
-        entry.refuse(limit, "let it begin earlier")
-    if sweep.filter == "thesis-7" and first < LEARNING_S:
-        limit = f"may fall into the {LEARNING_S:g} s in which thesis-7 learns what is healthy"
-        entry.refuse(limit, "let it begin later")
-
-
 def sweep_lines(sweep: Sweep) -> Iterator[str]:
     """Yield the lines by which `rig check` describes a sweep."""
     yield f"  {sweep.description}"
@@ -307,13 +253,42 @@ def sweep_lines(sweep: Sweep) -> Iterator[str]:
         f"{sweep.rig_s / 3600.0:.4g} rig-hours"
     )
     drawn = [field for field, law in sweep.parameters.items() if law.is_drawn]
+    drawn += ["noise"] if sweep.noise.is_drawn else []
     yield f"  drawn for each case: {', '.join(drawn) or 'no parameter'}"
+    of_motions = [name for motion in sweep.motions for name in motion.drawn]
+    if of_motions:
+        yield f"  drawn of the motions: {', '.join(of_motions)}"
     leaks = sweep.leaks
     if leaks is None:
         yield "  no leaks"
     else:
-        yield f"  leaks: {', '.join(leaks.places)}; {100.0 * leaks.healthy:g} % healthy"
+        levels = f"; {len(leaks.profile)} levels one after the other" if leaks.profile else ""
+        yield f"  leaks: {', '.join(leaks.places)}; {100.0 * leaks.healthy:g} % healthy{levels}"
     total = sum(motion.share for motion in sweep.motions)
     shares = (f"{motion.name} {100.0 * motion.share / total:.3g} %" for motion in sweep.motions)
     yield f"  motions: {', '.join(shares)}"
     yield from following_lines(sweep)
+    yield from _asked_lines(sweep)
+    for calibration in sweep.rig.calibrations:
+        yield f"  readings corrected by the {calibration}"
+    for doubt in corrected_twice(sweep.rig.calibrations, sweep.model):
+        yield f"  warning: {doubt}"
+
+
+def _asked_lines(sweep: Sweep) -> Iterator[str]:
+    """Yield a line for each segmented motion, figure, criterion and limit of a sweep."""
+    for motion in sweep.motions:
+        if motion.sequence is not None:
+            lasts = show(motion.sequence.duration_s, "s")
+            yield f"  {motion.name}: {len(motion.sequence.stretches)} segments, {lasts}"
+    for own in sweep.own_figures:
+        yield f"  figure {own.name}: {own.expression.text}"
+    having: dict[str, list[str]] = {}
+    for motion in sweep.motions:
+        asked = [f"pass by {criterion_in_words(each)}" for each in motion.criteria]
+        asked += [f"limit {limit_in_words(each)}" for each in motion.limits]
+        for words in asked:
+            having.setdefault(words, []).append(motion.name)
+    for words, names in having.items():
+        everywhere = len(names) == len(sweep.motions)
+        yield f"  {words}" if everywhere else f"  {', '.join(names)}: {words}"

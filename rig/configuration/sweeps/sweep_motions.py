@@ -1,26 +1,21 @@
 """The `motions` of a sweep are setpoints like a campaign's, with quantities that may be drawn."""
 
+from dataclasses import replace
 from math import pi
-from typing import Annotated, Any, Final, cast
+from typing import Annotated, Any, Final, NamedTuple, cast
 
 from control import ControlSettings, Quantity
 from rig.configuration.campaigns import Level, LevelField, check_unmixed, schema_of, typed_files
-from rig.configuration.reading import (
-    Located,
-    Physical,
-    Schema,
-    Under,
-    options_schema,
-    quantity_in,
-    read_mapping,
-    show,
-)
-from rig.configuration.rigs import GAIN, Limits, read_control
+from rig.configuration.reading import Located, Physical, Schema, quantity_in, read_mapping, show
+from rig.configuration.rigs import Limits, Rig, read_control
 from rig.plant import TICK
 
 from .distributions import Distribution, Drawn, Random, resolved
 from .drawn_fields import DrawnList
+from .motion_keys import HINTS, EveryMotionFile
 from .sweep_plan import MotionType, SweptMotion
+from .swept_asked import Asking
+from .swept_segments import SweptSegmentsFile, read_sequence
 
 _LEVEL: Final = Random(LevelField())
 _FREQUENCY: Final = Random(Physical("Hz", 1e-3, 100.0, 0.5))
@@ -28,20 +23,15 @@ _AnyLevel = Annotated[Any, _LEVEL]
 _AnyFrequency = Annotated[Any, _FREQUENCY]
 _AnySweepEnd = Annotated[Any, Random(Physical("Hz", 0.0, 100.0, 1.0))]
 _AnyPhase = Annotated[Any, Random(Physical("rad", -1e3, 1e3))]
-_AnyGain = Annotated[Any, Random(GAIN)]
 _AnyHold = Annotated[Any, Random(Physical("s", 1e-3, 3600.0, 2.0))]
 _MOST_SINES: Final = 32
 _MOST_LEVELS: Final = 1000
 
 
-class MotionFile(Schema):
-    """Keys that every motion of a sweep has; its type decides on the other keys."""
+class MotionFile(EveryMotionFile):
+    """Keys of a motion with one setpoint, whose type decides on the other keys."""
 
     type: str
-    name: str | None = None
-    share: Annotated[float, Physical("", 1e-6, 1e6, 1.0)] = 1.0
-    control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
-    position_gain: _AnyGain = None
 
 
 class SweptConstantFile(MotionFile):
@@ -118,18 +108,35 @@ SCHEMAS: Final[dict[str, type[MotionFile]]] = {
 
 def motion_files() -> tuple[type[Schema], ...]:
     """Return the classes of the keys of all motions, each with the type that it belongs to."""
-    return typed_files(SCHEMAS)
+    return (*typed_files(SCHEMAS), SweptSegmentsFile)
 
 
-_OF_EVERY_MOTION: Final = ("type", "name", "share", "control")
+_OF_EVERY_MOTION: Final = (*("type", "name", "share", "control", "segments", "criteria", "limits"),)
 _LISTS: Final = {"frequencies": (_FREQUENCY, _MOST_SINES), "levels": (_LEVEL, _MOST_LEVELS)}
 _ANY_PHASE: Final = Distribution("uniform", (0.0, 2.0 * pi))
 _NOTHING: Final = Distribution("fixed", (0.0,))
 
 
-def read_motions(
-    item: Located | None, limits: Limits | None, control: ControlSettings | None
-) -> tuple[SweptMotion, ...]:
+class MotionContext(NamedTuple):
+    """What the motions of a sweep need to know of it.
+
+    Attributes:
+        rig: its rig, within whose limits motions must stay; None if it is unusable.
+        control: its control settings, of which a motion replaces those that it gives itself; None
+            if they are not known.
+        duration_s: duration of a case, s.
+        seed: its seed.
+        asking: what it asks of its cases.
+    """
+
+    rig: Rig | None
+    control: ControlSettings | None
+    duration_s: float
+    seed: int
+    asking: Asking
+
+
+def read_motions(item: Located | None, context: MotionContext) -> tuple[SweptMotion, ...]:
     """Return the motions of a sweep that can be made; record all problems.
 
     A motion that may go beyond the limits is returned, with a problem. Of motions with the same
@@ -137,9 +144,7 @@ def read_motions(
 
     Args:
         item: the list under the key `motions`; None if it is missing.
-        limits: limits of the rig, within which motions must stay; None if they are not known.
-        control: the sweep's control settings, of which a motion replaces those that it gives
-            itself; None if they are not known.
+        context: what they need to know of the sweep.
     """
     if item is None:
         return ()
@@ -147,9 +152,13 @@ def read_motions(
         item.refuse("is not a list of motions", "write at least one: `- {type: sine, ...}`")
     found: dict[str, SweptMotion] = {}
     for element in item.elements():
-        motion = _Reader(element, limits, control).read()
+        motion = _Reader(element, context).read()
         if motion is None:
+            # What it asks is checked all the same, so that all mistakes are told at once.
+            context.asking.of_motion(element, None)
             continue
+        criteria, limits = context.asking.of_motion(element, motion)
+        motion = replace(motion, criteria=criteria, limits=limits)
         if motion.name in found:
             remedy = "give one of them another `name`"
             element.refuse("is given twice", remedy, motion.name, name="name")
@@ -163,21 +172,30 @@ class _Reader:
     Problems are recorded. A motion that may go beyond the limits is returned all the same.
     """
 
-    def __init__(
-        self, item: Located, limits: Limits | None, control: ControlSettings | None
-    ) -> None:
-        self._item, self._limits, self._usual = item, limits, control
+    def __init__(self, item: Located, context: MotionContext) -> None:
+        self._item, self._context = item, context
+        self._limits: Limits | None = None if context.rig is None else context.rig.limits
         self._quantities: dict[Quantity, str] = {}
 
     def read(self) -> SweptMotion | None:
         problems = self._item.sources.problems
         before = problems.reported
-        schema = schema_of(self._item, SCHEMAS, "motion")
-        file = read_mapping(schema, self._item) if schema is not None else None
+        segmented = self._item.get("segments") is not None
+        schema: type[EveryMotionFile] | None = SweptSegmentsFile
+        if not segmented:
+            schema = schema_of(self._item, SCHEMAS, "motion")
+        file = read_mapping(schema, self._item, HINTS) if schema is not None else None
         own = self._item.get("control")
-        control = None if own is None else read_control(own, self._usual)
+        control = None if own is None else read_control(own, self._context.control)
         if file is None:
             return None
+        sequence = None
+        if segmented:
+            context = self._context
+            sequence = read_sequence(self._item, context.rig, context.seed, context.duration_s)
+            if sequence is None:
+                return None
+            self._quantities[sequence.quantity] = "segments"
         values = {
             key: drawn
             for key, field in type(file).model_fields.items()
@@ -189,19 +207,23 @@ class _Reader:
         self._check_gain(quantity)
         if problems.reported > before:
             return None
-        kind = cast(MotionType, file.type)
+        kind: MotionType = "segments"
+        if isinstance(file, MotionFile):
+            kind = cast(MotionType, file.type)
         if kind in ("sine", "triangle", "trapezoid", "chirp", "multisine"):
             values.setdefault("mean", (_NOTHING,))
         if kind in ("sine", "triangle", "trapezoid", "chirp"):
             values.setdefault("phase", (_ANY_PHASE,))
-        motion = SweptMotion(file.name or kind, kind, file.share, quantity, values, control)
+        motion = SweptMotion(
+            file.name or kind, kind, file.share, quantity, values, control, sequence
+        )
         self._check_order(motion)
-        if self._limits is not None:
+        if self._limits is not None and sequence is None:
             self._check_reach(motion, self._limits.of(quantity))
         return motion
 
     def _values(
-        self, key: str, readers: list[Any], file: MotionFile
+        self, key: str, readers: list[Any], file: EveryMotionFile
     ) -> tuple[Distribution, ...] | None:
         """Return the distributions of a key's value; None if the file does not give the key.
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from control import ControlSettings, Quantity
+from control import ControlSettings, Quantity, Sequence
+from faults import Criterion, OwnFigure, TestLimit
 from rig.configuration.campaigns import plain
 from rig.configuration.rigs import UNLESS_USUAL, Rig
 from rig.plant import Model
@@ -14,10 +15,13 @@ from .distributions import Distribution
 
 SweepFilter = Literal["thesis-7", "product"]
 MotionType = Literal[
-    "constant", "sine", "triangle", "trapezoid", "chirp", "multisine", "steps", "pseudorandom"
-]
+    "constant", "sine", "triangle", "trapezoid", "chirp", "multisine", "steps", "pseudorandom",
+    "segments",
+]  # fmt: skip
 
 HEALTHY: Final = "healthy"
+LATENCY: Final = "latency"
+"""Name of the figure that only sweeps have: time in s from a leak's onset until it is named."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +30,17 @@ class SweptMotion:
 
     Attributes:
         name: name in the table of cases, which is the type if the file gives none.
-        type: type of setpoint, as in `control.setpoints`.
+        type: type of setpoint, as in `control.setpoints`, or `segments`.
         share: weight by which cases get this motion, relative to the sum of all shares.
         quantity: `position` (m, closed loop) or `command` (V, open loop).
         values: key of the file -> its distributions: one for each element of `levels` and
             `frequencies`, and a single one for any other key.
         control: what the position loop adds to gain times error in this motion; None for the
             sweep's settings.
+        sequence: the setpoint of a motion of type `segments`, the same in all its cases; None for
+            other motions.
+        criteria: what figures of its cases must be, those of the sweep first.
+        limits: limits that its cases should keep, those of the sweep first.
     """
 
     name: str
@@ -41,6 +49,34 @@ class SweptMotion:
     quantity: Quantity
     values: Mapping[str, tuple[Distribution, ...]]
     control: ControlSettings | None = field(default=None, metadata=UNLESS_USUAL)
+    sequence: Sequence | None = field(default=None, metadata=UNLESS_USUAL)
+    criteria: tuple[Criterion, ...] = field(default=(), metadata=UNLESS_USUAL)
+    limits: tuple[TestLimit, ...] = field(default=(), metadata=UNLESS_USUAL)
+
+    @property
+    def drawn(self) -> Mapping[str, Distribution]:
+        """The quantities that differ from case to case, by their names in the table of cases."""
+        return {
+            f"{self.name}_{key}" + (f"_{index + 1}" if len(laws) > 1 else ""): law
+            for key, laws in self.values.items()
+            for index, law in enumerate(laws)
+            if law.is_drawn
+        }
+
+
+@dataclass(frozen=True)
+class SweptLevel:
+    """One level of a leak that changes with time, with what is drawn for each case.
+
+    Attributes:
+        at: distribution of the time in s from which on the leak grows or shrinks to this level.
+        ramp: distribution of the time in s that this takes; 0 for at once.
+        size: distribution of the flow or the coefficient, as `SweptLeaks.size`.
+    """
+
+    at: Distribution
+    ramp: Distribution
+    size: Distribution
 
 
 @dataclass(frozen=True)
@@ -55,6 +91,9 @@ class SweptLeaks:
         pressure: for each place, the drop in Pa at which the flow is stated; None where sizes are
             coefficients.
         onset: distribution of the time in s at which the leak begins.
+        profile: the levels of a leak that changes with time, in their order; empty for a leak that
+            has its size from its onset on. `size` is that of the last level, and `onset` the time
+            of the first.
     """
 
     healthy: float
@@ -62,6 +101,7 @@ class SweptLeaks:
     size: Distribution
     pressure: tuple[float, ...] | None
     onset: Distribution
+    profile: tuple[SweptLevel, ...] = field(default=(), metadata=UNLESS_USUAL)
 
 
 @dataclass(frozen=True)
@@ -86,6 +126,7 @@ class Sweep:
         source_files: path -> SHA-256 of every file that was read.
         control: what the position loop adds to gain times error; a motion may have settings of its
             own.
+        own_figures: figures and quantities that the sweep's file defines by expressions.
     """
 
     name: str
@@ -106,6 +147,7 @@ class Sweep:
     motions: tuple[SweptMotion, ...]
     source_files: Mapping[str, str]
     control: ControlSettings = field(default_factory=ControlSettings)
+    own_figures: tuple[OwnFigure, ...] = ()
 
     def control_of(self, motion: SweptMotion) -> ControlSettings:
         """Return the control settings of a motion; those of an open-loop one add nothing."""
@@ -125,7 +167,13 @@ class Sweep:
         """
         rig = self.rig
         # A sweep without such settings means what it meant before there were any.
-        chosen = {} if self.control == ControlSettings() else {"control": self.control}
+        chosen: dict[str, Any] = {}
+        if self.control != ControlSettings():
+            chosen["control"] = self.control
+        if self.own_figures:
+            chosen["figures"] = self.own_figures
+        if rig.calibrations:
+            chosen["calibrations"] = rig.calibrations
         return plain(
             {
                 "name": self.name,

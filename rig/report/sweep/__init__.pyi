@@ -1,2 +1,3 @@
+from .asked_words import asked_lines as asked_lines
 from .page import sweep_page as sweep_page
 from .words import lines_of as lines_of

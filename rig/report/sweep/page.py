@@ -9,24 +9,27 @@ import pyarrow as pa
 from rig.configuration import HEALTHY, Sweep
 from rig.plant import LITRE_PER_MINUTE
 from rig.report.templating import number, numbers, rendered
-from rig.sweep import PowerCurve, Roc, Study, columns_of, unit_of, verdict_order
+from rig.sweep import AskedStudy, PowerCurve, Roc, Study, columns_of, unit_of, verdict_order
 
+from .asked_words import criteria_in_words, figures_in_words, limits_in_words, motions_in_words
 from .words import limit_in_words, of_share, place_in_words
 
 _DIGITS: Final = 4
 _ROC_POINTS: Final = 400
 _CURVE_POINTS: Final = 80
+_SHOWN_AS: Final = {"onset_s": "leak onset", "coefficient": "leak coefficient"}
 _SHOWN: Final = 3000
 """Greatest number of cases in a plot of single cases; more would make a browser slow."""
 
 
-def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
+def sweep_page(sweep: Sweep, table: pa.Table, study: Study, asked: AskedStudy | None = None) -> str:
     """Return the HTML page of a sweep; the page fetches nothing.
 
     Args:
         sweep: the sweep as configured.
         table: one row for each case.
         study: the statistics of all cases.
+        asked: what came of the sweep's figures, criteria and limits; None if it has none.
     """
     return rendered(
         "sweep.html.j2",
@@ -44,16 +47,35 @@ def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
         verdicts=verdict_order(study.confusion),
         in_words=place_in_words,
         drawn=list(_drawn(sweep, table)),
+        motions=list(motions_in_words(sweep)),
+        asked=asked,
+        passed=of_share(asked.passed) if asked and asked.passed else "",
+        ended=of_share(asked.ended) if asked and asked.ended else "",
+        criteria=criteria_in_words(asked) if asked else [],
+        limits_asked=limits_in_words(asked) if asked else [],
+        figures_asked=figures_in_words(asked) if asked else [],
         figures=_figures(table, study),
     )
 
 
 def _drawn(sweep: Sweep, table: pa.Table) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, lowest and highest value, and unit of each quantity that was drawn at random."""
-    for name in (*sweep.parameters, *sweep.followers, "noise"):
-        values = columns_of(table.select([name]))[name]
+    """Yield name, lowest and highest value, and unit of each quantity that was drawn at random.
+
+    A quantity that no case has, as no case has its motion or a leak, is left out.
+    """
+    of_motions = [name for motion in sweep.motions for name in motion.drawn]
+    of_leaks = [] if sweep.leaks is None else ["onset_s", "coefficient"]
+    levels = range(1, 1 + (0 if sweep.leaks is None else len(sweep.leaks.profile)))
+    of_leaks += [f"level_{number}_{what}" for number in levels for what in ("s", "coefficient")]
+    names = (*sweep.parameters, *sweep.followers, "noise", *of_motions, *of_leaks)
+    for name in names:
+        values = columns_of(table.select([name]))[name].astype(np.float64)
+        values = values[np.isfinite(values)]
+        if not values.size:
+            continue
         low, high = float(values.min()), float(values.max())
-        yield name.replace("_", " "), f"{low:.4g}", f"{high:.4g}", unit_of(table, name)
+        shown = _SHOWN_AS.get(name, name.removesuffix("_s")).replace("_", " ")
+        yield shown, f"{low:.4g}", f"{high:.4g}", unit_of(table, name)
 
 
 def _figures(table: pa.Table, study: Study) -> dict[str, Any]:

@@ -188,13 +188,6 @@ def test_a_control_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str,
     assert says in problems_of(tmp_path, FOLLOWED.replace(old, new))
 
 
-def test_a_rig_with_calibrations_is_refused_as_sweeps_do_not_correct(tmp_path: Path) -> None:
-    rig = tmp_path / "rig.yaml"
-    rig.write_text("name: rig\nparent: ideal\ncalibrations: [pressure_1_example]\n")
-    found = problems_of(tmp_path, GOOD.replace("rig: ideal", "rig: ./rig.yaml"))
-    assert "has calibrations, and sweeps do not correct readings" in found
-
-
 LAWS = st.one_of(
     st.tuples(st.floats(-5, 5), st.floats(0, 5)).map(
         lambda ends: Distribution("uniform", (ends[0], ends[0] + ends[1]))
@@ -226,10 +219,15 @@ def test_a_normal_quantity_has_its_mean_and_deviation() -> None:
     assert values.std() == pytest.approx(0.3, rel=2e-3)
 
 
-def test_the_sweep_of_the_sweeps_page_reads(tmp_path: Path) -> None:
+def test_the_sweeps_of_the_sweeps_page_read(tmp_path: Path) -> None:
     page = (Path(__file__).parents[4] / "docs" / "sweeps.md").read_text()
-    (example,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    example, night = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "mine.yaml").write_text(example)
     sweep = load_sweep(tmp_path / "mine.yaml")
     assert len(sweep.motions) == 7
     assert sweep.motions[-1].quantity == "command"
+    (tmp_path / "night.yaml").write_text(night)
+    asked = load_sweep(tmp_path / "night.yaml")
+    assert asked.leaks is not None
+    assert len(asked.leaks.profile) == 3
+    assert [len(motion.criteria) for motion in asked.motions] == [4, 2]
