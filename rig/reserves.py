@@ -14,12 +14,12 @@ KEPT: Final = 12
 side by side, three for the files of a trip report, three for results, journal and log."""
 NEEDED: Final = 48
 """Descriptors that must be free as a session on hardware begins. Measured with the shipped rig
-`emulated`, the supervisor has at most 32 open in a whole run, 6 of them before it begins. With `KEPT`
-that is 38, and the rest is for a rig with more drivers."""
+`emulated`, the supervisor has at most 32 open in a whole run, 6 of them before it begins. With
+`KEPT` that is 38, and the rest is for a rig with more drivers."""
 ADDRESS_SPACE_BYTES: Final = 2 << 30
-"""Least limit of the address space, in bytes, with which a session on hardware begins. Measured with
-the same rig, the supervisor has up to 1.42 GiB, most of it reserved by libraries and never used;
-a run under a limit of 2.4 GiB goes as one without."""
+"""Least limit of the address space, in bytes, with which a session on hardware begins. Measured
+with the same rig, the supervisor has up to 1.42 GiB, most of it reserved by libraries and never
+used; a run under a limit of 2.4 GiB goes as one without."""
 _FULL: Final = (errno.EMFILE, errno.ENFILE)
 
 
