@@ -214,6 +214,13 @@ class RigView:
         if self._last_ns is not None and received_ns - self._last_ns < self._silence_ns:
             raise MessageError("of an earlier session: another program repeats what the rig said")
 
+    def _newest(self, kind: str) -> int:
+        """Number of the newest message of a kind in `LASTING` in this session; -1 if none is known.
+
+        It is -1 for other kinds too, whose messages are told apart when they are stored.
+        """
+        return int(self._lasting.get(kind, {}).get("sequence", -1))
+
     @property
     def _silence_ns(self) -> float:
         """Time in ns without a message after which the stream counts as dead."""
@@ -243,6 +250,8 @@ class RigView:
         held, sequence = read(kind, content), content["sequence"]
         if content["session"] != self.session:
             self._begin_session(content["session"])
+        elif self._known.proven and sequence < self._newest(kind):
+            raise MessageError("an earlier one again: another program repeats what the rig said")
         self._last_ns, self._sent_ns = received_ns, content["sent_ns"]
         self._miss_up_to(kind, sequence - 1, received_ns)
         self._sequences[kind] = max(sequence, self._sequences.get(kind, -1))

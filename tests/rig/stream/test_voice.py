@@ -101,6 +101,15 @@ def test_what_the_rig_said_in_an_earlier_session_is_not_taken_while_it_speaks() 
     assert view.session == "next"
 
 
+def test_an_earlier_word_of_the_same_session_is_not_taken_again() -> None:
+    view = RigView("bench")
+    for sequence, status in ((3, "running"), (4, "ended")):
+        hear(view, is_proven=True, sequence=sequence, status=status)
+    with pytest.raises(MessageError, match="repeats what the rig said"):
+        hear(view, is_proven=True, sequence=3, status="running")
+    assert view.snapshot(0).campaign["status"] == "ended"
+
+
 def test_two_voices_of_which_none_is_proven_are_told() -> None:
     view = RigView("bench")
     for session in ("one", "two"):
