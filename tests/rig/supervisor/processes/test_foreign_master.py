@@ -4,6 +4,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import pytest
 from pymodbus.client import ModbusTcpClient
 
 from rig.loop.board import Word
@@ -29,6 +30,7 @@ def test_another_master_trips_the_rig_by_name_and_is_not_obeyed(tmp_path: Path) 
         assert not [news for news in rig.news if isinstance(news, Driven)]
 
 
+@pytest.mark.long
 def test_a_rig_whose_node_another_master_owns_trips_and_is_nulled_by_a_request_that_needs_no_key(
     tmp_path: Path,
 ) -> None:
