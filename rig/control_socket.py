@@ -22,6 +22,7 @@ LONGEST_ANSWER: Final = 1 << 24
 ANSWER_S: Final = 10.0
 """Time in s within which a campaign must answer."""
 _PATIENCE_S: Final = 2.0
+_AGAIN_S: Final = 0.02
 
 
 class ControlError(ValueError):
@@ -65,7 +66,7 @@ def ask(
         client.settimeout(wait_s)
         try:
             with address_of(folder) as address:
-                client.connect(address)
+                _connect(client, address, wait_s)
             # A campaign that refuses hangs up before it has read all, but has sent its answer.
             with suppress(BrokenPipeError, ConnectionResetError):
                 client.sendall(json.dumps(content).encode() + b"\n")
@@ -73,6 +74,22 @@ def ask(
         except (OSError, EndlessLineError) as error:
             raise ControlError(f"{folder}: {_why(error)}") from None
     return _answer(folder, line)
+
+
+def _connect(client: socket.socket, address: str, wait_s: float) -> None:
+    """Connect to a campaign's socket; where too many others wait to be accepted, wait with them.
+
+    Raises:
+        OSError: nobody listens at the address, or those who wait are still too many after `wait_s`.
+    """
+    until = time.monotonic() + wait_s
+    while True:
+        try:
+            return client.connect(address)
+        except BlockingIOError:
+            if time.monotonic() >= until:
+                raise
+            time.sleep(_AGAIN_S)
 
 
 def _answer(folder: Path, line: bytes) -> dict[str, Any]:

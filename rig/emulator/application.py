@@ -4,7 +4,7 @@ import asyncio
 import gc
 import time
 from collections import Counter
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +19,7 @@ from .meters import MeterPanel
 from .operator_panel import EmulatedOperator
 from .plant import Clock, EmulatedPlant
 from .record import Record
+from .sole_use import sole_use
 
 _TEND_S: Final = 5e-3
 """Time in s between two calls of `tend`; exchanges bring the plant up to date by themselves."""
@@ -92,6 +93,7 @@ class Emulator:
             self.meters = MeterPanel(endpoints.meters, lambda: self.instruments.read()[6:], record)
         self.injection = Injection(self, record, clock)
         self._control = ControlPort(self)
+        self._locks = ExitStack()
         self._stopped = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._summed_ns = clock()
@@ -106,8 +108,10 @@ class Emulator:
             DriverError: the CAN bus cannot be opened.
             LinkError: a serial line cannot be made.
             NotServedError: a fault of the script concerns a part that the rig does not have.
+            ServedAlreadyError: another emulator on this machine serves its CAN bus or serial line.
         """
         try:
+            self._locks.enter_context(sole_use(self._endpoints))
             await self._open(self._endpoints)
             self.injection.script(self._script.faults)
         except BaseException:
@@ -195,6 +199,7 @@ class Emulator:
         self.bypass.close()
         self._control.close()
         self.daq.close()
+        self._locks.close()
 
     def status(self) -> dict[str, Any]:
         """Return the states of all devices, of the plant and of the faults.

@@ -62,6 +62,7 @@ class EmulatorThread:
             DriverError: the CAN bus cannot be opened.
             LinkError: a serial line cannot be made.
             NotServedError: a fault of the script concerns a part that the rig does not have.
+            ServedAlreadyError: another emulator on this machine serves its CAN bus or serial line.
         """
         try:
             self._loop.run_until_complete(self._open())

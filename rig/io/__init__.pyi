@@ -11,6 +11,7 @@ from .can import (
     UNITS as UNITS,
     CanOptions as CanOptions,
     DriveState as DriveState,
+    FrameReader as FrameReader,
     H as H,
     canopen as canopen,
     cantools as cantools,
@@ -23,7 +24,12 @@ from .correction import (
     correct as correct,
     corrections_of as corrections_of,
 )
-from .device_lock import connection_of as connection_of, exclusive as exclusive
+from .device_lock import (
+    LockedError as LockedError,
+    connection_of as connection_of,
+    exclusive as exclusive,
+    locked as locked,
+)
 from .driver import (
     Driver as Driver,
     DriverError as DriverError,

@@ -69,20 +69,47 @@ def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
 
 @contextmanager
 def _lock(driver: str, connection: str) -> Iterator[None]:
-    digest = hashlib.sha256(connection.encode()).hexdigest()[:16]
-    path = Path(tempfile.gettempdir()) / f"rig-device-{digest}.lock"
-    try:
-        fd = _opened(path)
-    except OSError as error:
-        state = f"the lock of {connection} cannot be opened: {error}"
-        raise DriverError(driver, state, f"delete {path} if no program uses the device") from None
+    with ExitStack() as lock:
+        try:
+            lock.enter_context(locked(connection))
+        except LockedError as error:
+            state = f"{connection} is in use by the process {error.owner}"
+            raise DriverError(driver, state, "end that run, or wait for its end") from None
+        except OSError as error:
+            state = f"the lock of {connection} cannot be opened: {error}"
+            remedy = f"delete {error.filename} if no program uses the device"
+            raise DriverError(driver, state, remedy) from None
+        yield
+
+
+class LockedError(Exception):
+    """Raised if somebody else has a lock.
+
+    Attributes:
+        owner: process id of who has it, or "unknown".
+    """
+
+    def __init__(self, owner: str) -> None:
+        self.owner = owner
+        super().__init__(f"the process {owner} has the lock")
+
+
+@contextmanager
+def locked(name: str) -> Iterator[None]:
+    """Hold the lock of a name, in a `with` block, that one program on this machine may have.
+
+    Raises:
+        LockedError: another program, or another block of this one, has the lock.
+        OSError: the lock's file cannot be opened; `filename` is its path.
+    """
+    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+    fd = _opened(Path(tempfile.gettempdir()) / f"rig-device-{digest}.lock")
     try:
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             owner = os.read(fd, 32).decode(errors="replace").strip() or "unknown"
-            state = f"{connection} is in use by the process {owner}"
-            raise DriverError(driver, state, "end that run, or wait for its end") from None
+            raise LockedError(owner) from None
         os.truncate(fd, 0)
         os.write(fd, str(os.getpid()).encode())
         yield

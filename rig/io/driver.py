@@ -107,7 +107,7 @@ class Driver(Protocol):
 
 
 class ExchangeStatus(IntEnum):
-    """How an exchange with a device ended; its inputs are NaN unless it ended with OK."""
+    """How an exchange with a device ended; its inputs are NaN unless it gave a reply as asked."""
 
     OK = 0
     """The device has replied as asked."""
@@ -121,6 +121,11 @@ class ExchangeStatus(IntEnum):
     """The connection is closed, or took only a part of the request."""
     GARBAGE = 5
     """Bytes came that no such device sends; all of them were dropped."""
+    FOREIGN_WRITE = 6
+    """The device has replied as asked, and says that it refused what another master wrote. The
+    inputs are those of the reply."""
+    NOT_OWNER = 7
+    """The device does what another master writes, or nobody's, but not what this program writes."""
 
 
 @runtime_checkable

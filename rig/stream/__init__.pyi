@@ -11,6 +11,7 @@ from .commands import (
     Gate as Gate,
     KeyFileError as KeyFileError,
     Refused as Refused,
+    asked_digest as asked_digest,
     credentials_of as credentials_of,
     fingerprint as fingerprint,
     gate_of as gate_of,
@@ -43,3 +44,4 @@ from .settings import (
     Tls as Tls,
 )
 from .view import Life as Life, Snapshot as Snapshot, Window as Window
+from .voice import Voice as Voice, said as said, voice_of as voice_of

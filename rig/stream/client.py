@@ -24,7 +24,7 @@ import zenoh
 
 from rig.surviving import Surviving
 
-from .commands import Credentials, Sender, credentials_of
+from .commands import Credentials, Sender, asked_digest, credentials_of
 from .messages import (
     KEPT,
     LARGEST_MESSAGE,
@@ -39,6 +39,7 @@ from .messages import (
 from .sessions import UnreachableError, check_files, subscriber_session
 from .settings import CommandName, Endpoint, Operator, StreamSettings
 from .view import RigView, Snapshot, Window
+from .voice import MAC, reader_s_voice_of
 
 ANSWER_S: Final = 5.0
 QUEUED: Final = 4096
@@ -116,6 +117,7 @@ class StreamClient:
         self._closing = threading.Event()
         self._connect = tuple(connect)
         self._session: zenoh.Session | None = None
+        self._voice = reader_s_voice_of(settings)
         self._asking: list[threading.Thread] = []
         check_files(settings)
         if settings.mode != "client":
@@ -236,6 +238,7 @@ class StreamClient:
         """
         with self._lock:
             view = self._view(rig)
+            is_proven = view.snapshot(time.time_ns()).proven
             payload = self._sender.sign(view.rig, view.session, command, text, test)
         if self._session is None:
             return Answer(False, "no answer: there is no connection yet")
@@ -243,11 +246,22 @@ class StreamClient:
         try:
             for reply in self._session.get(selector, payload=payload, timeout=timeout_s):
                 answer = None if reply.ok is None else _answer(bytes(reply.ok.payload))
-                if answer is not None:
+                if answer is None or reply.ok is None:
+                    continue
+                if not is_proven or self._answers(reply.ok, payload):
                     return answer
+                with self._lock:
+                    view.refuse("an answer not signed by the rig: another program gives it")
         except zenoh.ZError as error:
             return Answer(False, f"no answer: {error}")
         return Answer(False, "no answer: the rig takes no commands from here, or is not there")
+
+    def _answers(self, sample: zenoh.Sample, asked: bytes) -> bool:
+        """Return whether the rig has signed an answer, and it answers these bytes."""
+        payload = bytes(sample.payload)
+        if not self._is_said(str(sample.key_expr), payload):
+            return False
+        return bool(msgpack.unpackb(payload).get("to") == asked_digest(asked))
 
     @cached_property
     def _sender(self) -> Sender:
@@ -350,9 +364,10 @@ class StreamClient:
         with self._lock:
             known = self._views.get(rig)
         try:
-            content = _content(sample)
+            content, is_proven = self._heard(sample)
             with self._lock:
                 view = self._view_of(rig)
+                view.admit(content, time.time_ns(), is_proven=is_proven)
                 (view.take_past if is_past else view.take)(kind, content, time.time_ns())
         except MessageError as error:
             if known is not None:
@@ -362,11 +377,21 @@ class StreamClient:
         if self._on_message is not None and not is_past:
             self._on_message(rig, kind, content)
 
+    def _heard(self, sample: zenoh.Sample) -> tuple[dict[str, Any], bool]:
+        """Return the content of a message, and whether the rig has signed it.
 
-def _content(sample: zenoh.Sample) -> dict[str, Any]:
-    if len(sample.payload) > LARGEST_MESSAGE:
-        raise MessageError("too large")
-    return unpack(bytes(sample.payload))
+        Raises:
+            MessageError: it is no message.
+        """
+        if len(sample.payload) > LARGEST_MESSAGE:
+            raise MessageError("too large")
+        payload = bytes(sample.payload)
+        content = unpack(payload)
+        content.pop(MAC, None)
+        return content, self._is_said(str(sample.key_expr), payload)
+
+    def _is_said(self, zenoh_key: str, payload: bytes) -> bool:
+        return self._voice is not None and self._voice.said(zenoh_key, payload)
 
 
 def _answer(payload: bytes) -> Answer | None:

@@ -323,3 +323,8 @@ def own_key(name: str) -> tuple[bytes, Path]:
 def fingerprint(payload: bytes) -> str:
     """Return 12 hex digits of SHA-256 of a refused payload, to find it in a network capture."""
     return sha256(payload).hexdigest()[:12]
+
+
+def asked_digest(payload: bytes) -> bytes:
+    """Return SHA-256 of a command's payload, by which an answer says what it answers."""
+    return sha256(payload).digest()

@@ -13,7 +13,8 @@ import zenoh
 
 from rig.surviving import Surviving
 
-from .messages import KEPT, LASTING, VERSION, alive_key, key, pack
+from .messages import KEPT, LASTING, VERSION, alive_key, key
+from .voice import Voice, said
 
 QUESTIONS_KEPT: Final = 64
 """Most questions of late joiners that may wait; further ones are dropped without an answer."""
@@ -31,6 +32,7 @@ class StreamSender:
         history_s: how long in s samples are stored for late joiners.
         on_failure: is called, from another thread, with a line on each answer to a late joiner that
             failed; later questions are answered all the same.
+        voice: signs the messages; None if they are not signed.
 
     Attributes:
         name: random name of this session of the stream.
@@ -38,11 +40,17 @@ class StreamSender:
     """
 
     def __init__(
-        self, session: zenoh.Session, rig: str, history_s: float, on_failure: Callable[[str], None]
+        self,
+        session: zenoh.Session,
+        rig: str,
+        history_s: float,
+        on_failure: Callable[[str], None],
+        voice: Voice | None = None,
     ) -> None:
         self.name = secrets.token_hex(8)
         self.sequences: dict[str, int] = {}
         self._rig = rig
+        self._voice = voice
         self._session = session
         self._history_ns = round(1e9 * history_s)
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -67,7 +75,7 @@ class StreamSender:
         self.sequences[kind] = sequence
         now_ns = time.time_ns()
         header = {"version": VERSION, "session": self.name, "sequence": sequence, "sent_ns": now_ns}
-        payload = pack({**header, **content})
+        payload = said({**header, **content}, key(self._rig, kind), self._voice)
         with self._lock:
             if kind in LASTING:
                 self._lasting[kind] = payload

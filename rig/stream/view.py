@@ -12,17 +12,20 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .messages import Channels, Samples, read
+from .messages import Channels, MessageError, Samples, read
+from .received import Received, Singles, period_s
 
 Content = Mapping[str, Any]
 Life = Literal["unheard", "live", "ended", "dead"]
-Singles = NDArray[np.float32]
 
 EVENTS_SHOWN: Final = 100
 VERDICTS_SHOWN: Final = 50
 GAPS_SHOWN: Final = 50
 CHANNELS_KEPT: Final = 100
 """Most messages `channels` of all sessions that are stored; a run has one for each kind of test."""
+SESSIONS_KEPT: Final = 8
+"""Former sessions that are remembered: one that comes back after another has begun is a second
+voice, as a publisher that is started again has a new session."""
 HOLES_KEPT: Final = 1000
 """Most gaps between rows that are stored, which past rows may still fill."""
 DEAD_AFTER: Final = 4.0
@@ -79,7 +82,10 @@ class Snapshot:
         gaps: the last gaps, oldest first.
         missing: kind -> total number of its messages that did not arrive; `rows` -> that of rows of
             samples, less those that were asked for and came later.
-        refused: number of payloads on the rig's keys that were not valid messages.
+        proven: whether the rig has proven to be this user's, by its signature (docs/stream.md).
+            Then nothing that others say in its name is taken.
+        refused: number of payloads on the rig's keys that were not valid messages, or were not the
+            rig's although it is proven.
         refusal: why the last of these was not valid; empty if there was none.
     """
 
@@ -103,6 +109,7 @@ class Snapshot:
     events: tuple[Content, ...] = ()
     gaps: tuple[Gap, ...] = ()
     missing: Mapping[str, int] = field(default_factory=dict)
+    proven: bool = False
     refused: int = 0
     refusal: str = ""
 
@@ -137,22 +144,6 @@ class Window:
     values: Mapping[str, Singles]
 
 
-@dataclass(frozen=True)
-class _Received:
-    """A received batch with its channels, the time of its arrival, and whether it was asked for."""
-
-    samples: Samples
-    channels: Channels
-    received_ns: int
-    is_past: bool = False
-
-    def column(self, name: str) -> Singles:
-        """Return the values (n,) of a channel; NaN if the batch does not have it."""
-        if name in self.channels.names:
-            return self.samples.values[:, self.channels.names.index(name)]
-        return np.full(len(self.samples.time_s), np.nan, np.float32)
-
-
 class RigView:
     """A collector of one rig's messages, which gives snapshots and windows of what they say.
 
@@ -170,10 +161,14 @@ class RigView:
 
     def __init__(self, rig: str, window_s: float = 30.0) -> None:
         self.rig = rig
-        self.session = ""
         self.has_token = False
         self._window_ns = round(1e9 * window_s)
-        self._known = Snapshot(rig)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin with nothing known."""
+        self.session = ""
+        self._known = Snapshot(self.rig)
         """What is known but for samples, life and `_lasting`; replaced when it changes."""
         self._last_ns: int | None = None
         self._heartbeat_s = 0.5
@@ -183,13 +178,59 @@ class RigView:
         self._sent_ns = 0
         self._holes: deque[tuple[int, int]] = deque(maxlen=HOLES_KEPT)
         self._channels: dict[tuple[str, int], Channels] = {}
-        self._batches: deque[_Received] = deque()
+        self._batches: deque[Received] = deque()
         self._lasting: dict[str, Content] = {}
         self._is_new = True
+        self._former: deque[str] = deque(maxlen=SESSIONS_KEPT)
 
     def refuse(self, why: str) -> None:
         """Count a payload on the rig's keys that was not a valid message, with the reason."""
         self._known = replace(self._known, refused=self._known.refused + 1, refusal=why)
+
+    def admit(self, content: Content, received_ns: int, *, is_proven: bool) -> None:
+        """Check that a message may be the rig's: once it is proven, only what it has signed is.
+
+        With the first message that is signed all that was said before is dropped. A signed message
+        of another session is refused while the present one is heard, if it was sent before: then
+        somebody repeats what the rig said once.
+
+        Args:
+            content: content of the message, from `unpack`.
+            received_ns: wall clock at its arrival, ns since 1970.
+            is_proven: whether the rig has signed it.
+
+        Raises:
+            MessageError: it is not to be taken.
+        """
+        if not is_proven:
+            if self._known.proven:
+                raise MessageError("not signed by the rig: another program speaks in its name")
+            return
+        if not self._known.proven:
+            self._forget()
+            return
+        if content["session"] == self.session or content["sent_ns"] >= self._sent_ns:
+            return
+        if self._last_ns is not None and received_ns - self._last_ns < self._silence_ns:
+            raise MessageError("of an earlier session: another program repeats what the rig said")
+
+    def _newest(self, kind: str) -> int:
+        """Number of the newest message of a kind in `LASTING` in this session; -1 if none is known.
+
+        It is -1 for other kinds too, whose messages are told apart when they are stored.
+        """
+        return int(self._lasting.get(kind, {}).get("sequence", -1))
+
+    @property
+    def _silence_ns(self) -> float:
+        """Time in ns without a message after which the stream counts as dead."""
+        return 1e9 * DEAD_AFTER * self._heartbeat_s
+
+    def _forget(self) -> None:
+        """Drop all that was said before the rig was proven; it may have been anybody's."""
+        refused, refusal = self._known.refused, self._known.refusal
+        self._begin()
+        self._known = replace(self._known, proven=True, refused=refused, refusal=refusal)
 
     def take(self, kind: str, content: Content, received_ns: int) -> None:
         """Store a message that the rig has just sent, and note which ones before it did not come.
@@ -209,6 +250,8 @@ class RigView:
         held, sequence = read(kind, content), content["sequence"]
         if content["session"] != self.session:
             self._begin_session(content["session"])
+        elif self._known.proven and sequence < self._newest(kind):
+            raise MessageError("an earlier one again: another program repeats what the rig said")
         self._last_ns, self._sent_ns = received_ns, content["sent_ns"]
         self._miss_up_to(kind, sequence - 1, received_ns)
         self._sequences[kind] = max(sequence, self._sequences.get(kind, -1))
@@ -298,23 +341,26 @@ class RigView:
             },
         )
 
-    def _last_batches(self, last_s: float) -> list[_Received]:
+    def _last_batches(self, last_s: float) -> list[Received]:
         """Return as few of the newest batches as together last `last_s` or longer, oldest first.
 
         If all stored batches together last less, all are returned.
         """
-        chosen: list[_Received] = []
+        chosen: list[Received] = []
         lasted = 0.0
         for batch in reversed(self._batches):
             if lasted >= last_s:
                 break
             chosen.append(batch)
-            lasted += len(batch.samples.time_s) * _period_s(batch.samples)
+            lasted += len(batch.samples.time_s) * period_s(batch.samples)
         return chosen[::-1]
 
     def _begin_session(self, name: str) -> None:
         if self.session:
             self._known = replace(self._known, restarts=self._known.restarts + 1)
+            self._former.append(self.session)
+        if name in self._former:
+            self.refuse("two programs speak in this rig's name in turn, and neither is proven")
         self.session, self._is_begun = name, False
         # The channels of the earlier session stay: if a stranger has sent this message, the rig's
         # next samples still need them.
@@ -410,7 +456,7 @@ class RigView:
         channels = self._channels.get((self.session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
-        self._batches.append(_Received(samples, channels, received_ns))
+        self._batches.append(Received(samples, channels, received_ns))
         while self._batches[0].received_ns < received_ns - self._window_ns:
             self._batches.popleft()
 
@@ -426,7 +472,7 @@ class RigView:
         if self._has_rows(samples):
             return
         self._fill(samples.first_row, samples.first_row + len(samples.time_s))
-        self._batches.append(_Received(samples, channels, received_ns, is_past=True))
+        self._batches.append(Received(samples, channels, received_ns, is_past=True))
         ordered = sorted(self._batches, key=lambda batch: batch.samples.first_row)
         self._batches = deque(ordered)
         self._next_row = max(self._next_row or 0, samples.first_row + len(samples.time_s))
@@ -446,10 +492,3 @@ class RigView:
         if not missing.get("rows", 1):
             del missing["rows"]
         self._known = replace(self._known, missing=missing)
-
-
-def _period_s(samples: Samples) -> float:
-    """Return the median time in s between two samples; 1 ms for a batch of a single sample."""
-    if len(samples.time_s) < 2:
-        return 1e-3
-    return max(float(np.median(np.diff(samples.time_s))), 1e-6)

@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 from estimator.filters import start_memory
 from rig.compile_cache import telling_of_compiling
 from rig.configuration import Rig
-from rig.io import SLOW_INPUTS, calibration_doubts, exclusive, today
+from rig.io import SLOW_INPUTS, calibration_doubts, today
 from rig.loop import (
     NO_CHANNEL,
     NULL_V,
@@ -31,6 +31,7 @@ from rig.loop import (
     wire_channels,
 )
 from rig.plant import TICK, Model
+from rig.reserves import Reserve
 from rig.supervisor.processes import (
     Child,
     ChildError,
@@ -44,6 +45,7 @@ from rig.supervisor.processes import (
 )
 
 from .checks import checks_for
+from .holding import held
 from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, State, next_state
 from .trip_report import EventLog, last_known
 
@@ -139,7 +141,7 @@ class ConnectedRig:
         self._stop = stop
         self.state = State.OFF
         self._outputs = {output for spec in rig.drivers for output in spec.outputs}
-        self._devices = ExitStack()
+        self._devices, self._reserve = ExitStack(), Reserve()
         self._indicated = (0, NO_CHANNEL)
 
     def connect(self) -> None:
@@ -155,20 +157,16 @@ class ConnectedRig:
         for doubt in calibration_doubts(self.configured.calibrations, today()):
             self.say(f"warning: {doubt}")
             self.note("calibrations", doubt)
-        self._devices.enter_context(exclusive(self.configured.drivers))
+        self._devices.enter_context(held(self.configured, self._reserve))
         self.handle(Event.CONNECT)
         memory = self._memory()
         self._channels = wire_channels(memory.filter.states, open_loop=False)
         self.board = Board.create(len(self._channels))
-        heard, log = self.event_log.take, self._directory / LOG
-
-        def part(name: str, module: str) -> Child:
-            return Child(name, f"rig.supervisor.processes.{module}", self.board, log, heard)
-
-        self.parts = Parts(
-            part("loop", "loop_process"), part("field", "field"), part("recorder", "recorder")
+        heard = self.event_log.take
+        self.parts = Parts.start(self.board, self._directory / LOG, heard)
+        self.safety = SafetyThread(
+            self.board, self.parts, self.configured, self.note, heard, self._reserve
         )
-        self.safety = SafetyThread(self.board, self.parts, self.configured, self.note, heard)
         try:
             self._open()
         except BaseException:
@@ -490,6 +488,7 @@ class ConnectedRig:
         return {"loop": closed.failure} if closed.failure else {}
 
     def _end_parts(self) -> None:
+        self._reserve.release()
         for part in (self.parts.loop, self.parts.field, self.parts.recorder):
             part.end()
         os.close(self.board.fd)

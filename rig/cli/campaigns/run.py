@@ -15,6 +15,7 @@ from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_campaign, load_stream
 from rig.io import DriverError
+from rig.reserves import remedy_for
 from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
 from rig.runner.campaign import LONGEST_TEXT, Desk, Pace, RefusedError, Request
 from rig.runner.run_folder import begun_in, default_directory, log_error, unfinished_run
@@ -106,7 +107,7 @@ def command(
                 )
             except OSError as error:
                 state = f"results cannot be written to {directory}: {error.strerror or error}"
-                click.echo(f"rig: {state}; free space, or give another --out", err=True)
+                click.echo(f"rig: {state}; {remedy_for(error)}", err=True)
                 return EXIT_STOPPED
         wall_s = time.perf_counter() - started
         rows = map(cells_of, outcome.tests)

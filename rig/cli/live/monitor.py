@@ -145,6 +145,7 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
         "latest": {name: _known(value) for name, value in snapshot.latest.items()},
         "units": dict(zip(snapshot.names, snapshot.units, strict=True)),
         "missing": dict(snapshot.missing),
+        "proven": snapshot.proven,
         "refused": snapshot.refused,
         **{
             kind: _content(getattr(snapshot, kind))
@@ -230,7 +231,10 @@ def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
     if snapshot.missing:
         yield "missing", ", ".join(f"{n} {kind}" for kind, n in sorted(snapshot.missing.items()))
     if snapshot.refused:
-        yield "refused", f"{snapshot.refused} that are no messages, the last: {snapshot.refusal}"
+        yield (
+            "refused",
+            f"{snapshot.refused} that are no messages of it, the last: {snapshot.refusal}",
+        )
 
 
 def _verdict(decision: Mapping[str, Any]) -> str:

@@ -37,6 +37,7 @@ class CanDevices:
         self.pump: PumpNode | None = None
         self.tasks: list[asyncio.Task[None]] = []
         self._plant = plant
+        self._note = record.note
         self._analog = self._acting = 0.0
         self._devices: dict[str, tuple[CanOptions, Node]] = {}
         self._buses: dict[str, can.BusABC] = {}
@@ -74,7 +75,7 @@ class CanDevices:
                 self._buses[options.bus] = open_bus(part, options)
             nodes[options.bus].append(node)
         for name, bus in self._buses.items():
-            self.tasks.append(asyncio.create_task(serve(bus, nodes[name])))
+            self.tasks.append(asyncio.create_task(serve(bus, name, nodes[name], self._note)))
         return {part: options.bus for part, (options, _) in self._devices.items()}
 
     def set_analog(self, command_V: float, at_ns: int) -> None:  # noqa: N803

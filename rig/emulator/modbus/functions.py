@@ -13,6 +13,8 @@ from .io_device import IoDevice
 ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_ADDRESS: Final = 2
 ILLEGAL_VALUE: Final = 3
+BUSY: Final = 6
+"""Another master owns the device."""
 
 _READ_LIMIT: Final = 125
 _WRITE_LIMIT: Final = 123

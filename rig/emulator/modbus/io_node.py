@@ -1,7 +1,7 @@
 """The generic I/O node of docs/io_node.md as a Modbus device, around the emulated plant.
 
 It takes a sample whenever its read block is read. Its watchdog acts as of its deadline, even if the
-emulator notices that only later.
+emulator notices that only later. A master may own it (`rig.emulator.modbus.owner`).
 """
 
 import secrets
@@ -15,12 +15,14 @@ from rig.emulator.instruments import CARRIED, Instruments
 from rig.emulator.plant import COMMAND_RANGE
 from rig.emulator.record import Record
 
-from .functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
+from .functions import BUSY, ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
 from .io_device import IoDevice
+from .owner import Owner
 
 WRITE_BLOCK: Final = 0
 READ_BLOCK: Final = 256
 SETUP_BLOCK: Final = 512
+OWNER_BLOCK: Final = 640
 NULL_REQUEST: Final = 768
 _WATCHDOG: Final = SETUP_BLOCK + 2
 
@@ -30,13 +32,16 @@ GREATEST_RATE_HZ: Final = 1000
 WATCHDOG_MS: Final = 100
 WATCHDOG_LIMIT_MS: Final = 1000
 
-_WRITTEN: Final = Struct(">HHf")
+_WRITTEN: Final = Struct(">HHfH")
+_HEARTBEAT_AT: Final = _WRITTEN.size - 2
+"""Byte of the write block at which the register of the owner's heartbeat begins."""
 _READ: Final = Struct(f">HHHHIiffffff{len(CARRIED)}f")
 _SETUP: Final = Struct(">HHHHHH")
 _BLOCKS: Final = {
     WRITE_BLOCK: _WRITTEN.size // 2,
     READ_BLOCK: _READ.size // 2,
     SETUP_BLOCK: _SETUP.size // 2,
+    OWNER_BLOCK: 2,
     NULL_REQUEST: 1,
 }
 """Number of registers of each block, by the block's first address."""
@@ -100,6 +105,7 @@ class IoNode(IoDevice):
         self._command = 0.0
         self._latched = True
         self._null_requested = False
+        self._owner = Owner(record)
 
     def has(self, address: int, count: int) -> bool:
         """Return whether one block has all of the `count` registers from `address` on."""
@@ -129,6 +135,8 @@ class IoNode(IoDevice):
             block = bytes(self._image)
         elif start == SETUP_BLOCK:
             block = self._setup()
+        elif start == OWNER_BLOCK:
+            block = bytes((0, self._owner.is_there, 0, 0))
         else:
             block = self._null_requested.to_bytes(2, "big")
         offset = 2 * (address - start)
@@ -143,6 +151,8 @@ class IoNode(IoDevice):
         offset = 2 * address
         if offset >= 0 and offset + len(data) <= _WRITTEN.size:
             self._take(offset, data)
+        elif address in (OWNER_BLOCK, OWNER_BLOCK + 1) and len(data) == 2:
+            self._change_owner(int.from_bytes(data, "big"), claims=address == OWNER_BLOCK)
         elif address == _WATCHDOG and len(data) == 2:
             self._set_watchdog(int.from_bytes(data, "big"))
         elif address == NULL_REQUEST and len(data) == 2:
@@ -154,17 +164,22 @@ class IoNode(IoDevice):
         """Act on data that the host wrote from byte `offset` of the write block on.
 
         Raises:
-            ModbusException: the command is not finite; nothing is changed then.
+            ModbusException: the command is not finite, or another master owns the node; nothing is
+                changed then.
         """
         image = self._image.copy()
         image[offset : offset + len(data)] = data
-        counter, bits, command = _WRITTEN.unpack(image)
+        counter, bits, command, beat = _WRITTEN.unpack(image)
+        image[_HEARTBEAT_AT:] = bytes(2)
         if not isfinite(command):
             raise ModbusException(ILLEGAL_VALUE)
         now = self.tend()
+        has_beat = offset + len(data) > _HEARTBEAT_AT
+        if not self._owner.may_write(beat if has_beat else None, now):
+            raise ModbusException(BUSY)
         control = Control(bits & 7)
         risen = control & ~self._control
-        if counter != self._host_counter:
+        if counter != self._host_counter and self._owner.beats:
             self._counted_ns = self._fed_ns = now
         if Control.VALVE_ENABLE in risen:
             self._fed_ns = now
@@ -200,9 +215,26 @@ class IoNode(IoDevice):
         allowed = asked and not self._latched and not self._tripped
         return allowed, self._command, min(max(self._command, -COMMAND_RANGE), COMMAND_RANGE)
 
+    def _change_owner(self, key: int, *, claims: bool) -> None:
+        """Let a master own the node by a key, or let it give the node up; the relay opens.
+
+        Raises:
+            ModbusException: the key is none, or another master owns the node.
+        """
+        now = self.tend()
+        if claims:
+            self._owner.claim(key, now, self._watchdog_ns)
+        else:
+            self._owner.release(key, now)
+        self._image = bytearray(_WRITTEN.size)
+        self._control, self._command = Control(0), 0.0
+        self._settle("owner", now)
+
     def _set_watchdog(self, watchdog_ms: int) -> None:
         if not 0 < watchdog_ms <= WATCHDOG_LIMIT_MS:
             raise ModbusException(ILLEGAL_VALUE)
+        if self._owner.is_there and Control.VALVE_ENABLE in self._control:
+            raise ModbusException(BUSY)
         self.tend()
         self._watchdog_ms = watchdog_ms
         self._record.note("watchdog_set", watchdog_ms=watchdog_ms)
@@ -253,6 +285,8 @@ class IoNode(IoDevice):
             "latched": self._latched,
             "reset_lamp": self.lamp,
             "connections": self.connections,
+            "owned": self._owner.is_there,
+            "refused_writes": self._owner.refused,
             "power_up_id": self._power_up_id,
         }
 
@@ -275,7 +309,7 @@ class IoNode(IoDevice):
         lost = isnan(reading.position)
         counts = 0 if lost else round(reading.position / self._resolution) - self._zero
         self._sample = _READ.pack(
-            self._samples, self._status(lost), self._host_counter, 0,
+            self._samples, self._status(lost), self._host_counter, self._owner.told,
             (now - self._power_up_ns) // 1000 & 0xFFFFFFFF, counts,
             1e-3 * reading.pressure_1, 1e-3 * reading.pressure_2, 1e-3 * reading.supply_pressure,
             1e6 * reading.spool, reading.load, self._output,

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, Literal
 from rig.io.driver import DriverError
 from rig.plant import Quantity as _Quantity
 
+from .frames import FrameReader
 from .libraries import python_can as can
 
 Clock = Callable[[], float]
@@ -16,12 +17,6 @@ Interface = Literal["socketcan", "pcan", "slcan", "udp_multicast", "virtual"]
 
 LOOK: Final = 0.01
 """Time in s after which code that waits for a frame looks at the clock again if none comes."""
-
-_MOST_FRAMES: Final = 500
-"""Greatest number of frames that one call receives.
-
-A node that sends without end must not keep the field process from its other work.
-"""
 
 _REMEDIES: Final[Mapping[Interface, str]] = {
     "socketcan": "bring it up: ip link set {channel} up type can bitrate {bitrate}",
@@ -87,6 +82,7 @@ class CanLink:
         self._identifiers = frozenset(identifiers)
         self._extended = extended
         self._bus = open_bus(driver, options)
+        self._frames = FrameReader(self._bus)
 
     def send(self, identifier: int, data: bytes, *, extended: bool = False) -> None:
         """Send one frame, with a 29-bit identifier if `extended`, else with one of 11 bits.
@@ -106,32 +102,16 @@ class CanLink:
     def receive(self, wait: float = 0.0) -> list[can.Message]:
         """Return the wanted frames among those that have come in, 500 at most.
 
-        If no frame at all has come in, it waits up to `wait` seconds for the first one. Errors
-        of reading the bus are ignored, since the check of a device's heartbeat notices when nothing
-        comes from it any more.
+        If no frame at all has come in, it waits up to `wait` seconds for the first one. What is no
+        frame is passed over, and so are errors of reading the bus, since the check of a device's
+        heartbeat notices when nothing comes from it any more.
         """
-        frames: list[can.Message] = []
-        for _ in range(_MOST_FRAMES):
-            try:
-                frame = self._bus.recv(wait)
-            except (can.CanError, OSError):
-                continue
-            finally:
-                wait = 0.0
-            if frame is None:
-                break
-            if self._is_wanted(frame):
-                frames.append(frame)
-        return frames
+        return [frame for frame in self._frames.take(wait) if self._is_wanted(frame)]
 
     def _is_wanted(self, frame: can.Message) -> bool:
         # python-can's filters are not used: where the kernel does not filter, recv(0) returns None
         # for a frame that it drops, as if no more frames were there.
-        return (
-            frame.arbitration_id in self._identifiers
-            and frame.is_extended_id == self._extended
-            and not (frame.is_error_frame or frame.is_remote_frame)
-        )
+        return frame.arbitration_id in self._identifiers and frame.is_extended_id == self._extended
 
     def close(self) -> None:
         """Close the connection to the bus."""
@@ -148,20 +128,18 @@ def open_bus(driver: str, options: CanOptions) -> can.BusABC:
     Raises:
         DriverError: the bus cannot be opened.
     """
-    particulars: dict[str, Any] = {}
-    match options.interface:
-        case "udp_multicast":
-            # hop_limit 0: the frames of an emulated rig do not leave this machine.
-            particulars = {"port": options.port, "hop_limit": 0}
-        case "pcan" | "slcan":
-            particulars = {"bitrate": options.bitrate}
     try:
+        if options.interface == "udp_multicast":
+            from .multicast import MulticastBus
+
+            # hop_limit 0: the frames of an emulated rig do not leave this machine.
+            return MulticastBus(options.channel, options.port, hop_limit=0)
+        speed: dict[str, Any] = (
+            {"bitrate": options.bitrate} if options.interface in ("pcan", "slcan") else {}
+        )
         # ignore_config: the rig file alone configures the bus, no ~/.canrc does.
         return can.Bus(
-            ignore_config=True,
-            interface=options.interface,
-            channel=options.channel,
-            **particulars,
+            ignore_config=True, interface=options.interface, channel=options.channel, **speed
         )
     except (can.CanError, OSError, ValueError, ImportError) as error:
         remedy = _REMEDIES[options.interface]

@@ -39,12 +39,40 @@ class Tally(IntEnum):
     """Exception code of the device's last refusal; 0 before the first."""
 
 
+class Checked(IntEnum):
+    """Index of each number in `ExchangePlan.checked`; -1 stands for what is not checked."""
+
+    HEARTBEAT = 0
+    """Byte in `frames` of the register that bears the owner's heartbeat."""
+    BEAT = 1
+    """Number that was written there last: the key or its complement."""
+    TOLD = 2
+    """Byte in the last reply of the register that tells whether the device is owned."""
+    REFUSED = 3
+    """Number of refused writes of others that the device told last."""
+    COUNTER = 4
+    """Byte in `frames` of `host_counter`."""
+    ECHO = 5
+    """Byte in the last reply of `device_echo`, which is the counter of the same exchange."""
+
+
 _U16, _I16, _U32, _I32, _F32 = range(len(TYPES))
 _LOWEST: Final = (0.0, -32768.0, 0.0, -2147483648.0)
 _HIGHEST: Final = (65535.0, 32767.0, 4294967295.0, 2147483647.0)
 
-_OK, _TIMEOUT, _EXCEPTION, _WRONG_REPLY, _DISCONNECTED, _GARBAGE = map(int, ExchangeStatus)
+(_OK, _TIMEOUT, _EXCEPTION, _WRONG_REPLY, _DISCONNECTED, _GARBAGE, _FOREIGN_WRITE,
+ _NOT_OWNER) = map(int, ExchangeStatus)  # fmt: skip
 _RECEIVED, _LATE, _CODE = map(int, Tally)
+_HEARTBEAT, _BEAT, _TOLD, _REFUSED_WRITES, _COUNTER, _ECHO = map(int, Checked)
+
+OWNED: Final = 6
+"""Exception code by which a device refuses what a master writes that does not own it: "server
+device busy" (V1.1b3, section 7)."""
+_OWNED_BIT: Final = 15
+"""Bit that is set while somebody owns the device (docs/io_node.md, register 259)."""
+_OLD: Final = 4
+"""Number of exchanges by which the echo of an old reply may be behind. One that is further behind
+is left to the interlock, which finds a device that takes no writes (`DEVICE_DEAF`)."""
 
 _HEADER: Final = LENGTH_AT + 2
 _SHORTEST_REPLY: Final = FUNCTION_AT + 2
@@ -191,6 +219,41 @@ def _receive_reply(fd, plan, transaction, deadline_ns):
 
 
 @inner
+def _beat(plan):
+    """Write the owner's heartbeat into the request: the key and its complement in turn."""
+    at = plan.checked[_HEARTBEAT]
+    if at < 0:
+        return
+    plan.checked[_BEAT] ^= 0xFFFF
+    plan.frames[at] = plan.checked[_BEAT] >> 8
+    plan.frames[at + 1] = plan.checked[_BEAT] & 0xFF
+
+
+@inner
+def _judge_sample(plan):
+    """Return the status of an exchange whose replies have come, by what the last one says.
+
+    It is that of an earlier exchange if its echo is; then all else in it is old, too.
+    """
+    checked, reply, frames = plan.checked, plan.received, plan.frames
+    if checked[_ECHO] >= 0:
+        at, echo_at = checked[_COUNTER], checked[_ECHO]
+        counter = np.int64(frames[at]) << 8 | np.int64(frames[at + 1])
+        echo = np.int64(reply[echo_at]) << 8 | np.int64(reply[echo_at + 1])
+        if 0 < (counter - echo) & 0xFFFF <= _OLD:
+            return _WRONG_REPLY
+    if checked[_TOLD] >= 0:
+        at = checked[_TOLD]
+        told = np.int64(reply[at]) << 8 | np.int64(reply[at + 1])
+        if told >> _OWNED_BIT == 0:
+            return _NOT_OWNER
+        if told & 0x7FFF != checked[_REFUSED_WRITES]:
+            checked[_REFUSED_WRITES] = told & 0x7FFF
+            return _FOREIGN_WRITE
+    return _OK
+
+
+@inner
 def _send_request(fd, plan, transaction, identifier):
     start, stop = plan.transactions[transaction, 0], plan.transactions[transaction, 1]
     plan.frames[start + TRANSACTION_AT] = identifier >> 8
@@ -226,6 +289,7 @@ class ExchangePlan(NamedTuple):
         word: uint32 (1,), scratch for a 32-bit value that is converted to or from float.
         single: float32 (1,), the same memory as `word`.
         tally: int64 (3,), indexed by `Tally`.
+        checked: int64 (6,), indexed by `Checked`.
     """
 
     frames: Bytes
@@ -241,6 +305,7 @@ class ExchangePlan(NamedTuple):
     word: NDArray[np.uint32]
     single: NDArray[np.float32]
     tally: Integers
+    checked: Integers
 
     @njit(cache=True, error_model="numpy", nogil=True)
     def exchange(self, fd, sequence, outputs, inputs, deadline_ns):
@@ -260,6 +325,7 @@ class ExchangePlan(NamedTuple):
         inputs[:] = np.nan
         sent_ns = 0
         encode_outputs(self, outputs)
+        _beat(self)
         count = self.transactions.shape[0]
         for transaction in range(count):
             identifier = (sequence * self.identifiers + transaction) & 0xFFFF
@@ -270,12 +336,16 @@ class ExchangePlan(NamedTuple):
                 # In every mode the first transaction carries the outputs.
                 sent_ns = libc.monotonic_ns()
             status = _receive_reply(fd, self, transaction, deadline_ns)
+            if status == _EXCEPTION and self.checked[_TOLD] >= 0 and self.tally[_CODE] == OWNED:
+                return _NOT_OWNER, sent_ns
             if status != _OK:
                 return status, sent_ns
             if transaction == count - 1:
-                decode_inputs(self, inputs)
+                status = _judge_sample(self)
+                if status in (_OK, _FOREIGN_WRITE):
+                    decode_inputs(self, inputs)
             _drop(self, self.transactions[transaction, 2])
-        return _OK, sent_ns
+        return status, sent_ns
 
 
 def exception_name(code: int) -> str:

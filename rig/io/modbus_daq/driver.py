@@ -4,10 +4,11 @@ Set-up, diagnosis and nulling use pymodbus, each over a connection of its own. S
 over one more connection, by compiled code (`rig.io.modbus_daq.compiled_exchange`).
 """
 
+import secrets
 import socket
 import time
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from math import isfinite
 from typing import ClassVar, Final, Literal
 
@@ -16,7 +17,7 @@ import numpy as np
 from rig.io.driver import DriverError, ExchangeStatus
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 
-from .compiled_exchange import ExchangePlan, Tally, exception_name
+from .compiled_exchange import Checked, ExchangePlan, Tally, exception_name
 from .link import DaqLink, ModbusDaqOptions
 from .plan import exchange_plans
 from .register_map import ExchangeMode
@@ -25,12 +26,16 @@ _EXCHANGES_IN_WATCHDOG: Final = 3
 """Least number of exchanges in the watchdog's time; with fewer, one late reply would trip it."""
 
 _NANOSECONDS: Final = 1e9
+_KEYS: Final = 0x7FFF
+"""Number of keys by which a device may be owned."""
 
 _STATES: Final = {
     ExchangeStatus.TIMEOUT: "does not reply in time",
     ExchangeStatus.WRONG_REPLY: "replies to something else than what was asked",
     ExchangeStatus.DISCONNECTED: "has closed the connection",
     ExchangeStatus.GARBAGE: "sends what is no Modbus/TCP",
+    ExchangeStatus.FOREIGN_WRITE: "was written to by another master, which it refused",
+    ExchangeStatus.NOT_OWNER: "is not owned by this program any more",
 }
 
 
@@ -57,7 +62,10 @@ class ModbusDaq:
         self._mode: ExchangeMode = options.exchange or self._map.exchange[0]
         self._check()
         self._socket: socket.socket | None = None
-        self._plan, self._look = exchange_plans(self._map, self._mode, options.unit)
+        owns = options.ownership == "required" and self._map.owner is not None
+        # A complement of a key is no key, as it has the highest bit set.
+        self._key = 1 + secrets.randbelow(_KEYS) if owns else 0
+        self._plan, self._look = exchange_plans(self._map, self._mode, options.unit, self._key)
         self._sequence = 0
         self._given = np.zeros(len(FAST_OUTPUTS))
         self._found = np.full(len(FAST_INPUTS), np.nan)
@@ -68,13 +76,18 @@ class ModbusDaq:
         If the driver is open already, nothing is done.
 
         Raises:
-            DriverError: no device answers, another one does, it is too slow, does not hold the
-                set-up that was written, or takes no second connection.
+            DriverError: no device answers, another one does, it is too slow, is owned or driven by
+                another master, does not hold the set-up that was written, or takes no second
+                connection.
         """
         if self._socket is not None:
             return
         with self._link() as link:
             link.verify(self.rate_hz)
+            link.require_no_other_master()
+            if self._key:
+                link.claim(self._key)
+                self._plan.checked[Checked.REFUSED] = 0
             link.set_up()
         # Bytes that are left from an earlier connection do not belong to this one.
         self._plan.tally[Tally.RECEIVED] = 0
@@ -175,10 +188,16 @@ class ModbusDaq:
             }
 
     def close(self) -> None:
-        """Close the connection; repeated calls do no harm."""
+        """Close the connection and give the device up; repeated calls do no harm.
+
+        A device that does not hear it is free for another owner once its watchdog's time is over.
+        """
         if self._socket is not None:
             self._socket.close()
             self._socket = None
+            if self._key:
+                with suppress(DriverError), self._link() as link:
+                    link.release(self._key)
 
     def _check(self) -> None:
         options, register_map = self._options, self._map

@@ -43,7 +43,7 @@ class Request(NamedTuple):
 
 
 def exchange_requests(
-    register_map: RegisterMap, mode: ExchangeMode, unit: int
+    register_map: RegisterMap, mode: ExchangeMode, unit: int, *, owned: bool = False
 ) -> tuple[tuple[Request, ...], Request]:
     """Return the transactions that exchange all outputs and inputs, and one that only reads.
 
@@ -51,12 +51,13 @@ def exchange_requests(
         register_map: the device's registers.
         mode: one of the modes in the map's `exchange`.
         unit: unit id, 0 to 255.
+        owned: whether the registers of ownership are exchanged too.
 
     Returns:
         The transactions of an exchange in the order of sending, and the transaction that reads all
         inputs and writes no output.
     """
-    read, written = register_map.read, register_map.written
+    read, written = register_map.exchanged(owned=owned)
     if mode == "fc76":
         look = feedback(unit, spans(read), ())
         return (feedback(unit, spans(read), spans(written)),), look

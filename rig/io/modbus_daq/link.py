@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
@@ -13,7 +13,7 @@ from pymodbus.pdu import ModbusPDU
 from rig.io.driver import DriverError
 from rig.plant import Quantity
 
-from .compiled_exchange import exception_name
+from .compiled_exchange import OWNED, exception_name
 from .register_map import WORDS, ExchangeMode, Register, RegisterMap, RegisterType, RegisterValue
 
 # Errors of pymodbus are raised as DriverError, so that they need not be printed as well.
@@ -51,6 +51,9 @@ class ModbusDaqOptions:
             the map has a watchdog, and left out if it has none.
         rate: exchanges in a second; at most the rate of the map, which holds if it is not given.
         timeout: longest wait for a connection, or for a reply outside the loop.
+        ownership: "required" unless the device is to be used without an owner, although its map has
+            the registers for one: "none". Another master can then drive the valve unnoticed between
+            two exchanges, and nothing but the watchdog notices that this one has stopped.
     """
 
     host: str
@@ -61,10 +64,21 @@ class ModbusDaqOptions:
     watchdog: Annotated[float | None, Quantity("s", 1e-3, 3600.0, "", "")] = None
     rate: Annotated[float | None, Quantity("Hz", 0.1, 1e4, "", "")] = None
     timeout: Annotated[float, Quantity("s", 0.01, 60.0, "", "")] = 1.0
+    ownership: Literal["required", "none"] = "required"
+
+
+_WATCH_S: Final = 0.1
+"""Time in s for which another master is looked for: one that writes at 10 Hz or more is seen."""
+_SPARE_S: Final = 0.2
+"""Time in s for which claiming is tried beyond the watchdog's time, after which a device may be
+claimed whose owner has died."""
+_TRY_S: Final = 0.02
 
 
 class RefusedError(DriverError):
-    """Raised when a device answers a request with a Modbus exception."""
+    """Raised when a device answers a request with a Modbus exception; `code` is its code."""
+
+    code: int = 0
 
 
 class DaqLink:
@@ -151,6 +165,62 @@ class DaqLink:
                 state = f"{self._map.device} was given {value.value:g} and has {found:g}"
                 channel = f"register {value.address}"
                 raise DriverError(self._driver, state, "check the map's set-up", channel)
+
+    def require_no_other_master(self) -> None:
+        """Check that nobody writes to the device now, if its `host_counter` can be read back.
+
+        Raises:
+            DriverError: somebody does, or the device gives no valid reply.
+        """
+        counters = [
+            register
+            for register in self._map.written
+            if register.signal == "host_counter" and register.access == "rw"
+        ]
+        for register in counters:
+            first = self.read(register.address, register.type)
+            until = time.monotonic() + _WATCH_S
+            while time.monotonic() < until:
+                time.sleep(_TRY_S)
+                if self.read(register.address, register.type) != first:
+                    state = f"{self._device} is driven by another master: its counter goes on"
+                    raise DriverError(self._driver, state, "end the program that drives it")
+
+    def claim(self, key: int) -> None:
+        """Own the device by a key, 1 to 32767; wait for the end of an owner that has died.
+
+        Raises:
+            DriverError: the device is owned by another master, has no registers of an owner, or
+                gives no valid reply.
+        """
+        assert self._map.owner is not None
+        until = time.monotonic() + (self._options.watchdog or 0.0) + _SPARE_S
+        while True:
+            try:
+                self._write(RegisterValue(self._map.owner.claim, "U16", key))
+                return
+            except RefusedError as refusal:
+                if refusal.code != OWNED:
+                    state = f"{self._device} has no register {self._map.owner.claim} of an owner"
+                    remedy = (
+                        "update it (docs/io_node.md, Ownership), or write `ownership: none`, by "
+                        "which another master is no longer kept from driving the valve"
+                    )
+                    raise DriverError(self._driver, state, remedy, "ownership") from refusal
+                if time.monotonic() > until:
+                    state = f"{self._device} is owned by another master, which is alive"
+                    action = "end the program that drives it"
+                    raise DriverError(self._driver, state, action) from refusal
+            time.sleep(_TRY_S)
+
+    def release(self, key: int) -> None:
+        """Give the device up; its relay opens.
+
+        Raises:
+            DriverError: this program does not own it, or the device gives no valid reply.
+        """
+        assert self._map.owner is not None
+        self._write(RegisterValue(self._map.owner.release, "U16", key))
 
     def null(self) -> None:
         """Bring the valve to 0 V and switch it off, and wait until the device confirms it.
@@ -254,7 +324,9 @@ class DaqLink:
             raise DriverError(self._driver, state, "check cable and unit id", channel) from error
         if reply.isError():
             state = f"{self._device} refuses with {exception_name(reply.exception_code)}"
-            raise RefusedError(self._driver, state, "check the map", channel)
+            refused = RefusedError(self._driver, state, "check the map", channel)
+            refused.code = reply.exception_code
+            raise refused
         return reply
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 
-from .compiled_exchange import TYPES, ExchangePlan, Floats, Integers, Tally
+from .compiled_exchange import TYPES, Checked, ExchangePlan, Floats, Integers, Tally
 from .frames import Request, exchange_requests
 from .register_map import FEEDBACK_BYTES, ExchangeMode, Register, RegisterMap
 
@@ -15,7 +15,7 @@ _LONGEST_HEAD: Final = 5
 
 
 def exchange_plans(
-    register_map: RegisterMap, mode: ExchangeMode, unit: int
+    register_map: RegisterMap, mode: ExchangeMode, unit: int, key: int = 0
 ) -> tuple[ExchangePlan, ExchangePlan]:
     """Return a plan that writes all outputs and reads all inputs, and one that only reads them.
 
@@ -25,9 +25,12 @@ def exchange_plans(
         register_map: the device's registers.
         mode: one of the modes in the map's `exchange`.
         unit: unit id of the device, 0 to 255.
+        key: key by which this program owns the device, 1 to 32767; 0 if it does not.
     """
-    requests, look_request = exchange_requests(register_map, mode, unit)
+    owned = key != 0 and register_map.owner is not None
+    requests, look_request = exchange_requests(register_map, mode, unit, owned=owned)
     plan = _plan(register_map, requests, len(requests))
+    _check_replies(plan, register_map, key if owned else 0, requests)
     # Looks and exchanges are counted together, so that no two have the same transaction id.
     look = _plan(register_map, (look_request,), len(requests))
     return plan, look._replace(received=plan.received, tally=plan.tally)
@@ -61,7 +64,24 @@ def _plan(
         word=word,
         single=word.view(np.float32),
         tally=np.zeros(len(Tally), np.int64),
+        checked=np.full(len(Checked), -1, np.int64),
     )
+
+
+def _check_replies(
+    plan: ExchangePlan, register_map: RegisterMap, key: int, requests: tuple[Request, ...]
+) -> None:
+    """Have the plan write this owner's heartbeat, and judge replies by owner and echo."""
+    written, returned = requests[0].written, requests[-1].returned
+    addresses = {register.signal: register.address for register in register_map.registers}
+    if key and register_map.owner is not None:
+        plan.checked[Checked.HEARTBEAT] = written[register_map.owner.heartbeat]
+        plan.checked[Checked.TOLD] = returned[register_map.owner.told]
+        plan.checked[Checked.BEAT] = key
+        plan.checked[Checked.REFUSED] = 0
+    if register_map.echo == "exact" and {"device_echo", "host_counter"} <= addresses.keys():
+        plan.checked[Checked.COUNTER] = written[addresses["host_counter"]]
+        plan.checked[Checked.ECHO] = returned[addresses["device_echo"]]
 
 
 def _table(

@@ -7,7 +7,7 @@ rules that a map breaks are reported at once.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Annotated, Final, Literal, NamedTuple
 
@@ -143,6 +143,25 @@ class Watchdog:
     arm: tuple[RegisterValue, ...] = ()
 
 
+@dataclass(frozen=True)
+class Ownership:
+    """The registers, all U16, by which one master owns a device (docs/io_node.md, "Ownership").
+
+    Attributes:
+        claim: address of the register into which a master writes its key to own the device.
+        release: address of the register into which it writes its key to give the device up.
+        heartbeat: address of the register that is written in the exchange: the key and its
+            complement in turn. It continues the run of the registers of outputs.
+        told: address of a register that is read in the exchange: bit 15 is set while somebody owns
+            the device, and the others count what others wrote and the device refused.
+    """
+
+    claim: int
+    release: int
+    heartbeat: int
+    told: int
+
+
 class MapProblem(NamedTuple):
     """One rule that a register map breaks, with the value that breaks it and a remedy."""
 
@@ -192,6 +211,9 @@ class RegisterMap:
         watchdog: the device's watchdog, if it has one.
         null_request: value whose writing brings the valve output to 0 V and switches the valve off;
             its register then reads back that value.
+        owner: the registers by which one master owns the device, if it has them.
+        echo: "exact" if `device_echo` in a reply is the `host_counter` of its own request, so that
+            a reply of an earlier exchange is known by it; "lagging" if it may be an earlier one.
         facts: registers that are read for diagnostics; "greatest_rate_Hz", if there is one,
             limits `rate` further.
 
@@ -209,6 +231,8 @@ class RegisterMap:
     setup: tuple[RegisterValue, ...] = ()
     watchdog: Watchdog | None = None
     null_request: RegisterValue | None = None
+    owner: Ownership | None = None
+    echo: Literal["exact", "lagging"] = "lagging"
     facts: tuple[Fact, ...] = ()
 
     def __post_init__(self) -> None:
@@ -228,9 +252,24 @@ class RegisterMap:
         """Return the registers that are written in an exchange, ordered by address."""
         return self._of(FAST_OUTPUTS)
 
+    def exchanged(self, *, owned: bool) -> tuple[tuple[Register, ...], tuple[Register, ...]]:
+        """Return the registers that an exchange reads and those that it writes, by address.
+
+        With `owned` the registers of ownership are among them, under names of their own.
+        """
+        read, written = [*self.read], [*self.written]
+        if owned and self.owner is not None:
+            read.append(Register("owner_told", self.owner.told, "U16", "r"))
+            written.append(Register("owner_heartbeat", self.owner.heartbeat, "U16", "w"))
+        return _by_address(read), _by_address(written)
+
     def _of(self, signals: Sequence[str]) -> tuple[Register, ...]:
         found = [register for register in self.registers if register.signal in signals]
-        return tuple(sorted(found, key=lambda register: (register.address, register.bit or 0)))
+        return _by_address(found)
+
+
+def _by_address(registers: Sequence[Register]) -> tuple[Register, ...]:
+    return tuple(sorted(registers, key=lambda register: (register.address, register.bit or 0)))
 
 
 def spans(registers: Sequence[Register]) -> tuple[Span, ...]:
@@ -317,6 +356,9 @@ def _other_problems(given: RegisterMap) -> Iterator[MapProblem]:
         **{("setup", index): value for index, value in enumerate(given.setup)},
         **{("facts", index): fact for index, fact in enumerate(given.facts)},
     }
+    if given.owner is not None:
+        owner = asdict(given.owner)
+        places |= {("owner", name): Fact(name, at, "U16") for name, at in owner.items()}
     if given.watchdog is not None:
         shortest, longest = given.watchdog.shortest, given.watchdog.longest
         counts = given.watchdog.counts_per_s
@@ -331,20 +373,23 @@ def _other_problems(given: RegisterMap) -> Iterator[MapProblem]:
         if place is not None:
             kept, limit, remedy = _address_rule(place)
             if not kept:
-                yield MapProblem((*path, "address"), place.address, limit, remedy)
+                field = () if path[0] == "owner" else ("address",)
+                yield MapProblem((*path, *field), place.address, limit, remedy)
 
 
 def _block_problems(given: RegisterMap) -> Iterator[MapProblem]:
-    for first, second in (*pairwise(given.read), *pairwise(given.written)):
+    exchanged = given.exchanged(owned=True)
+    for first, second in (*pairwise(exchanged[0]), *pairwise(exchanged[1])):
         bits = None not in (first.bit, second.bit) and first.bit != second.bit
         if bits and first.address == second.address:
             continue
         if second.address < first.address + WORDS[first.type]:
-            path = ("registers", given.registers.index(second), "address")
+            path = _path_of(given, second)
             limit = f"of {second.signal} overlaps {first.signal} at {first.address}"
             yield MapProblem(path, second.address, limit, "give each its own registers")
-    read, written = block(given.read), block(given.written)
-    longest = max(feedback_bytes(spans(given.read), spans(given.written)))
+    runs_in, runs_out = (spans(registers) for registers in exchanged)
+    read, written = (block(registers) for registers in exchanged)
+    longest = max(feedback_bytes(runs_in, runs_out))
     others = "leave signals out, or use fc76"
     for index, mode in enumerate(given.exchange):
         if mode == "fc76":
@@ -358,8 +403,14 @@ def _block_problems(given: RegisterMap) -> Iterator[MapProblem]:
             rules = [
                 (read.size <= READ_REGISTERS, needs, others),
                 (written.size <= WRITE_REGISTERS[mode], writes, others),
-                (len(spans(given.written)) == 1, gaps, one_run),
+                (len(runs_out) == 1, gaps, one_run),
             ]
         for kept, limit, remedy in rules:
             if not kept:
                 yield MapProblem(("exchange", index), mode, limit, remedy)
+
+
+def _path_of(given: RegisterMap, register: Register) -> tuple[str | int, ...]:
+    if register in given.registers:
+        return "registers", given.registers.index(register), "address"
+    return "owner", register.signal.removeprefix("owner_")

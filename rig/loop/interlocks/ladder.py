@@ -60,6 +60,7 @@ class Cause(IntEnum):
     DEVICE_STOPPED = 14
     DEVICE_DEAF = 15
     COMMAND_ECHO = 16
+    FOREIGN_MASTER = 17
     ESTOP_OPEN = 20
     WATCHDOG_TRIPPED = 21
     VALVE_NOT_ENABLED = 22
@@ -165,6 +166,10 @@ EXPLANATIONS: Final = {
     Cause.COMMAND_ECHO: _E(
         "the valve output is not at the command that was sent",
         "check the output's range and wiring; restart the I/O device",
+    ),
+    Cause.FOREIGN_MASTER: _E(
+        "another master writes to the I/O device, or owns it",
+        "end the other program that drives the I/O device",
     ),
     Cause.ESTOP_OPEN: _E(
         "the emergency stop is open", "make the rig safe, release the button, press reset"

@@ -368,6 +368,10 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     outputs[_REARM] = course.rearm
     deadline = monotonic_ns() + pace.timeout_ns
     status, sent = exchange(fd, plan, counts[Count.SEQUENCE], outputs, memory.inputs, deadline)
+    if status >= ExchangeStatus.FOREIGN_WRITE.value:
+        _trip(words, Cause.FOREIGN_MASTER.value, NO_CHANNEL, monotonic_ns())
+        if status == ExchangeStatus.FOREIGN_WRITE.value:
+            status = ExchangeStatus.OK.value  # its sample is sound
     enabled = memory.inputs[VALVE_ENABLED]
     if enable == 0.0:
         counts[Count.DRIVEN] = 0

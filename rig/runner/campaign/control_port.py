@@ -2,8 +2,8 @@
 
 A request is one line of JSON, and so is its answer. The kernel says which user has connected: only
 the user who runs the campaign, and root, may make requests. Oversized, slow or malformed requests
-are refused, too. The campaign never waits for a request. A failure ends one request only: the next
-one is served.
+are refused, too. The campaign never waits for a request, and no client for another one. A failure
+ends one request only: the next one is served.
 """
 
 import json
@@ -12,6 +12,7 @@ import pwd
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -23,8 +24,13 @@ from rig.surviving import Surviving, failure
 from .operator_requests import Desk, RefusedError, Request
 
 PATIENCE_S: Final = 2.0
-"""How long a client may take for its request, s; other clients wait meanwhile."""
+"""How long a client may take for its request, and to take its answer, s."""
+MOST_CLIENTS: Final = 32
+"""How many clients are served at a time, each by a thread of its own. It is more than the operators
+and pages of one rig, so that a further one finds them all silent: the oldest is then refused."""
 
+_QUEUE: Final = 128
+"""How many connections may wait to be accepted; the kernel refuses further ones at once."""
 _AGAIN_S: Final = 0.1
 """Pause after a connection could not be accepted, as without a free file descriptor, s."""
 _ROOT: Final = 0
@@ -50,6 +56,9 @@ class ControlPort:
         self._refused = refused
         self._survives = Surviving("the control port", refused)
         self._ending = threading.Event()
+        self._lock = threading.Lock()
+        # The connections that are served now, with the thread of each, the oldest first.
+        self._clients: dict[socket.socket, threading.Thread] = {}
         self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
 
     def __enter__(self) -> "ControlPort":
@@ -72,7 +81,7 @@ class ControlPort:
                 self._listener.bind(address)
         finally:
             os.umask(before)
-        self._listener.listen(8)
+        self._listener.listen(_QUEUE)
 
     def __exit__(self, *_: object) -> None:
         self._ending.set()
@@ -82,10 +91,14 @@ class ControlPort:
         self._listener.close()
         if self._thread.ident is not None:
             self._thread.join(PATIENCE_S)
+        # Who was answered with what is done now still gets that answer.
+        until = time.monotonic() + PATIENCE_S
+        for thread in self._hear_no_more(most=0):
+            thread.join(max(until - time.monotonic(), 0.0))
         (self._folder / SOCKET).unlink(missing_ok=True)
 
     def _serve(self) -> None:
-        """Serve the clients one after the other until the port is closed."""
+        """Serve each client by a thread of its own until the port is closed."""
         while not self._ending.is_set():
             with self._survives:
                 try:
@@ -94,9 +107,38 @@ class ControlPort:
                     if self._ending.wait(_AGAIN_S):
                         return
                     raise
-                with client, suppress(OSError):
-                    client.settimeout(PATIENCE_S)
-                    client.sendall(json.dumps(self._answer(client)).encode() + b"\n")
+                self._hear_no_more(most=MOST_CLIENTS - 1)
+                thread = threading.Thread(
+                    target=self._serve_client, args=(client,), name="control", daemon=True
+                )
+                with self._lock:
+                    self._clients[client] = thread
+                try:
+                    thread.start()
+                except RuntimeError:  # no thread is to be had: others wait for this client instead
+                    self._serve_client(client)
+
+    def _hear_no_more(self, most: int) -> list[threading.Thread]:
+        """Hear no more of the oldest clients, so that `most` are left; return their threads.
+
+        One that has not ended its request is refused at once; the others get their answers.
+        """
+        with self._lock:
+            oldest = list(self._clients)[: max(len(self._clients) - most, 0)]
+            for client in oldest:
+                with suppress(OSError):
+                    client.shutdown(socket.SHUT_RD)
+            threads = [self._clients.pop(client) for client in oldest]
+        return [thread for thread in threads if thread.ident is not None]
+
+    def _serve_client(self, client: socket.socket) -> None:
+        """Answer one client's request, and close the connection."""
+        with self._survives, suppress(OSError):
+            client.settimeout(PATIENCE_S)
+            client.sendall(json.dumps(self._answer(client)).encode() + b"\n")
+        with self._lock:
+            self._clients.pop(client, None)
+        client.close()
 
     def _answer(self, client: socket.socket) -> dict[str, Any]:
         """Read a client's request, carry it out, and return the answer; report a refusal."""

@@ -31,12 +31,14 @@ from rig.stream import (
     Samples,
     StreamSender,
     StreamSettings,
+    asked_digest,
     command_key,
     fingerprint,
     finite,
     gate_of,
-    pack,
     publisher_session,
+    said,
+    voice_of,
 )
 from rig.surviving import Surviving
 
@@ -146,7 +148,8 @@ class Publisher:
         self._refused_silently = 0
         self._heartbeat_at = self._health_at = self._flushed_at = 0.0
         history_s = order.settings.history_s
-        self._sender = StreamSender(session, order.rig, history_s, self._failures.put)
+        self._voice = voice_of(order.settings)
+        self._sender = StreamSender(session, order.rig, history_s, self._failures.put, self._voice)
         self._gate = gate_of(order.settings, order.rig, self._sender.name)
         keys = command_key(order.rig, "*")
         self._queryable = session.declare_queryable(keys, self._command_came)
@@ -289,8 +292,8 @@ class Publisher:
         self._pipe.send(Asked(time.monotonic_ns(), "stream", asked_for, command))
 
     def _described(self, command: Command, state: str) -> str:
-        said = f": {command.text}" if command.text else ""
-        return f"{command.name} by {command.by} {state}{said}"
+        remark = f": {command.text}" if command.text else ""
+        return f"{command.name} by {command.by} {state}{remark}"
 
     def _refuse(self, text: str, by: str, payload: bytes) -> None:
         """Report a refusal; after too many within a second, only count it."""
@@ -315,7 +318,9 @@ class Publisher:
         with suppress(zenoh.ZError), query:
             key = str(query.key_expr)
             # The answer to a command to all rigs at once (`rig/*/...`) is this rig's only.
-            query.reply(key, pack({"accepted": not refusal, "reason": refusal}))
+            asked = b"" if query.payload is None else bytes(query.payload)
+            answer = {"accepted": not refusal, "reason": refusal, "to": asked_digest(asked)}
+            query.reply(key, said(answer, key, self._voice))
 
     def _event(self, kind: str, text: str) -> None:
         self._sender.send("event", event_content("stream", kind, text))

@@ -10,14 +10,16 @@ import time
 from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from rig.configuration import Rig
 from rig.io import DriverError, DriverSpec, FastDriver
 from rig.loop import FULL, Board, Cause, Word
+from rig.reserves import Reserve
 from rig.surviving import Surviving, failure
 
-from .child import Child
+from .child import Child, News
 from .driven import REPEAT_S, Driven, Tally, departures
 from .field import rank_of
 from .health import TRIPS, trip
@@ -35,6 +37,10 @@ FIELD_WAIT_S: Final = 10.0
 Report = Callable[[str, str], None]
 
 
+_MODULES: Final = {"loop": "loop_process", "field": "field", "recorder": "recorder"}
+"""Module that each part runs, in the order of the fields of `Parts`."""
+
+
 @dataclass(frozen=True)
 class Parts:
     """The processes that the safety thread watches: loop, field and recorder."""
@@ -42,6 +48,29 @@ class Parts:
     loop: Child
     field: Child
     recorder: Child
+
+    @classmethod
+    def start(cls, board: Board, log: Path, heard: Callable[[News], None]) -> "Parts":
+        """Start the three processes; if one cannot be started, end those that were.
+
+        Args:
+            board: the memory that they share.
+            log: file to which their stdout and stderr are appended.
+            heard: is called with what they tell without being asked.
+
+        Raises:
+            OSError: a process cannot be started.
+        """
+        started: list[Child] = []
+        try:
+            for name, module in _MODULES.items():
+                program = f"rig.supervisor.processes.{module}"
+                started.append(Child(name, program, board, log, heard))
+        except BaseException:
+            for child in started:
+                child.end()
+            raise
+        return cls(*started)
 
 
 class SafetyThread:
@@ -54,10 +83,17 @@ class SafetyThread:
             thread makes connections of its own.
         report: is called, from the safety thread, with who and what they did, for a trip report.
         found: is called, from the safety thread, with each report on another master.
+        reserve: descriptors that are given back at a trip.
     """
 
     def __init__(
-        self, board: Board, parts: Parts, rig: Rig, report: Report, found: Callable[[Driven], None]
+        self,
+        board: Board,
+        parts: Parts,
+        rig: Rig,
+        report: Report,
+        found: Callable[[Driven], None],
+        reserve: Reserve | None = None,
     ) -> None:
         settings = rig.loop
         self._words = board.words
@@ -69,6 +105,7 @@ class SafetyThread:
         )
         self._drivers = rig.drivers
         self._report = report
+        self._reserve = reserve or Reserve()
         self._survives = Surviving("the safety thread", self._failed)
         self._tally = Tally("supervisor", found)
         self._kept: dict[str, DriverSpec] = {}
@@ -118,6 +155,7 @@ class SafetyThread:
                 self._beat()
                 self._look()
                 if self.tripped and not self._safe.is_set():
+                    self._reserve.release()
                     self._make_safe()
                     self._kept_at = time.monotonic()
                     self._safe.set()

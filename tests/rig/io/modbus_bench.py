@@ -37,7 +37,8 @@ def shipped_map(name: str) -> RegisterMap:
 
 def map_of(*registers: Register, **changes: object) -> RegisterMap:
     """Return the map of the I/O node with other registers, and other fields changed."""
-    return replace(shipped_map("io_node"), registers=registers, **changes)  # type: ignore[arg-type]
+    given: Any = {"owner": None, "registers": registers, **changes}
+    return replace(shipped_map("io_node"), **given)
 
 
 def framed(transaction: int, pdu: bytes, unit: int = UNIT) -> bytes:

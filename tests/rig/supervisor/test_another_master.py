@@ -1,4 +1,7 @@
-"""A second master drives a rig that tripped: it is brought back, and that is reported."""
+"""A second master drives a rig that tripped: it is brought back, and that is reported.
+
+These rigs do without ownership; an I/O node that is owned refuses what others write.
+"""
 
 import json
 import struct
@@ -45,7 +48,7 @@ class Master:
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     """A rig that goes on being held at null after its trip."""
     with connected(tmp_path_factory.mktemp("driven")) as rig:
-        rig.open()
+        rig.open(ownership="none")
         rig.arm()
         rig.board.words[Word.FIELD_TRIP] = Cause.BYPASS_STUCK
         until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
@@ -87,7 +90,7 @@ def test_a_lost_connection_is_rescued_by_another_one_which_goes_on_to_null_the_v
     tmp_path: Path,
 ) -> None:
     with connected(tmp_path) as rig:
-        rig.open()
+        rig.open(ownership="none")
         rig.arm()
         rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
         until(lambda: bool(rig.news), "the loss was reported")

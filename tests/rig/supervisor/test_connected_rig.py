@@ -13,7 +13,6 @@ from rig.configuration.rigs.rig import load_rig
 from rig.io.driver import DriverError
 from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
 from rig.plant import Model
-from rig.supervisor import connected_rig
 from rig.supervisor.connected_rig import ConnectedRig
 from rig.supervisor.processes.child import Child, ChildError, NoAnswerError
 from tests.waiting import PATIENCE_S
@@ -65,7 +64,7 @@ def test_the_operator_hears_of_an_expired_calibration_before_any_device_is_opene
     def used_by_another(drivers: object) -> None:
         raise DriverError("daq", "is in use", "end what uses it")
 
-    monkeypatch.setattr(connected_rig, "exclusive", used_by_another)
+    monkeypatch.setattr("rig.supervisor.holding.exclusive", used_by_another)
     with pytest.raises(DriverError, match="is in use"):
         rig.connect()
     assert heard[0].startswith(

@@ -41,6 +41,7 @@ class Served:
 
     def __init__(self, open_bus: Callable[[], can.BusABC]) -> None:
         self._open_bus = open_bus
+        self.notes: list[tuple[str, dict[str, Any]]] = []
         self._stop = asyncio.Event()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._run(),))
@@ -58,11 +59,14 @@ class Served:
                 lambda _: None,
                 lambda *_, **__: None,
             )
-            serving = asyncio.create_task(serve(bus, [valve, pump]))
+            serving = asyncio.create_task(serve(bus, "the bus", [valve, pump], self.noted))
             await self._stop.wait()
             serving.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await serving
+
+    def noted(self, event: str, **details: Any) -> None:
+        self.notes.append((event, details))
 
     def close(self) -> None:
         self._loop.call_soon_threadsafe(self._stop.set)

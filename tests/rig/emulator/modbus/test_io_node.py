@@ -297,13 +297,13 @@ def test_a_command_that_is_no_number_is_refused_and_nothing_written(
     assert bench.node.read(0, 1) != pack(">H", 99)
 
 
-@pytest.mark.parametrize("address", [4, 255, 256, 275, 512, 513, 515, 516, 517, 769, 65535])
+@pytest.mark.parametrize("address", [5, 255, 256, 275, 512, 513, 515, 516, 517, 769, 65535])
 def test_registers_that_cannot_be_written_are_refused(bench: Bench, address: int) -> None:
     assert code(bench.node, address, b"\0\0") == 2
 
 
 @pytest.mark.parametrize(
-    ("address", "count"), [(4, 1), (3, 2), (255, 1), (275 + 2 * len(CARRIED), 2), (518, 1)]
+    ("address", "count"), [(5, 1), (4, 2), (255, 1), (275 + 2 * len(CARRIED), 2), (518, 1)]
 )
 def test_registers_that_there_are_not_are_refused(bench: Bench, address: int, count: int) -> None:
     with pytest.raises(ModbusException) as refused:

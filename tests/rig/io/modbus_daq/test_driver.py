@@ -19,7 +19,8 @@ from tests.rig.io.conftest import DeviceThread, ManualClock
 from tests.rig.io.modbus_bench import UNIT, PymodbusDevice, shipped_map
 from tests.waiting import PATIENCE_S
 
-NODE = shipped_map("io_node")
+# A server of plain registers has no owner, and echoes nothing.
+NODE = replace(shipped_map("io_node"), owner=None, echo="lagging")
 READ, WRITE_MANY, READ_WRITE = 3, 16, 23
 
 
@@ -39,7 +40,14 @@ def daq(device: PymodbusDevice) -> Iterator[ModbusDaq]:
 
 
 def daq_of(device: PymodbusDevice, register_map: RegisterMap = NODE, **options: Any) -> ModbusDaq:
-    given = {"port": device.port, "unit": UNIT, "watchdog": 0.1, "timeout": PATIENCE_S, **options}
+    given = {
+        "port": device.port,
+        "unit": UNIT,
+        "watchdog": 0.1,
+        "timeout": PATIENCE_S,
+        "ownership": "none",
+        **options,
+    }
     return ModbusDaq("daq", ModbusDaqOptions("127.0.0.1", register_map, **given))
 
 

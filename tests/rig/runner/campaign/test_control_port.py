@@ -6,6 +6,7 @@ import os
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,11 @@ from rig.control_socket import LONGEST_LINE, SOCKET, ControlError, address_of, a
 from rig.recording import read_recording
 from rig.report import write_report
 from rig.runner import Observer, run_campaign
-from rig.runner.campaign.control_port import ControlPort
+from rig.runner.campaign.control_port import MOST_CLIENTS, ControlPort
 from rig.runner.campaign.operator_requests import LONGEST_TEST, Desk, RefusedError, Request
 from rig.runner.campaign.stopping import StopFlag
 from rig.runner.run_folder.journal import JOURNAL, Journal, read_journal
+from tests.waiting import PATIENCE_S
 
 MakeTest = Callable[..., CampaignTest]
 MakeCampaign = Callable[..., Campaign]
@@ -185,6 +187,62 @@ def test_refusals_that_cannot_be_kept_are_answered_all_the_same(tmp_path: Path) 
         served.port._refused = full
         assert not served.send(b"nonsense\n")["ok"]
         assert served.serves()
+
+
+def connected(folder: Path) -> socket.socket:
+    """A client that has connected and says nothing."""
+    client = socket.socket(socket.AF_UNIX)
+    client.settimeout(30.0)
+    with address_of(folder) as address:
+        client.connect(address)
+    return client
+
+
+def test_no_client_waits_for_those_that_are_silent(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.runner.campaign.control_port.PATIENCE_S", PATIENCE_S)
+    with ExitStack() as clients:
+        for _ in range(MOST_CLIENTS - 1):
+            clients.enter_context(connected(served.folder))
+        # Were it served after one of them, it would wait for all of its own patience in vain.
+        assert served.serves()
+        assert ask(served.folder, Request.ABORT)["reply"].startswith("is stopped")
+    assert served.stop.requested
+
+
+def test_where_all_places_are_taken_by_silent_clients_the_oldest_is_refused(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.runner.campaign.control_port.PATIENCE_S", PATIENCE_S)
+    with ExitStack() as clients:
+        silent = [clients.enter_context(connected(served.folder)) for _ in range(MOST_CLIENTS)]
+        assert served.serves()
+        assert b"does not end" in silent[0].recv(4096)
+        silent[1].sendall(request(request="pause"))
+        assert b"pauses" in silent[1].recv(4096)
+
+
+def test_who_was_silent_at_the_end_of_the_campaign_does_not_prolong_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.runner.campaign.control_port.PATIENCE_S", PATIENCE_S)
+    with Served(tmp_path) as served:
+        silent = connected(tmp_path)
+        assert served.serves()
+    with silent:
+        assert b"does not end" in silent.recv(4096)
+
+
+def test_without_a_thread_to_be_had_clients_are_served_one_after_the_other(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuses)
+    assert served.serves()
+    assert served.serves()
 
 
 def test_the_port_is_there_again_once_there_are_descriptors(

@@ -138,6 +138,7 @@ def test_every_cause_that_a_simulated_sample_can_show_was_among_them() -> None:
     of_a_device = {
         Cause.STALE_SAMPLE, Cause.ENCODER_FAULT, Cause.DEVICE_STOPPED, Cause.DEVICE_DEAF,
         Cause.COMMAND_ECHO,
+        Cause.FOREIGN_MASTER,
     }  # fmt: skip
     of_limits = {Cause.LIMIT_LOW, Cause.LIMIT_HIGH}
     of_samples = {cause for cause in Cause if Cause.NONE < cause < Cause.ESTOP_OPEN}

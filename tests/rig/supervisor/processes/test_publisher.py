@@ -143,6 +143,7 @@ def test_a_hung_publisher_holds_nobody_up(
 
 
 def test_a_genuine_command_is_obeyed_and_answered(bench: Bench, client: StreamClient) -> None:
+    until(lambda: client.snapshot().proven, "the stream to be signed")
     assert client.send("abort", text="oil on the floor") == Answer(True)
     assert [(c.name, c.by, c.text) for c in bench.commands] == [
         ("abort", "ann", "oil on the floor")
