@@ -1,18 +1,19 @@
 """How much a reader of recordings takes, so that a small file cannot fill the machine's memory."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from .errors import RecordingError
 
 SHARE_OF_MEMORY: Final = 0.25
-"""Part of the machine's memory that a recording's values, or its text, may take. While a CSV file is
-read, its text, a table and the columns made from that are in memory, which is three times as much;
-the fourth quarter is left to all else."""
+"""Part of the machine's memory that a recording's values, or its text, may take. While a CSV file
+is read, its text, a table and the columns made from that are in memory, which is three times as
+much; the fourth quarter is left to all else."""
 LARGEST_CHUNK: Final = 1 << 28
-"""Most bytes of an MCAP chunk once it is decompressed: 256 MiB. A chunk of a recording with the most
-channels, 2047, has 1000 samples of 10 bytes a channel, 20 MB, and its events."""
+"""Most bytes of an MCAP chunk once it is decompressed: 256 MiB. A chunk of a recording with the
+most channels, 2047, has 1000 samples of 10 bytes a channel, 20 MB, and its events."""
 LARGEST_JSON: Final = 1 << 26
 """Most bytes of a recording's metadata and events as JSON: 64 MiB, which are half a million events
 of 120 letters. Objects made of JSON take up to 20 times as much memory."""
@@ -30,10 +31,9 @@ def most_bytes() -> int:
     that is less.
     """
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    try:
+    # There may be no such container, or it may have no limit.
+    with suppress(OSError, ValueError):
         memory = min(memory, int(_CONTAINER_LIMIT.read_text()))
-    except (OSError, ValueError):
-        pass  # there is no such container, or it has no limit
     return int(memory * SHARE_OF_MEMORY)
 
 

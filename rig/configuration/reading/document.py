@@ -158,9 +158,11 @@ class Sources:
         """
         named = referrer or Located(path, Place(path, 0, 0), "file", self)
         try:
-            if not path.is_file() and path.exists():
-                # A device such as /dev/zero has no end, and a pipe may never get one.
-                raise OSError("it is no regular file")
+            # A device such as /dev/zero has no end, and a pipe may never begin.
+            if path.is_char_device() or path.is_block_device():
+                raise OSError("it is a device")
+            if path.is_fifo() or path.is_socket():
+                raise OSError("it is a pipe")
             # The size is asked for first, as a file may have holes that take nothing on the disk.
             with path.open("rb") as file:
                 size = os.fstat(file.fileno()).st_size
@@ -234,16 +236,14 @@ def _check_shape(content: bytes) -> None:
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > MAX_DEPTH + 1:
-                raise _shape_error(
-                    f"it is nested too deeply (more than {MAX_DEPTH} levels)", event
-                )
+                raise _shape_error(f"it is nested too deeply (more than {MAX_DEPTH} levels)", event)
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
 
 
 def _shape_error(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
-    mark = event.start_mark
-    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)  # type: ignore[arg-type]  # libyaml has its own
+    mark: Any = event.start_mark  # libyaml has marks of its own, with the same attributes
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
 @dataclass
@@ -264,8 +264,8 @@ class _Builder:
             # Aliases are followed here only, and one may stand for a value that holds it.
             what = f"{MAX_DEPTH} levels deep" if depth > MAX_DEPTH else f"{MAX_VALUES} values"
             raise yaml.MarkedYAMLError(
-                problem=f"with its aliases, it has more than {what}",
-                problem_mark=node.start_mark,  # type: ignore[arg-type]  # libyaml has its own
+                problem=f"{name} is too large, or contains itself: more than {what}, with aliases",
+                problem_mark=node.start_mark,
             )
         value: Any
         if isinstance(node, yaml.MappingNode):

@@ -50,7 +50,7 @@ class Problem:
         return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
     def _shortened(self) -> str:
-        """Return the line with its long parts cut, so that it has `LONGEST_MESSAGE` or little more."""
+        """Return the line with its long parts cut, to `LONGEST_MESSAGE` characters or few more."""
         most = LONGEST_MESSAGE // 4
         cut = [
             part if len(part) <= most else f"{part[: most - 3]}..."

@@ -27,7 +27,7 @@ from rig.recording.recording import REPLAY_CHANNELS, FloatArray, Recording, Tabl
 _GZIP_MAGIC: Final = b"\x1f\x8b"
 _GZIP_LEVEL: Final = 1
 _LINE_BYTES: Final = 64
-"""Bytes that a list of lines takes for a short one: 33 of the object and its text, 8 of the list."""
+"""Bytes that a short line takes in a list: 33 of the object, its text, and 8 of the list."""
 _MOST_REPORTED: Final = 1000
 """Cells of a column that are reported one by one as no numbers; the others are only counted."""
 _MISSING: Final = ("", "nan", "NaN", "NAN", "-nan")
@@ -171,7 +171,7 @@ def _refuse_other_delimiter(path: str, line: str, names: Sequence[str]) -> None:
 
 
 def _cells(line: str) -> list[str]:
-    """Return the cells of a line; the whole line as one if it has a cell that is too long to read."""
+    """Return the cells of a line; the line as one cell if it has one that is too long to read."""
     try:
         return [cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), [])]
     except csv.Error:

@@ -186,9 +186,7 @@ def _content_of(chunk: Chunk) -> bytes:
     """
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
-        raise ValueError(
-            f"a chunk takes {in_bytes(size)}, and may take {in_bytes(LARGEST_CHUNK)}"
-        )
+        raise ValueError(f"a chunk takes {in_bytes(size)}, and may take {in_bytes(LARGEST_CHUNK)}")
     if chunk.compression == "zstd":
         unpacking = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
         with unpacking.stream_reader(chunk.data) as content:
@@ -267,7 +265,7 @@ def foreign(path: str, reason: str) -> RecordingError:
 
 
 def _reason(error: Exception) -> str:
-    """Return what is wrong by an error of a library, with its kind if its text alone says little."""
+    """Return what an error of a library says, with its kind if its text alone says little."""
     text = " ".join(str(error).split())
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__} {text}"
 

@@ -97,9 +97,10 @@ def read_parquet(path: str) -> Table:
             schema, rows = file.schema_arrow, file.metadata.num_rows
             names, kinds, described = schema.names, schema.types, schema.metadata or {}
             # Others are not read, as a single row of texts or lists may take any amount of memory.
-            numbers = set(names) - {n for n, k in zip(names, kinds, strict=True) if not _is_number(k)}
+            others = {name for name, kind in zip(names, kinds, strict=True) if not _is_number(kind)}
+            numbers = [name for name in names if name not in others]
             _refuse_too_large(path, file.metadata)
-            arrow = file.read(columns=[name for name in names if name in numbers], use_threads=False)
+            arrow = file.read(columns=numbers, use_threads=False)
         metadata = json.loads(described.get(_METADATA, b"{}"))
         if not isinstance(metadata, dict):
             raise ValueError("its metadata is no JSON object")
@@ -119,7 +120,7 @@ def read_parquet(path: str) -> Table:
             value = f"{counts[name]} columns have this name"
             table.report(name, value, "rename or delete one")
             counts[name] = 1
-        if name not in numbers:
+        if name in others:
             limit = "every column must hold numbers"
             remedy = "delete the column or convert it to double"
             if not _is_number(kind):
@@ -133,9 +134,7 @@ def read_parquet(path: str) -> Table:
     if wanted is not None and not table.problems and _hash(table.columns, described) != wanted:
         value = "its values, names, metadata or events are not those that were written to it"
         limit = f"by the SHA-256 in its metadata, {_HASH.decode()}"
-        remedy = (
-            f"{_AGAIN}; if another program changed it on purpose, delete this metadata there"
-        )
+        remedy = f"{_AGAIN}; if another program changed it on purpose, delete this metadata there"
         raise RecordingError.of_file(path, value, remedy, limit)
     return table
 
@@ -202,5 +201,3 @@ def _refuse_too_large(path: str, described: pq.FileMetaData) -> None:
 
 def _is_number(kind: pa.DataType) -> bool:
     return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
-
-

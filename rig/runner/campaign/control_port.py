@@ -82,7 +82,9 @@ class ControlPort:
         self._listener.close()
         if self._thread.ident is not None:
             self._thread.join(PATIENCE_S)
-        (self._folder / SOCKET).unlink(missing_ok=True)
+        # The folder may be gone, or a file may be in its place.
+        with suppress(OSError):
+            (self._folder / SOCKET).unlink(missing_ok=True)
 
     def _serve(self) -> None:
         """Serve the clients one after the other until the port is closed."""
