@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from . import formats
-from .bounds import LARGEST_JSON, in_bytes
+from .bounds import LARGEST_JSON, read_bounded
 from .errors import RecordingError
 from .interpolation import without_interpolated
 from .recording import REPLAY_CHANNELS, Recording, Table, events_from
@@ -235,11 +235,7 @@ def _with_sidecar(recording: Recording) -> Recording:
     if not sidecar.exists():
         return recording
     try:
-        with sidecar.open("rb") as file:
-            text = file.read(LARGEST_JSON + 1)
-        if len(text) > LARGEST_JSON:
-            raise ValueError(f"larger than {in_bytes(LARGEST_JSON)}")
-        content = json.loads(text)
+        content = json.loads(read_bounded(sidecar, LARGEST_JSON))
         belongs = content["sha256"] == recording.content_hash()
         metadata, events = dict(content["metadata"]), events_from(json.dumps(content["events"]))
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:

@@ -1,13 +1,15 @@
 """YAML is read here so that every value has the file, line and column that it came from."""
 
+import errno
 import hashlib
-import os
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
+
+from rig.recording import read_bounded
 
 from .problems import Place, Problems
 
@@ -158,24 +160,15 @@ class Sources:
         """
         named = referrer or Located(path, Place(path, 0, 0), "file", self)
         try:
-            # A device such as /dev/zero has no end, and a pipe may never begin.
-            if path.is_char_device() or path.is_block_device():
-                raise OSError("it is a device")
-            if path.is_fifo() or path.is_socket():
-                raise OSError("it is a pipe")
-            # The size is asked for first, as a file may have holes that take nothing on the disk.
-            with path.open("rb") as file:
-                size = os.fstat(file.fileno()).st_size
-                content = file.read(most + 1) if size <= most else b""
+            content = read_bounded(path, most)
         except (OSError, ValueError) as error:
             # Python raises ValueError for a path with a NUL or with a lone surrogate.
-            reason = (getattr(error, "strerror", None) or str(error)).lower()
-            named.refuse(f"cannot be read: {reason}", "check the path", path)
-            return None
-        if max(size, len(content)) > most:
-            limit = f"is larger than {most / 1e6:g} MB"
-            size_text = f"{path}, of {max(size, len(content)) / 1e6:.0f} MB,"
-            named.refuse(limit, "is it the right file?", size_text)
+            reason = getattr(error, "strerror", None) or str(error)
+            reason = reason[:1].lower() + reason[1:]
+            remedy = "check the path"
+            if getattr(error, "errno", None) == errno.EFBIG:
+                remedy = "is it the right file?"
+            named.refuse(f"cannot be read: {reason}", remedy, path)
             return None
         self.sha256[path] = hashlib.sha256(content).hexdigest()
         return content
@@ -262,9 +255,11 @@ class _Builder:
         self.values += 1
         if depth > MAX_DEPTH or self.values > MAX_VALUES:
             # Aliases are followed here only, and one may stand for a value that holds it.
-            what = f"{MAX_DEPTH} levels deep" if depth > MAX_DEPTH else f"{MAX_VALUES} values"
+            what = f"more than {MAX_VALUES} values"
+            if depth > MAX_DEPTH:
+                what = f"more than {MAX_DEPTH} levels"
             raise yaml.MarkedYAMLError(
-                problem=f"{name} is too large, or contains itself: more than {what}, with aliases",
+                problem=f"{name} is nested too deeply, too large, or contains itself ({what})",
                 problem_mark=node.start_mark,
             )
         value: Any

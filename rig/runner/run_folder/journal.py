@@ -16,6 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
+from rig.recording import read_bounded
+
 JOURNAL: Final = "journal.jsonl"
 """Name of the journal in a run's folder."""
 JOURNAL_SCHEMA: Final = 1
@@ -83,7 +85,7 @@ def _read(path: Path) -> tuple[list[Entry], int]:
         JournalError: the file cannot be read, or a valid line follows a damaged one.
     """
     try:
-        content = path.read_bytes()
+        content = read_bounded(path)
     except OSError as error:
         why = f"{path}: cannot be read: {reason_of(error)}; give the folder of a run"
         raise JournalError(why) from None
