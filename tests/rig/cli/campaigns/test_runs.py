@@ -261,3 +261,26 @@ def test_a_whole_run_is_exported_by_one_command(
     assert done.code == 0
     assert (tmp_path / "out" / f"leak_low.{extension}").stat().st_size > 10_000
     assert "14000 samples" in done.out
+
+
+def test_the_recordings_of_a_run_and_their_exports_are_verified(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    folder = make_run("one")
+    (recording,) = folder.glob("*.mcap")
+    for end in ("parquet", "csv"):
+        assert invoke("export", recording, recording.with_suffix(f".{end}")).code == 0
+    verified = invoke("runs", "show", "one", "--verify")
+    assert verified.code == 0
+    assert verified.out.startswith("1 recordings and 2 exports are undamaged\n")
+    table = recording.with_suffix(".csv")
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join([*lines[:-1], lines[-1].replace("1", "2", 1)]))
+    content = bytearray(recording.with_suffix(".parquet").read_bytes())
+    content[len(content) // 2] ^= 1
+    recording.with_suffix(".parquet").write_bytes(content)
+    damaged = invoke("runs", "show", "one", "--verify")
+    assert damaged.code == 2
+    first, second, *_ = sorted(damaged.err.splitlines())
+    assert f"{table.name}: file: has other names or values than {recording.name}" in first
+    assert "could not verify page integrity" in second

@@ -116,7 +116,7 @@ def test_files_are_kept_in_the_temporary_folder_where_they_cannot_be_beside(
 ) -> None:
     elsewhere = tmp_path / "temporary"
     elsewhere.mkdir()
-    monkeypatch.setattr(keeping.tempfile, "gettempdir", lambda: str(elsewhere))
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(elsewhere))
     made = Path.mkdir
 
     def mkdir(path: Path, *args: object, **options: bool) -> None:
