@@ -101,10 +101,13 @@ def _bounded(path: str, file: IO[bytes]) -> bytes:
     """
     most = most_bytes()
     text = bytearray()
+    lines = 0
     while piece := file.read(LONGEST_LINE):
         text += piece
-        if len(text) > most:
-            raise too_large(path, "more than its text may", len(text))
+        lines += piece.count(b"\n")
+        size = max(len(text), lines * _LINE_BYTES)
+        if size > most:
+            raise too_large(path, f"{lines} lines of text and more", size)
         # This also stops a file of zeros, which a few bytes on disk can stand for, at its start.
         if len(piece) == LONGEST_LINE and not (b"\n" in piece or b"\r" in piece):
             value = f"a line is longer than {in_bytes(LONGEST_LINE)}"
