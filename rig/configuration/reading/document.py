@@ -306,7 +306,8 @@ class _Builder:
             self.sources.problems.add(place, name, shown, limit, remedy)
             return None
         if isinstance(value, str) and "\0" in value:
-            limit = "has a NUL, a character that no name and no path can have"
-            self.sources.problems.add(place, name, value[:LONGEST_VALUE], limit, "remove it")
+            limit = r"has the character \x00, which no name and no path can have"
+            remedy = "write a name of letters, digits and signs that a terminal can show"
+            self.sources.problems.add(place, name, value[:LONGEST_VALUE], limit, remedy)
             return None
         return value if isinstance(value, Hashable) else str(node.value)
