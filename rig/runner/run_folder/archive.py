@@ -135,10 +135,19 @@ def _check(run: Run) -> None:
         name, recording = test["name"], test["recording"]
         if not isinstance(name, str) or not isinstance(test["status"], str):
             raise ValueError("a test without name or status")
+        found = test["found"] or {}
+        leak = found.get("leak_L_per_min")
+        if not isinstance(leak, int | float | None) or not isinstance(found, dict):
+            raise ValueError(f"{name}: a finding that is none")
+        if not isinstance(test.get("attempts") or [], list):
+            raise ValueError(f"{name}: attempts that are no list")
         if recording is not None and not is_plain(str(recording)):
             raise RunError(
                 f"{run.folder / RESULTS}: {name}: recording {recording} is no file of it"
             )
+    for each in run.results.get("history") or []:
+        if not all(isinstance(each[key], str) for key in ("at", "who", "what")):
+            raise ValueError("a happening without time, person or words")
 
 
 def _state_of(folder: Path, run: Run) -> str:

@@ -274,8 +274,7 @@ def test_the_recordings_of_a_run_and_their_exports_are_verified(
     assert verified.code == 0
     assert verified.out.startswith("1 recordings and 2 exports are undamaged\n")
     table = recording.with_suffix(".csv")
-    lines = table.read_text().splitlines()
-    table.write_text("\n".join([*lines[:-1], lines[-1].replace("1", "2", 1)]))
+    table.write_text(table.read_text().rstrip("\n") + "1\n")
     content = bytearray(recording.with_suffix(".parquet").read_bytes())
     content[len(content) // 2] ^= 1
     recording.with_suffix(".parquet").write_bytes(content)
@@ -284,3 +283,22 @@ def test_the_recordings_of_a_run_and_their_exports_are_verified(
     first, second, *_ = sorted(damaged.err.splitlines())
     assert f"{table.name}: file: has other names or values than {recording.name}" in first
     assert "could not verify page integrity" in second
+
+
+@pytest.mark.parametrize(
+    "malformed",
+    [
+        {"history": True},
+        {"history": [{"at": 1, "who": "x", "what": "y"}]},
+        {"tests": [{"name": "a", "status": "passed", "recording": None, "found": [1]}]},
+        {"name": {}, "started": []},
+    ],
+    ids=["no history", "no time", "no finding", "no start"],
+)
+def test_results_that_are_not_as_they_are_written_are_damaged(
+    invoke: Invoke, make_run: MakeRun, malformed: dict[str, Any]
+) -> None:
+    make_run("one", 1.0, lambda results: results.update(malformed))
+    shown = invoke("runs", "show", "one")
+    assert shown.code == 2
+    assert "results.json: is damaged" in shown.err
