@@ -129,8 +129,10 @@ def _readable(
     """
     file.seek(0, os.SEEK_END)
     size = file.tell()
+    file.seek(0)
     lost: list[str] = []
-    position = file.seek(len(MCAP0_MAGIC))
+    file.read(len(MCAP0_MAGIC))
+    position = file.tell()
     try:
         for record in _records(file):
             if isinstance(record, Chunk):
