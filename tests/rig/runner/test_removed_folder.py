@@ -30,7 +30,7 @@ class Remover(Observer):
         self._in_test -= 1
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
-        if self._in_test == 0 and time_s > 2.0 and not self.stop.requested:
+        if self._in_test == 0 and time_s > 1.0 and not self.stop.requested:
             shutil.rmtree(self._folder)
             until(lambda: self.stop.requested, "the loss to be noticed")
 
@@ -54,7 +54,7 @@ def test_a_campaign_whose_folder_is_removed_keeps_its_data_and_can_be_resumed(
     make_campaign: MakeCampaign,
     remover: Callable[[Path, int], Remover],
 ) -> None:
-    tests = [make_test(name, duration_s=6.0) for name in ("first", "second")]
+    tests = [make_test(name, duration_s=3.0) for name in ("first", "second")]
     campaign = make_campaign(*tests)
     folder = tmp_path / "run"
     observer = remover(folder, 2 if remover is Remover else 1)
@@ -73,6 +73,6 @@ def test_a_campaign_whose_folder_is_removed_keeps_its_data_and_can_be_resumed(
             recording = read_recording(kept / test.recording)
             assert len(recording) == pytest.approx(test.recorded_s * 1000)
     again = run_campaign(campaign, rig, kept, pace="fast", resume=True)
-    assert again.tests[0].recorded_s == outcome.tests[0].recorded_s == 6.0
+    assert again.tests[0].recorded_s == outcome.tests[0].recorded_s == 3.0
     assert Status.NOT_RUN not in again.counts
     assert again.kept_in is None
