@@ -5,6 +5,8 @@ A file's errors are reported with their lines.
 
 import csv
 import gzip
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import isfinite, nan
@@ -20,6 +22,13 @@ _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "co
 
 # A file with a wrong export has a problem in every row; the first problems are enough to show.
 _PROBLEMS_SHOWN: Final = 20
+_MOST_FOUND: Final = 10_000
+"""Most problems that are counted; a compressed file may have any number of rows."""
+MOST_ROWS: Final = 20_000_000
+"""Most rows of a setpoint file: five and a half hours at 1 kHz, which take 1.3 GB while they are
+read; it is interpolated between rows, so that longer motions need fewer of them."""
+_LONGEST_LINE: Final = 1 << 20
+"""Most characters of a line; the longest field that csv takes has 131072."""
 
 
 class SetpointFileError(SetpointError):
@@ -140,7 +149,8 @@ def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
 
     Raises:
         SetpointFileError: the file is missing, no regular file, or not CSV text; a column is
-            missing; a field is no finite number; times do not increase; there are no rows.
+            missing; a field is no finite number; times do not increase; there are no rows, or more
+            than `MOST_ROWS`.
     """
     if path.exists() and not path.is_file():
         # A device such as /dev/zero has no end.
@@ -152,14 +162,14 @@ def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
     try:
         with open_text(path, "rt", encoding="utf-8-sig", newline="") as text:
             return _read(path, text, quantity)
-    except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error) as error:
         reason = getattr(error, "strerror", None) or error
         problem = RequestProblem(str(path), "file", "unreadable", f"({reason})", "give a CSV file")
         raise SetpointFileError([problem]) from error
 
 
 def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Samples]:
-    reader = csv.DictReader(text)
+    reader = csv.DictReader(_lines(text))
     reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
     _require_columns(path, reader.fieldnames, quantity)
     times: list[float] = []
@@ -173,12 +183,30 @@ def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Sample
             limit = f"is not after {times[-1]}"
             problems.append(RequestProblem(where, "time_s", time, limit, "sort the rows by time"))
         times.append(time)
+        if len(times) > MOST_ROWS:
+            remedy = "is it the right file? Give fewer points, between which it is interpolated"
+            limit = f"more than {MOST_ROWS}"
+            problems.append(RequestProblem(where, "rows", "too many", f"({limit})", remedy))
+        if len(problems) > _MOST_FOUND or len(times) > MOST_ROWS:
+            break
     if not times:
         remedy = "add the samples"
         problems.append(RequestProblem(f"{path}:1", "rows", "none", "below the header", remedy))
     if problems:
         raise SetpointFileError(_first(path, problems))
     return np.array(times), np.array(values)
+
+
+def _lines(text: TextIO) -> Iterator[str]:
+    """Yield the lines of a text, of which none is read that is longer than `_LONGEST_LINE`.
+
+    Raises:
+        csv.Error: a line is longer; a compressed file may have one that fills the memory.
+    """
+    while line := text.readline(_LONGEST_LINE):
+        if len(line) == _LONGEST_LINE:
+            raise csv.Error(f"a line is longer than {_LONGEST_LINE} characters")
+        yield line
 
 
 def _require_columns(path: Path, present: list[str], quantity: Quantity) -> None:
@@ -217,5 +245,6 @@ def _first(path: Path, problems: list[RequestProblem]) -> list[RequestProblem]:
     if rest <= 0:
         return problems
     remedy = "mend those above first"
-    more = RequestProblem(str(path), "rows", f"{rest} more problems", "follow", remedy)
+    count = f"{rest}" if len(problems) <= _MOST_FOUND else f"more than {rest}"
+    more = RequestProblem(str(path), "rows", f"{count} more problems", "follow", remedy)
     return [*problems[:_PROBLEMS_SHOWN], more]

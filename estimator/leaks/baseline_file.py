@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimator.accounts import NUISANCES, NuisanceBelief, checked_model_error
+from rig.recording import LARGEST_JSON, read_bounded
 
 from .baseline import PATTERN_FILTERS, Baseline, BaselineError
 from .pattern import HealthyLevel
@@ -111,12 +112,12 @@ def load_baseline(path: Path, model: str) -> Baseline:
             with another model.
     """
     try:
-        baseline = baseline_of(json.loads(path.read_text(encoding="utf-8")))
+        baseline = baseline_of(json.loads(read_bounded(path, LARGEST_JSON)))
     except OSError as error:
         raise BaselineError([f"{path}: {error.strerror}; make one with rig baseline"]) from None
     except KeyError as error:
         raise BaselineError([_none(path, f"there is no {error} in it")]) from None
-    except (ValueError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError, np.linalg.LinAlgError) as error:
         raise BaselineError([_none(path, str(error))]) from None
     if baseline.model != model:
         remedy = f"make it anew with rig baseline --model {model}"

@@ -1,5 +1,6 @@
 """The `rig` command finds its subcommand and turns every error into a message and an exit code."""
 
+import errno
 import os
 import sys
 import tempfile
@@ -19,6 +20,11 @@ import rig
 EXIT_CRASHED: Final = 1
 EXIT_BAD_INPUT: Final = 2
 EXIT_STOPPED: Final = 3
+
+_PATH_ERRORS: Final = (errno.ENAMETOOLONG, errno.ELOOP)
+"""Errors of the system for a path that has a name of over 255 bytes, or a loop of links."""
+_LONGEST_SHOWN: Final = 100
+"""Most characters that a message shows of a path that cannot be one."""
 
 COMMANDS: Final = {
     "run": ("campaigns.run", "Run a fault-injection campaign and write its report."),
@@ -116,6 +122,9 @@ def _run(arguments: Sequence[str] | None) -> int:
         if is_bad_input(error):
             click.echo(str(error), err=True)
             return EXIT_BAD_INPUT
+        if (problem := _unusable_path(error)) is not None:
+            click.echo(problem, err=True)
+            return EXIT_BAD_INPUT
         click.echo(f"rig: {one_line(error)}; traceback in {_keep_traceback()}", err=True)
         return EXIT_CRASHED
 
@@ -127,6 +136,22 @@ def is_bad_input(error: BaseException) -> bool:
     that is not empty. Their classes are not imported, as `rig --help` would take longer by 0.5 s.
     """
     return isinstance(error, ValueError) and bool(getattr(error, "problems", None))
+
+
+def _unusable_path(error: Exception) -> str | None:
+    """Return what is wrong with a path that no file can have; None if that is not the error.
+
+    Whether a path exists is asked in many places, and the system's answer may be that the path
+    itself is wrong. Only the user can have given such a path.
+    """
+    if isinstance(error, OSError) and error.errno in _PATH_ERRORS:
+        path = str(error.filename)
+        shown = path if len(path) <= _LONGEST_SHOWN else f"{path[:_LONGEST_SHOWN]}..."
+        return f"{shown}: {str(error.strerror).lower()}; check the path"
+    if isinstance(error, UnicodeEncodeError) and "surrogates" in error.reason:
+        shown = error.object[:_LONGEST_SHOWN].encode(errors="replace").decode()
+        return f"{shown}: is no UTF-8; write it in UTF-8"
+    return None
 
 
 class Problems:

@@ -1,3 +1,4 @@
+from .bounds import LARGEST_JSON as LARGEST_JSON, read_bounded as read_bounded
 from .errors import (
     MAX_PROBLEMS as MAX_PROBLEMS,
     RecordingError as RecordingError,

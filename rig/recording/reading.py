@@ -2,6 +2,7 @@
 
 import difflib
 import json
+import stat
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from . import formats
+from .bounds import LARGEST_JSON, read_bounded
 from .errors import RecordingError
 from .interpolation import without_interpolated
 from .recording import REPLAY_CHANNELS, Recording, Table, events_from
@@ -56,7 +58,8 @@ def read_recording(
         required: channels that the file must have, beside `time_s`.
 
     Raises:
-        RecordingError: lists every problem of the file, each with remedy and, if it has one, line.
+        RecordingError: lists every problem of the file, each with remedy and, if it has one, line;
+            that it is damaged, or too large for this machine's memory, is one too.
     """
     return _checked(fspath(path), required, None, of_rig=True, longest_s=None)
 
@@ -153,6 +156,9 @@ def _checked(
     except OSError as error:
         remedy = "check that the file can be read"
         raise RecordingError.of_file(name, error.strerror or str(error), remedy) from None
+    except MemoryError:
+        remedy = "split it, or read it on a machine with more memory"
+        raise RecordingError.of_file(name, "takes more memory than is free", remedy) from None
     needed = _named(table, columns or {}, tuple(dict.fromkeys(("time_s", *required))))
     problems = problems_of(table, needed, of_rig=of_rig, longest_s=longest_s)
     if problems:
@@ -192,13 +198,22 @@ def _check_path(path: str, extension: str | None) -> None:
     """Raise unless a path is a file with the extension of a recording.
 
     Raises:
-        RecordingError: the path is a folder, does not exist, or has another extension.
+        RecordingError: the path is no regular file, does not exist, or has another extension.
     """
     file = Path(path)
-    if file.is_dir():
-        raise RecordingError.of_file(path, "is a folder", f"give a file, as in {path}/*.mcap")
-    if not file.exists():
+    try:
+        state = file.stat().st_mode if file.exists() else None
+    except (OSError, ValueError) as error:
+        # A name in the path is too long, may not be looked at, or has a NUL.
+        reason = getattr(error, "strerror", None) or str(error)
+        raise RecordingError.of_file(path, reason, "check the path") from None
+    if state is None:
         raise RecordingError.of_file(path, "does not exist", _nearest_files(file))
+    if stat.S_ISDIR(state):
+        raise RecordingError.of_file(path, "is a folder", f"give a file, as in {path}/*.mcap")
+    if not stat.S_ISREG(state):
+        # A device may have no end, and a pipe may never begin.
+        raise RecordingError.of_file(path, "is no regular file", "copy it to a file first")
     if extension is None:
         value = f"unknown extension {file.suffix!r}"
         limit = f"recordings are {', '.join(EXTENSIONS)}"
@@ -220,10 +235,10 @@ def _with_sidecar(recording: Recording) -> Recording:
     if not sidecar.exists():
         return recording
     try:
-        content = json.loads(sidecar.read_bytes())
+        content = json.loads(read_bounded(sidecar, LARGEST_JSON))
         belongs = content["sha256"] == recording.content_hash()
         metadata, events = dict(content["metadata"]), events_from(json.dumps(content["events"]))
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         value, remedy = f"cannot be read ({error!r})", "restore or delete it"
         raise RecordingError.of_file(str(sidecar), value, remedy) from None
     if not belongs:

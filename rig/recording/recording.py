@@ -5,7 +5,7 @@ A table holds the columns as they were read from a file of any format, before th
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -106,14 +106,22 @@ class Recording:
         It does not depend on the order of channels, on metadata, events or source. All NaN count as
         equal, and -0.0 differs from 0.0.
         """
-        digest = hashlib.sha256()
-        for name in sorted(self.channels):
-            values = self.channels[name]
-            digest.update(f"{name}\0{len(values)}\0".encode())
-            # The bits within a NaN are lost in text formats, so they must not enter the hash.
-            canonical = np.where(np.isnan(values), np.nan, values)
-            digest.update(np.ascontiguousarray(canonical, dtype="<f8").data)
-        return digest.hexdigest()
+        return content_hash(self.channels)
+
+
+def content_hash(channels: Mapping[str, FloatArray]) -> str:
+    """Return the SHA-256 (hex) of the names and values, shape (n,), of channels.
+
+    See `Recording.content_hash`.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(channels):
+        values = channels[name]
+        digest.update(f"{name}\0{len(values)}\0".encode())
+        # The bits within a NaN are lost in text formats, so they must not enter the hash.
+        canonical = np.where(np.isnan(values), np.nan, values)
+        digest.update(np.ascontiguousarray(canonical, dtype="<f8").data)
+    return digest.hexdigest()
 
 
 def row_number(row: int) -> int:

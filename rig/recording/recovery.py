@@ -1,21 +1,33 @@
 """A clean recording is made here from the readable part of a cut or damaged MCAP file."""
 
 import os
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from itertools import pairwise
 from os import PathLike, fspath
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, Final
 
 import numpy as np
-from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from . import formats
 from .errors import RecordingError, RecordingProblem
 from .targets import replacing, target_problems
+
+_KINDS: Final[dict[int, Any]] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.METADATA: Metadata,
+}
+"""Kinds of records that a recording needs besides messages, by their first byte in the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +76,15 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
 
     Raises:
         RecordingError: path_out exists, its folder does not, or it does not end with .mcap; or
-            path_in does not exist, has no readable sample, or is not a recording of rig.
+            path_in does not exist, has no readable sample, is not a recording of rig, or holds more
+            than memory can take.
         OSError: a file cannot be read or written.
     """
     source, target = fspath(path_in), fspath(path_out)
     problems = _path_problems(source, target)
     if problems:
         raise RecordingError(problems)
-    collector = formats.SampleCollector()
+    collector = formats.SampleCollector(source)
     with formats.mapped(source) as file:
         try:
             stretches, lost = _readable(file, collector)
@@ -118,14 +131,17 @@ def _readable(
     size = file.tell()
     file.seek(0)
     lost: list[str] = []
-    position = 0
+    file.read(len(MCAP0_MAGIC))
+    position = file.tell()
     try:
-        for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+        for record in _records(file):
             if isinstance(record, Chunk):
                 _take_chunk(record, collector, lost)
             else:
                 collector.take(record)
             position = file.tell()
+    except RecordingError:
+        raise  # what can be read takes too much memory
     except formats.DAMAGE:
         lost.append(f"everything after byte {position} of {size}: cut off or unreadable")
     if not collector.channels:
@@ -134,10 +150,34 @@ def _readable(
     return [collector.blocks[first:last] for first, last in pairwise(bounds)], lost
 
 
+def _records(file: IO[bytes]) -> Iterator[McapRecord]:
+    """Yield the records of a file, from its present position to the footer, that a recording needs.
+
+    Raises:
+        ValueError, McapError, ...: one of `DAMAGE`; a record is damaged, or there is no footer.
+    """
+    while True:
+        opcode, length = struct.unpack("<BQ", file.read(formats.RECORD_PREFIX))
+        # A power cut leaves zeros, which would otherwise be taken for millions of empty records.
+        if opcode == 0:
+            raise ValueError("zeros in place of a record")
+        if opcode == Opcode.FOOTER:
+            return
+        content = file.read(length)
+        if len(content) != length:
+            raise ValueError("a record is cut off")
+        if opcode == Opcode.MESSAGE:
+            yield Message.read(ReadDataStream(BytesIO(content)), length)
+        elif opcode in _KINDS:
+            yield _KINDS[opcode].read(ReadDataStream(BytesIO(content)))
+
+
 def _take_chunk(chunk: Chunk, collector: formats.SampleCollector, lost: list[str]) -> None:
     blocks, events = len(collector.blocks), len(collector.events)
     try:
         collector.take_chunk(chunk)
+    except RecordingError:
+        raise
     except formats.DAMAGE as error:
         del collector.blocks[blocks:], collector.events[events:]
         start, end = chunk.message_start_time * 1e-9, chunk.message_end_time * 1e-9

@@ -13,7 +13,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from rig.configuration import Sweep
-from rig.recording import replace_text
+from rig.recording import read_bounded, replace_text
 from rig.runner.run_folder import DirectoryError
 
 from .run_cases import sources
@@ -161,9 +161,9 @@ def identity(sweep: Sweep) -> dict[str, Any]:
 def read_identity(path: Path) -> dict[str, Any] | None:
     """Return the identity of the sweep in a folder; None if the folder holds no sweep."""
     try:
-        found = json.loads((path / SWEEP).read_text(encoding="utf-8"))
+        found = json.loads(read_bounded(path / SWEEP))
         return dict(found) if found["schema"] == SCHEMA else None
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
 
 

@@ -114,7 +114,7 @@ def command(
         screen.print_table(HEADINGS, rows, right=("onset", "latency"))
         for line in summary(outcome, wall_s, live=paced):
             screen.print(line, soft_wrap=True)
-        report = _report(outcome, directory)
+        report = _report(outcome, outcome.kept_in or directory)
     if report is not None:
         screen.print(f"report: {report}", soft_wrap=True)
     return outcome.exit_code if report is not None else max(outcome.exit_code, EXIT_CRASHED)

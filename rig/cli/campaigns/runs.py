@@ -12,7 +12,7 @@ from typing import Any, Final
 import click
 
 from rig.cli.screen import Screen
-from rig.recording import replace_text
+from rig.recording import EXTENSIONS, RecordingError, RecordingProblem, read_recording, replace_text
 from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
@@ -111,12 +111,19 @@ def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
 @click.argument("run")
 @_below
 @click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
-def show(run: str, below: Path, as_json: bool) -> int:
+@click.option(
+    "--verify", is_flag=True, help="Read its recordings, and exports of them, by their checksums."
+)
+def show(run: str, below: Path, as_json: bool, verify: bool) -> int:
     """Show a run: its folder, state, size, tests with their verdicts, and events outside the tests.
 
-    RUN is the name of a folder below --runs, or a path.
+    RUN is the name of a folder below --runs, or a path. With --verify the exit code is 2 if a
+    recording of the run, or an export in its folder, is damaged or holds other values; each is then
+    named on stderr.
     """
     found = _run(run, below)
+    if verify:
+        _verify(found)
     if as_json:
         click.echo(json.dumps(_document(found) | {"results": found.results}, ensure_ascii=False))
         return 0
@@ -237,6 +244,37 @@ def _writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _verify(run: Run) -> None:
+    """Read every recording of a run, and every export of it in the run's folder; tell how many.
+
+    An export has its recording's name with the extension of another format.
+
+    Raises:
+        RecordingError: some are damaged, or an export has other values than its recording.
+    """
+    problems: list[RecordingProblem] = []
+    exported = 0
+    for recording in run.recordings:
+        others = [recording.with_name(f"{recording.stem}{end}") for end in EXTENSIONS]
+        exports = [path for path in others if path != recording and path.is_file()]
+        exported += len(exports)
+        original = None
+        for path in (recording, *exports):
+            try:
+                content = read_recording(path, required=()).content_hash()
+            except RecordingError as error:
+                problems += error.problems
+                continue
+            if path == recording:
+                original = content
+            elif original not in (None, content):
+                value = f"has other names or values than {recording.name}"
+                problems.append(RecordingProblem(str(path), "file", value, "export it again"))
+    if problems:
+        raise RecordingError(problems)
+    click.echo(f"{len(run.recordings)} recordings and {exported} exports are undamaged")
 
 
 def _is_wanted(run: Run, wanted: Mapping[str, Any]) -> bool:

@@ -7,6 +7,11 @@ import click
 
 from rig.recording import Recording, RecordingError, RecordingProblem, export, read_recording
 
+NO_CHECKSUM: Final = (
+    "a CSV has no checksum: damage to its values is not noticed when it is read, and only warned "
+    "of if the file .json lies beside it; .parquet, .mcap and .csv.gz have checksums"
+)
+"""Note on a CSV that was written. The hash in its `.json` only warns, as people edit a CSV."""
 _FORMATS: Final = ("mf4", "parquet", "csv", "csv.gz", "mcap")
 
 
@@ -24,7 +29,8 @@ def command(source: str, out: str, extension: str | None) -> int:
 
     With the folder of a RUN, every recording of its tests is written to the folder OUT. Units,
     metadata and events are written too: inside MF4, Parquet and MCAP, beside a CSV in OUT.json. MF4
-    needs asammdf: pip install 'hydraulic-rig[mf4]'.
+    needs asammdf: pip install 'hydraulic-rig[mf4]'. Parquet, MCAP and CSV.gz have checksums, by
+    which damage is noticed when they are read; a plain CSV cannot have any.
     """
     if Path(source).is_dir():
         return _export_run(Path(source), Path(out), extension or "parquet")
@@ -66,6 +72,8 @@ def _export(content: Recording, out: str) -> None:
     except OSError as error:
         raise _unwritable(out, error) from error
     click.echo(f"{out}: {len(content)} samples of {len(content.channels)} channels")
+    if out.lower().endswith(".csv"):
+        click.echo(f"{out}: {NO_CHECKSUM}", err=True)
 
 
 def _unwritable(out: str, error: OSError) -> RecordingError:

@@ -1,4 +1,9 @@
-from .document import LONGEST_VALUE as LONGEST_VALUE, Located as Located, Sources as Sources
+from .document import (
+    LONGEST_NUMBER as LONGEST_NUMBER,
+    LONGEST_VALUE as LONGEST_VALUE,
+    Located as Located,
+    Sources as Sources,
+)
 from .fields import (
     Adjustable as Adjustable,
     AnyQuantity as AnyQuantity,

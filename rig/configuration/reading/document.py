@@ -1,5 +1,6 @@
 """YAML is read here so that every value has the file, line and column that it came from."""
 
+import errno
 import hashlib
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
@@ -8,6 +9,8 @@ from typing import Any, TypeVar
 
 import yaml
 
+from rig.recording import read_bounded
+
 from .problems import Place, Problems
 
 T = TypeVar("T")
@@ -15,10 +18,19 @@ T = TypeVar("T")
 LONGEST_VALUE = 60
 """Most characters of a value that a message shows."""
 MAX_DEPTH = 32
-# Aliases let a short file unfold without bound; real files have some thousand values at most.
+"""Most levels of lists and mappings within one another; the shipped files have eight at most."""
 MAX_VALUES = 200_000
+"""Most values of a file, those that its aliases repeat included, which would otherwise let a short
+file unfold without bound; the largest real files, of registers and tables, have some thousand."""
 MAX_BYTES = 8_000_000
-"""Size in bytes of the largest file that is read; `MAX_VALUES` values do not need more."""
+"""Size in bytes of the largest YAML file that is read; `MAX_VALUES` values do not need more."""
+MAX_BYTES_OF_OTHERS = 256_000_000
+"""Size in bytes of the largest other file that a configuration names, such as a setpoint's CSV: an
+hour at 1 kHz has 3.6 million rows of two numbers with up to 20 digits each, 150 MB."""
+LONGEST_NUMBER = 100
+"""Most characters of a number: 64 binary digits with their prefix are 66. Python takes a time that
+grows with the square of the length, and refuses to write out longer ones."""
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 """libyaml's reader, ten times as fast as the one in Python, which is used where PyYAML lacks it."""
 
@@ -138,21 +150,25 @@ class Sources:
         assert found is not None
         return found
 
-    def read_bytes(self, path: Path, referrer: Located | None = None) -> bytes | None:
+    def read_bytes(
+        self, path: Path, referrer: Located | None = None, most: int = MAX_BYTES_OF_OTHERS
+    ) -> bytes | None:
         """Return a file's content and keep its hash in `sha256`; None if it cannot be read.
 
         A problem is added then. It is placed at `referrer`, the value that names the file, if there
-        is one.
+        is one. A file with more than `most` bytes is not read.
         """
+        named = referrer or Located(path, Place(path, 0, 0), "file", self)
         try:
-            if path.is_char_device() or path.is_block_device():
-                # One such as /dev/zero has no end.
-                raise OSError("it is a device")
-            content = path.read_bytes()
-        except OSError as error:
-            named = referrer or Located(path, Place(path, 0, 0), "file", self)
-            reason = (error.strerror or str(error)).lower()
-            named.refuse(f"cannot be read: {reason}", "check the path", path)
+            content = read_bounded(path, most)
+        except (OSError, ValueError) as error:
+            # Python raises ValueError for a path with a NUL or with a lone surrogate.
+            reason = getattr(error, "strerror", None) or str(error)
+            reason = reason[:1].lower() + reason[1:]
+            remedy = "check the path"
+            if getattr(error, "errno", None) == errno.EFBIG:
+                remedy = "is it the right file?"
+            named.refuse(f"cannot be read: {reason}", remedy, path)
             return None
         self.sha256[path] = hashlib.sha256(content).hexdigest()
         return content
@@ -164,17 +180,13 @@ class Sources:
         placed at `referrer`, the value that names it. A file above `MAX_BYTES` or with wrong syntax
         counts as holding none. Of a repeated key the first value counts, and a problem is added.
         """
-        content = self.read_bytes(path, referrer) if path is not None else None
+        content = self.read_bytes(path, referrer, MAX_BYTES) if path is not None else None
         if path is None or content is None:
             return None
         start = Located(None, Place(path, 1, 1), "file", self)
-        if len(content) > MAX_BYTES:
-            size, most = f"{len(content) / 1e6:.0f} MB", f"{MAX_BYTES / 1e6:g} MB"
-            start.refuse(f"is larger than {most}", "is it the right file?", size)
-            return None
         loader = None
         try:
-            _check_depth(content)
+            _check_shape(content)
             loader = _LOADER(content)
             node = loader.get_single_node()
             if not isinstance(node, yaml.MappingNode):
@@ -197,25 +209,34 @@ class Sources:
         )
 
 
-def _check_depth(content: bytes) -> None:
-    """Parse a file's content once, to refuse one nested too deeply before its nodes are made.
+def _check_shape(content: bytes) -> None:
+    """Parse a file's content once, to refuse what is nested too deeply or too large.
 
-    libyaml's reader makes nodes by calling itself, and would exhaust the stack of the process.
+    libyaml's reader makes nodes by calling itself, and would exhaust the stack of the process; a
+    node takes some hundred times the memory of its text.
 
     Raises:
-        yaml.YAMLError: the file is nested more deeply than `MAX_DEPTH`, or its syntax is wrong.
+        yaml.YAMLError: the file is nested more deeply than `MAX_DEPTH`, has more values than
+            `MAX_VALUES`, or its syntax is wrong.
     """
-    depth = 0
+    depth = values = 0
     for event in yaml.parse(content, Loader=_LOADER):
+        if isinstance(event, yaml.NodeEvent):
+            values += 1
+            # Keys are counted here too, so that there may be twice as many.
+            if values > 2 * MAX_VALUES:
+                raise _shape_error(f"it has more than {MAX_VALUES} values", event)
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > MAX_DEPTH + 1:
-                raise yaml.MarkedYAMLError(
-                    problem=f"it is nested too deeply (more than {MAX_DEPTH} levels)",
-                    problem_mark=event.start_mark,  # type: ignore[arg-type]  # libyaml has its own
-                )
+                raise _shape_error(f"it is nested too deeply (more than {MAX_DEPTH} levels)", event)
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
+
+
+def _shape_error(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
+    mark: Any = event.start_mark  # libyaml has marks of its own, with the same attributes
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
 @dataclass
@@ -233,7 +254,14 @@ class _Builder:
     def build(self, node: yaml.Node, place: Place, name: str, depth: int) -> Located:
         self.values += 1
         if depth > MAX_DEPTH or self.values > MAX_VALUES:
-            raise yaml.YAMLError(f"{name} is nested too deeply, too large, or contains itself")
+            # Aliases are followed here only, and one may stand for a value that holds it.
+            what = f"more than {MAX_VALUES} values"
+            if depth > MAX_DEPTH:
+                what = f"more than {MAX_DEPTH} levels"
+            raise yaml.MarkedYAMLError(
+                problem=f"{name} is nested too deeply, too large, or contains itself ({what})",
+                problem_mark=node.start_mark,
+            )
         value: Any
         if isinstance(node, yaml.MappingNode):
             value = self._mapping(node, depth)
@@ -261,6 +289,11 @@ class _Builder:
         return entries
 
     def _scalar(self, node: yaml.Node, place: Place, name: str) -> Any:
+        if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+            value = f"{node.value[: LONGEST_VALUE - 3]}..."
+            limit = f"is a number of {len(node.value)} characters, above {LONGEST_NUMBER}"
+            self.sources.problems.add(place, name, value, limit, "write fewer digits, or quote it")
+            return None
         try:
             value = self.loader.construct_object(node)
         except (yaml.YAMLError, ValueError, OverflowError) as error:
@@ -268,6 +301,13 @@ class _Builder:
             limit = f"cannot be read: {reason}"
             is_day = node.tag == "tag:yaml.org,2002:timestamp"
             remedy = "write a day of the calendar, such as 2026-03-31" if is_day else "quote it"
-            self.sources.problems.add(place, name, node.value, limit, remedy)
+            value = str(node.value)
+            shown = value if len(value) <= LONGEST_VALUE else f"{value[: LONGEST_VALUE - 3]}..."
+            self.sources.problems.add(place, name, shown, limit, remedy)
+            return None
+        if isinstance(value, str) and "\0" in value:
+            limit = r"has the character \x00, which no name and no path can have"
+            remedy = "write a name of letters, digits and signs that a terminal can show"
+            self.sources.problems.add(place, name, value[:LONGEST_VALUE], limit, remedy)
             return None
         return value if isinstance(value, Hashable) else str(node.value)

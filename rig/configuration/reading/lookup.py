@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, Literal, TypeVar
 
@@ -104,17 +105,24 @@ def resolve(kind: Kind, item: Located | None, base: Path | None = None) -> Path 
         return None
     folder = base or item.place.path.parent
     if is_path(reference):
-        path = (folder / Path(reference).expanduser()).resolve()
-        if path.is_file():
-            return path
-        limit = "is not a file" if path.exists() else "does not exist"
+        try:
+            path = (folder / Path(reference).expanduser()).resolve()
+            if path.is_file():
+                return path
+            limit = "is not a file" if path.exists() else "does not exist"
+        except (OSError, ValueError, RuntimeError) as error:
+            # The path has a name that is too long, a NUL or a loop of links, or "~" has no meaning.
+            reason = (getattr(error, "strerror", None) or str(error)).lower()
+            item.refuse(f"cannot be a path: {reason}", "give the path of a file", item.shown)
+            return None
         item.refuse(limit, _alternatives(kind, path.stem, path.parent), reference)
         return None
     for each in _folders(kind, folder, beside=base is None):
         for suffix in SUFFIXES:
-            path = (each / f"{reference}{suffix}").resolve()
-            if path.is_file() and path != item.place.path:
-                return path
+            with suppress(OSError, ValueError):  # a name that is too long, or has a NUL
+                path = (each / f"{reference}{suffix}").resolve()
+                if path.is_file() and path != item.place.path:
+                    return path
     item.refuse(f"is not a known {kind}", _alternatives(kind, reference, folder), reference)
     return None
 

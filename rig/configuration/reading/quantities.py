@@ -121,7 +121,8 @@ def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
     near = nearest(unit, dimension(si_unit).units) or nearest(unit, known)
     remedy = f"did you mean {near}?" if near else f"write it like {dimension(si_unit).example}"
     if not _UNIT.fullmatch(unit):
-        raise QuantityError(f"has an unusable unit {unit!r}", remedy)
+        shown = unit if len(unit) <= 60 else f"{unit[:57]}..."
+        raise QuantityError(f"has an unusable unit {shown!r}", remedy)
     text = _ROOT.sub(r"\1^0.5", unit).replace("·", "*")
     registry = unit_registry()
     try:

@@ -9,7 +9,7 @@ from typing import Final
 import yaml
 
 from control import ControlSettings, Margins, least_margins
-from rig.configuration.reading import Located, Place, Sources, options_of, show
+from rig.configuration.reading import LONGEST_NUMBER, Located, Place, Sources, options_of, show
 from rig.plant import TICK, Parameters
 
 from .control import read_control
@@ -135,10 +135,16 @@ def _entries(order: Located) -> Iterator[tuple[str, Located]]:
 
 
 def _scalar(written: str) -> object:
-    """Return a value as YAML reads it: a truth value, a number or a text."""
+    """Return a value as YAML reads it: a truth value, a number or a text.
+
+    What is no such value, such as a day that no calendar has, or is longer than any number of a
+    configuration, is a text.
+    """
+    if len(written) > LONGEST_NUMBER:
+        return written
     try:
         value = yaml.safe_load(written)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError):
         return written
     return value if isinstance(value, bool | int | float) else written
 

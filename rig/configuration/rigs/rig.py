@@ -152,6 +152,11 @@ class PlantFile(Schema):
     effects: Any = None
 
 
+LONGEST_NAME: Final = 200
+"""Most characters of a rig's name: the file of its counters is named by it, and a file's name, with
+what is added to it while it is written, may have 255 bytes."""
+
+
 def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     """Return the rig that a file describes, with its parents' keys; None if it cannot be made.
 
@@ -163,6 +168,9 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     if root is None:
         return None
     file = read_mapping(RigFile, root)
+    if file is not None and len(file.name) > LONGEST_NAME:
+        limit = f"has {len(file.name)} characters, above {LONGEST_NAME}"
+        root.refuse(limit, "shorten it", key="name")
     plant = _read_plant(root.get("plant"))
     sensors = _read_sensors(root.get("sensors"))
     bypass_valves = read_bypass_valves(root.get("bypass_valves"))

@@ -15,3 +15,4 @@ from .mcap_writer import (
 )
 from .mf4_file import write_mf4 as write_mf4
 from .parquet_file import read_parquet as read_parquet, write_parquet as write_parquet
+from .sample_layout import RECORD_PREFIX as RECORD_PREFIX

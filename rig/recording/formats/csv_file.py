@@ -6,8 +6,10 @@ They are read fast if all cells are numbers, else with line numbers for what is 
 import csv
 import gzip
 import io
+import math
 import re
 import zlib
+from array import array
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -18,11 +20,16 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
+from rig.recording.bounds import LONGEST_LINE, in_bytes, most_bytes, too_large
 from rig.recording.errors import RecordingError, RecordingProblem
 from rig.recording.recording import REPLAY_CHANNELS, FloatArray, Recording, Table
 
 _GZIP_MAGIC: Final = b"\x1f\x8b"
 _GZIP_LEVEL: Final = 1
+_LINE_BYTES: Final = 64
+"""Bytes that a short line takes in a list: 33 of the object, its text, and 8 of the list."""
+_MOST_REPORTED: Final = 1000
+"""Cells of a column that are reported one by one as no numbers; the others are only counted."""
 _MISSING: Final = ("", "nan", "NaN", "NAN", "-nan")
 _DELIMITERS: Final = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 
@@ -40,6 +47,7 @@ def read_csv(path: str) -> Table:
     """
     text = _text(path)
     names, problems = _header(path, text)
+    _refuse_too_many_cells(path, text, len(names))
     kept = {name: names.index(name) for name in names if name}
     table = Table(path, {}, problems, line_of=_line_numbers(text))
     try:
@@ -52,25 +60,74 @@ def read_csv(path: str) -> Table:
 
 
 def _text(path: str) -> bytes:
-    data = Path(path).read_bytes()
     compressed = path.lower().endswith(".gz")
-    if not data:
-        remedy = "record again or fetch the file again"
-        raise RecordingError.of_file(path, "empty (0 bytes)", remedy)
-    if data.startswith(_GZIP_MAGIC) != compressed:
-        value = "not gzip-compressed" if compressed else "gzip-compressed"
-        wanted = path[: -len(".gz")] if compressed else f"{path}.gz"
-        limit = "its extension says otherwise"
-        raise RecordingError.of_file(path, value, f"rename to {wanted}", limit)
-    if not compressed:
-        return data
+    with Path(path).open("rb") as file:
+        magic = file.read(len(_GZIP_MAGIC))
+        file.seek(0)
+        if not magic:
+            remedy = "record again or fetch the file again"
+            raise RecordingError.of_file(path, "empty (0 bytes)", remedy)
+        if (magic == _GZIP_MAGIC) != compressed:
+            value = "not gzip-compressed" if compressed else "gzip-compressed"
+            wanted = path[: -len(".gz")] if compressed else f"{path}.gz"
+            limit = "its extension says otherwise"
+            raise RecordingError.of_file(path, value, f"rename to {wanted}", limit)
+        if not compressed:
+            return _bounded(path, file)
+        return _decompressed(path, file)
+
+
+def _decompressed(path: str, file: IO[bytes]) -> bytes:
+    """Return the text of a gzipped file, whose checksum is verified.
+
+    Raises:
+        RecordingError: the file is cut off or damaged, or its text is too large.
+    """
     try:
-        return gzip.decompress(data)
+        with gzip.GzipFile(fileobj=file) as text:
+            return _bounded(path, cast(IO[bytes], text))
     except (EOFError, OSError, zlib.error) as error:
         cut = isinstance(error, EOFError)
         value = "gzip data is cut off" if cut else f"gzip data is corrupt ({error})"
         remedy = f"fetch the file again, or keep what is readable: zcat {path} > salvaged.csv"
         raise RecordingError.of_file(path, value, remedy) from None
+
+
+def _bounded(path: str, file: IO[bytes]) -> bytes:
+    """Return what is left of a file, of which no more is read than a recording may have.
+
+    Raises:
+        RecordingError: there is more than `most_bytes`, or a line is longer than `LONGEST_LINE`.
+    """
+    most = most_bytes()
+    text = bytearray()
+    lines = 0
+    while piece := file.read(LONGEST_LINE):
+        text += piece
+        lines += piece.count(b"\n")
+        size = max(len(text), lines * _LINE_BYTES)
+        if size > most:
+            raise too_large(path, f"{lines} lines of text and more", size)
+        # This also stops a file of zeros, which a few bytes on disk can stand for, at its start.
+        if len(piece) == LONGEST_LINE and not (b"\n" in piece or b"\r" in piece):
+            value = f"a line is longer than {in_bytes(LONGEST_LINE)}"
+            remedy = "is it a recording? Write one line for each sample"
+            raise RecordingError.of_file(path, value, remedy)
+    return bytes(text)
+
+
+def _refuse_too_many_cells(path: str, text: bytes, columns: int) -> None:
+    """Raise an error if the values of a text with so many columns would fill the memory.
+
+    A line costs `_LINE_BYTES` while the text is read carefully, even if it is blank.
+
+    Raises:
+        RecordingError: they would take more than `most_bytes`.
+    """
+    lines = max(text.count(b"\n"), text.count(b"\r"))
+    size = lines * max(8 * columns, _LINE_BYTES)
+    if size > most_bytes():
+        raise too_large(path, f"{lines} lines of {columns} columns", size)
 
 
 def _header(path: str, text: bytes) -> tuple[list[str], list[RecordingProblem]]:
@@ -117,7 +174,11 @@ def _refuse_other_delimiter(path: str, line: str, names: Sequence[str]) -> None:
 
 
 def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), [])]
+    """Return the cells of a line; the line as one cell if it has one that is too long to read."""
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), [])]
+    except csv.Error:
+        return [line]
 
 
 def _is_number(text: str) -> bool:
@@ -166,30 +227,38 @@ def _careful_columns(
 
     Each column has shape (n,), with NaN for unreadable cells; the mask has shape (n_columns, n).
     """
-    rows: list[list[float | None]] = []
+    # An array of doubles takes a quarter of the memory of a list of floats.
+    values, unreadable, rows = array("d"), bytearray(), 0
     wrong: dict[str, list[tuple[int, str]]] = {name: [] for name in names}
+    counts = dict.fromkeys(names, 0)
     lines = text.splitlines()
     for number, raw in enumerate(lines[1:], 2):
         if not raw.strip():
             continue
-        row, cells = len(rows), _cells(raw.decode("utf-8", errors="replace"))
+        row, rows = rows, rows + 1
+        cells = _cells(raw.decode("utf-8", errors="replace"))
         if len(cells) != len(names):
             remedy = "complete or delete the line"
             if number == len(lines):
                 remedy = "delete the line: the file was cut off in it"
             limit = f"the header has {len(names)}"
             table.report("row", f"{len(cells)} cells", remedy, limit, row)
-            rows.append([None] * len(names))
+            values.extend([math.nan] * len(names))
+            unreadable.extend([True] * len(names))
             continue
-        rows.append([_number(cell) for cell in cells])
-        for name, cell, value in zip(names, cells, rows[row], strict=True):
+        for name, cell in zip(names, cells, strict=True):
+            value = _number(cell)
+            values.append(math.nan if value is None else value)
+            unreadable.append(value is None)
             if value is None:
-                wrong[name].append((row, cell))
+                counts[name] += 1
+                if counts[name] <= _MOST_REPORTED:
+                    wrong[name].append((row, cell))
     for name, found in wrong.items():
-        _report_texts(table, name, found, len(rows))
-    columns = np.array(rows, dtype=np.float64).reshape(-1, len(names)).T
-    unreadable = np.array([[value is None for value in row] for row in rows], dtype=np.bool_)
-    return list(np.ascontiguousarray(columns)), unreadable.reshape(-1, len(names)).T
+        _report_texts(table, name, found, counts[name], rows)
+    columns = np.frombuffer(values, dtype=np.float64).reshape(-1, len(names)).T
+    mask = np.frombuffer(unreadable, dtype=np.bool_).reshape(-1, len(names)).T
+    return list(np.ascontiguousarray(columns)), mask
 
 
 def _number(cell: str) -> float | None:
@@ -202,20 +271,31 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _report_texts(table: Table, name: str, found: Sequence[tuple[int, str]], n_rows: int) -> None:
-    """Report the cells of a column that are no numbers, which are `found` as (row, text).
+def _report_texts(
+    table: Table, name: str, found: Sequence[tuple[int, str]], count: int, n_rows: int
+) -> None:
+    """Report the cells of a column that are no numbers.
 
     If all of the `n_rows` cells are, there is one report on the column.
+
+    Args:
+        table: the table, to which the problems are added.
+        name: the column.
+        found: the first of these cells, `_MOST_REPORTED` at most, as (row, text).
+        count: how many of these cells there are.
+        n_rows: how many cells the column has.
     """
     limit = "every cell must be a number or empty"
     remedy = "write a number with a decimal point, or leave the cell empty"
-    if found and len(found) == n_rows:
+    if found and count == n_rows:
         row, cell = found[0]
         value = f"text throughout ({cell[:40]!r}, ...)"
         table.report(name, value, "delete the column or write numbers", limit, row)
         return
     for row, cell in found:
         table.report(name, f"{cell[:40]!r} is not a number", remedy, limit, row)
+    if count > len(found):
+        table.report(name, f"{count - len(found)} further cells are no numbers", remedy, limit)
 
 
 def write_csv(recording: Recording, path: Path, *, compressed: bool) -> None:

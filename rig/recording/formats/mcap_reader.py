@@ -11,17 +11,20 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, Final, cast
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE, SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import MAGIC_SIZE, get_chunk_data_stream
+from mcap.stream_reader import MAGIC_SIZE
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
+from rig.recording.bounds import LARGEST_CHUNK, LARGEST_JSON, in_bytes, most_bytes, too_large
 from rig.recording.errors import RecordingError
 from rig.recording.recording import REPLAY_CHANNELS, Event, FloatArray, Table
 
@@ -35,11 +38,15 @@ DAMAGE: Final = (
     struct.error,
     ValueError,
     TypeError,
+    LookupError,
+    AttributeError,
     RuntimeError,
     OverflowError,
     MemoryError,
 )
 """Exceptions that the libraries raise on damaged bytes."""
+_LARGEST_WINDOW: Final = 1 << 27
+"""Most bytes that zstd may keep of what it has decompressed: 128 MiB, its own default."""
 
 
 class ForeignSchemaError(Exception):
@@ -51,6 +58,9 @@ class SampleCollector:
 
     The records must be given to it in file order.
 
+    Args:
+        path: the file, for messages.
+
     Attributes:
         channels: names of the channels; empty until the record that lists them was taken.
         blocks: arrays of samples, each of shape (n, n_channels), in file order.
@@ -58,7 +68,10 @@ class SampleCollector:
         events: events in file order.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._most = most_bytes()
+        self._size = self._described = 0
         self.channels: Sequence[str] = ()
         self.blocks: list[NDArray[np.float64]] = []
         self.metadata: dict[str, Any] = {}
@@ -72,28 +85,45 @@ class SampleCollector:
 
         Raises:
             ForeignSchemaError: the samples have another schema than McapWriter's.
-            ValueError: the contents are not as McapWriter writes them.
+            RecordingError: there is more in the file than memory can take.
+            ValueError, TypeError, LookupError: the contents are not as McapWriter writes them.
         """
         if isinstance(record, Schema):
             self._schemas[record.id] = record
         elif isinstance(record, Channel):
             self._take_channel(record)
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
+            self._describe(sum(map(len, record.metadata.values())))
             self.metadata = {key: json.loads(text) for key, text in record.metadata.items()}
         elif isinstance(record, Message) and record.channel_id in self._layouts:
             self._take_samples(serialised([record]), 0, record.channel_id)
         elif isinstance(record, Message) and record.channel_id in self._event_channels:
-            self.events.append(Event(**json.loads(record.data)))
+            self._describe(len(record.data))
+            content = json.loads(record.data)
+            event = Event(float(content["time_s"]), str(content["kind"]), str(content["text"]))
+            self.events.append(event)
+
+    def _describe(self, size: int) -> None:
+        """Count a text of metadata or an event, of a size in bytes.
+
+        Raises:
+            RecordingError: the texts so far are larger than `LARGEST_JSON`.
+        """
+        self._described += size
+        if self._described > LARGEST_JSON:
+            what = "its metadata and events"
+            raise too_large(self._path, what, self._described, LARGEST_JSON)
 
     def take_chunk(self, chunk: Chunk) -> None:
         """Check a chunk's checksum, and collect its records, whatever its compression.
 
         Raises:
             ForeignSchemaError: the samples have another schema than McapWriter's.
+            RecordingError: there is more in the file than memory can take.
             McapError, ZstdError, ValueError, ...: one of DAMAGE; the chunk cannot be read.
         """
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        data = stream.read(length)
+        data = _content_of(chunk)
+        length = len(data)
         offset = 0
         while offset < length:
             opcode, content_length = struct.unpack_from("<BQ", data, offset)
@@ -138,8 +168,41 @@ class SampleCollector:
         records = layout.run_at(data, offset, channel_id)
         if not len(records):
             raise ValueError(f"a message of {SAMPLES_TOPIC} is not as long as its schema says")
+        self._size += 8 * len(records) * len(layout.channels)
+        if self._size > self._most:
+            raise too_large(self._path, "its samples", self._size)
         self.blocks.append(layout.values(records))
         return offset + records.nbytes
+
+
+def _content_of(chunk: Chunk) -> bytes:
+    """Return the records of a chunk, decompressed and checked by its checksum.
+
+    No more is decompressed than the chunk says, and that may be `LARGEST_CHUNK`.
+
+    Raises:
+        ValueError, ZstdError, RuntimeError: the chunk says or holds too much, is damaged, or has no
+            checksum, which `McapWriter` always writes.
+    """
+    size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise ValueError(f"a chunk takes {in_bytes(size)}, and may take {in_bytes(LARGEST_CHUNK)}")
+    if chunk.compression == "zstd":
+        unpacking = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+        with unpacking.stream_reader(chunk.data) as content:
+            data = content.read(size + 1)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    elif chunk.compression:
+        raise ValueError(f"a chunk's compression {chunk.compression[:40]!r} is not known")
+    else:
+        data = chunk.data
+    if len(data) != size:
+        raise ValueError(f"a chunk does not hold the {size} bytes that it says")
+    if zlib.crc32(data) != chunk.uncompressed_crc:
+        state = "wrong" if chunk.uncompressed_crc else "missing"
+        raise ValueError(f"a chunk's checksum is {state}")
+    return data
 
 
 @contextmanager
@@ -166,9 +229,9 @@ def read_mcap(path: str) -> Table:
     """Return the table in a complete MCAP file that McapWriter wrote.
 
     Raises:
-        RecordingError: the file is cut off, damaged, or written by another program.
+        RecordingError: the file is cut off, damaged, too large, or written by another program.
     """
-    collector = SampleCollector()
+    collector = SampleCollector(path)
     with mapped(path) as file:
         if not _ends_properly(file):
             raise _damaged(path, "cut off: the end of the file is missing")
@@ -177,8 +240,10 @@ def read_mcap(path: str) -> Table:
             _collect(file, collector)
         except ForeignSchemaError as error:
             raise foreign(path, str(error)) from None
+        except RecordingError:
+            raise
         except DAMAGE as error:
-            raise _damaged(path, f"damaged ({error})") from None
+            raise _damaged(path, f"damaged ({_reason(error)})") from None
     columns = columns_of(collector.channels, collector.blocks)
     return Table(path, columns, metadata=collector.metadata, events=collector.events)
 
@@ -199,6 +264,12 @@ def foreign(path: str, reason: str) -> RecordingError:
     return RecordingError.of_file(path, reason, remedy, limit)
 
 
+def _reason(error: Exception) -> str:
+    """Return what an error of a library says, with its kind if its text alone says little."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ValueError) and text else f"{type(error).__name__} {text}"
+
+
 def _ends_properly(file: IO[bytes]) -> bool:
     file.seek(0, os.SEEK_END)
     if file.tell() < FOOTER_SIZE + 2 * MAGIC_SIZE:
@@ -211,7 +282,8 @@ def _check_summary(file: IO[bytes]) -> None:
     """Check the summary's checksum, as a lost chunk index would silently shorten the recording.
 
     Raises:
-        ValueError: there is no summary, or the summary or the footer is damaged.
+        ValueError: there is no summary, it has no checksum, which `McapWriter` always writes, or it
+            or the footer is damaged.
     """
     file.seek(-FOOTER_SIZE - MAGIC_SIZE, os.SEEK_END)
     footer = file.read(FOOTER_SIZE)
@@ -221,15 +293,18 @@ def _check_summary(file: IO[bytes]) -> None:
     file.seek(0, os.SEEK_END)
     length = file.tell() - MAGIC_SIZE - FOOTER_SIZE - start
     file.seek(start)
-    if crc and zlib.crc32(file.read(length) + footer[:-4]) != crc:
-        raise ValueError("the summary's checksum is wrong")
+    if length < 0:
+        raise ValueError("the summary begins behind its end")
+    if zlib.crc32(file.read(length) + footer[:-4]) != crc:
+        raise ValueError(f"the summary's checksum is {'wrong' if crc else 'missing'}")
 
 
 def _collect(file: IO[bytes], collector: SampleCollector) -> None:
     file.seek(0)
     reader = SeekingReader(file)
     summary = reader.get_summary()
-    assert summary is not None  # _check_summary has read it
+    if summary is None:
+        raise ValueError("no summary")
     for record in (*summary.schemas.values(), *summary.channels.values()):
         collector.take(record)
     if not collector.channels:

@@ -33,6 +33,7 @@ from rig.runner.run_folder import (
     JOURNAL_SCHEMA,
     JUNIT,
     RESULTS,
+    FolderKeeper,
     Journal,
     JournalState,
     changes_of,
@@ -91,6 +92,8 @@ def run_campaign(
     `errors.log` if a test crashed. They are written however the run ends. A crash ends one test
     only. After a stop, a trip, or if the rig cannot be armed or homed, the remaining tests have the
     status `not_run`. After a kill, or a power cut, the journal shows how far the run had come.
+    If the folder is removed or moved, the run stops, and its files are kept in the outcome's
+    `kept_in`.
 
     Args:
         campaign: the campaign, already checked against the rig.
@@ -127,7 +130,15 @@ def run_campaign(
     names = recording_names(test.name for test in campaign.tests)
     if not (resume and (directory / JOURNAL).is_file()):
         prepare_directory(directory, names)
-    with Journal(directory, resume=resume) as journal:
+    with (
+        Journal(directory, resume=resume) as journal,
+        FolderKeeper(
+            directory,
+            lambda: stop.request("the loss of its folder"),
+            journal.move_to,
+            observer.rig_tells,
+        ) as keeper,
+    ):
         known = journal.entries
         state = resumable(known, directory, campaign, rig) if known else JournalState()
         ready: AbstractContextManager[object] = nullcontext()
@@ -141,7 +152,7 @@ def run_campaign(
             rig=rig,
             bench=bench,
             ready=ready,
-            directory=directory,
+            keeper=keeper,
             pacer=Pacer(pace or rig.pace, stop),
             observer=observer,
             stop=stop,
@@ -242,7 +253,7 @@ class _CampaignRun(Setting):
         """
         finished = self.standing.finished
         stands = [finished[index] for index in sorted(finished)]
-        self.observer.campaign_begins(self.campaign, self.directory, stands)
+        self.observer.campaign_begins(self.campaign, self.keeper.folder, stands)
         for name, text in unstable_controls(self.campaign, self.rig):
             self.observer.rig_tells(f"warning: {name}: {text}")
         self.desk.open(
@@ -255,9 +266,9 @@ class _CampaignRun(Setting):
         self._begin(started, given)
         # Even if the run is killed now, its folder is recognized as that of a run.
         self.write()
-        learn_again(self.references, self.standing, self.directory, self.recordings)
+        learn_again(self.references, self.standing, self.keeper.folder, self.recordings)
         if self._next() is not None:
-            with ControlPort(self.directory, self.desk, self._refuse):
+            with ControlPort(self.keeper.folder, self.desk, self._refuse):
                 self._use_rig()
         reason, exit_code = self.stop.reason, int(self.outcome.exit_code)
         self.desk.record("end", reason=reason, exit_code=exit_code)
@@ -366,7 +377,7 @@ class _CampaignRun(Setting):
     def _run_test(self, index: int) -> None:
         test, recording = self.campaign.tests[index], self.recordings[index]
         attempt = self.standing.number_of(index)
-        kept = keep_attempt(self.directory / recording, attempt - 1) if attempt > 1 else None
+        kept = keep_attempt(self.keeper.folder / recording, attempt - 1) if attempt > 1 else None
         self.observer.test_begins(self.references.running_order.index(index) + 1, test)
         self.desk.begins(index, RunningControl(self.rig, test, self.campaign.model))
         self.present, self.phase = index, Phase.SETUP
@@ -383,8 +394,8 @@ class _CampaignRun(Setting):
             outcome = replace(outcome, status=Status.INTERRUPTED, message=message)
         if outcome.recording is not None:
             # The journal must not report a recording before it is on disk.
-            sync(self.directory / outcome.recording)
-            sync(self.directory)
+            sync(self.keeper.folder / outcome.recording)
+            sync(self.keeper.folder)
         self._ends(index, outcome)
         self.observer.test_ends(outcome)
         if outcome.status is Status.INTERRUPTED and self.suspenders.interrupts:
@@ -406,8 +417,8 @@ class _CampaignRun(Setting):
 
     def write(self) -> None:
         """Write `results.json` and `junit.xml` with all outcomes so far."""
-        write_results(self.outcome, self.directory / RESULTS)
-        write_junit(self.outcome, self.directory / JUNIT)
+        write_results(self.outcome, self.keeper.folder / RESULTS)
+        write_junit(self.outcome, self.keeper.folder / JUNIT)
         self.written_at = time.monotonic()
 
     @property
@@ -430,6 +441,7 @@ class _CampaignRun(Setting):
             ended_with=self.ended_with,
             calibrations=calibrations_used(self.rig, self._days),
             uncalibrated=self.rig.uncalibrated,
+            kept_in=self.keeper.kept_in,
         )
 
     @property

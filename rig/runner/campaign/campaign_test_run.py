@@ -7,7 +7,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import ceil, inf
-from pathlib import Path
 from typing import Any, Final
 
 from estimator.filters import start_memory
@@ -40,7 +39,7 @@ from rig.runner.outcomes import (
     metadata_of,
     segments_run,
 )
-from rig.runner.run_folder import log_error
+from rig.runner.run_folder import FolderKeeper, log_error
 
 from .bench import Bench, Timed, Writer
 from .injection import Injection
@@ -80,7 +79,7 @@ class Setting:
 
     Attributes:
         bench: the bench that the tests are run on; its context is entered before the first test.
-        directory: folder of the run, for recordings and tracebacks.
+        keeper: has the folder of the run, for recordings and tracebacks.
         counter: counts what the rig does.
         detector: makes the detector of each test, in place of the filter's own; None for the own.
         desk: takes the operators' requests.
@@ -93,7 +92,7 @@ class Setting:
     campaign: Campaign
     rig: Rig
     bench: Bench
-    directory: Path
+    keeper: FolderKeeper
     pacer: Pacer
     observer: Observer
     stop: StopFlag
@@ -182,7 +181,7 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
             sentence, remedy = explain(Cause.DISK_FULL)
             status, message = Status.TRIPPED, f"{sentence}; {remedy}"
         else:
-            where = log_error(setting.directory, f"test {test.name}")
+            where = log_error(setting.keeper.folder, f"test {test.name}")
             message = f"{type(error).__name__}: {error} (traceback in {where})"
     finally:
         deadline.cancel()
@@ -262,9 +261,10 @@ class _RunningTest:
             metadata = metadata_of(
                 setting.campaign, setting.rig, test, self._learning, channels, setting.provenance
             )
-            path = setting.directory / self._recording
+            path = setting.keeper.folder / self._recording
             with setting.bench.writer(path, channels, metadata) as self._writer:
                 self._recorded = True
+                setting.keeper.look()
                 setting.observer.test_runs(channels, getattr(self._loop, "number", None))
                 # The valve is at null before the recording is closed.
                 with self._left_safe():

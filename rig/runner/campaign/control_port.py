@@ -95,7 +95,9 @@ class ControlPort:
         until = time.monotonic() + PATIENCE_S
         for thread in self._hear_no_more(most=0):
             thread.join(max(until - time.monotonic(), 0.0))
-        (self._folder / SOCKET).unlink(missing_ok=True)
+        # The folder may be gone, or a file may be in its place.
+        with suppress(OSError):
+            (self._folder / SOCKET).unlink(missing_ok=True)
 
     def _serve(self) -> None:
         """Serve each client by a thread of its own until the port is closed."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.plant import TICK
-from rig.recording import replacing
+from rig.recording import read_bounded, replacing
 
 from .motion import Counted, MotionCounter
 
@@ -77,7 +77,7 @@ def read_counters(rig: str, path: Path | None = None) -> Counters:
     """
     path = path or counters_path(rig)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_bounded(path))
         return Counters(
             rig=rig,
             since=str(content["since"]),
@@ -88,7 +88,7 @@ def read_counters(rig: str, path: Path | None = None) -> Counters:
         )
     except FileNotFoundError:
         return Counters(rig, _now())
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         reason = f"{type(error).__name__}: {error}"
         raise CounterError(
             f"{path}: is no file of counters ({reason}); mend it, or move it away to count from 0"

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Final
 
 from estimator.friction import FrictionCurve
@@ -289,6 +290,8 @@ class CampaignOutcome:
     """The calibrations of transducers by which readings were corrected."""
     uncalibrated: tuple[str, ...] = ()
     """The measured channels without calibration; () if no channel has one."""
+    kept_in: Path | None = None
+    """Folder to which the run's files were saved as its own was removed; None if it was not."""
 
     @property
     def exit_code(self) -> int:

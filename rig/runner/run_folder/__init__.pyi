@@ -40,6 +40,7 @@ from .journal import (
     sync as sync,
 )
 from .junit import write_junit as write_junit
+from .keeping import FolderKeeper as FolderKeeper
 from .results import (
     coefficient_unit as coefficient_unit,
     findings as findings,

@@ -10,6 +10,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
+from rig.recording import read_bounded
+
 from .directory import RESULTS, SCHEMA, files_of_run
 from .journal import (
     JOURNAL,
@@ -23,8 +25,6 @@ from .journal import (
 
 RUNS: Final = Path("runs")
 """Folder in which runs are made, and looked for, unless another one is given."""
-LARGEST_RESULTS: Final = 1 << 28
-"""Largest `results.json` that is read, bytes; a larger file was not written by this software."""
 
 
 class RunError(RunFolderError):
@@ -109,9 +109,7 @@ def read_run(folder: Path) -> Run:
     """
     path = folder / RESULTS
     try:
-        if path.stat().st_size > LARGEST_RESULTS:
-            raise RunError(f"{path}: is too large for the results of a run")
-        results = json.loads(path.read_bytes())
+        results = json.loads(read_bounded(path))
         if not isinstance(results, dict) or results.get("schema") != SCHEMA:
             raise RunError(f"{path}: is not a run's; give the folder of a run")
         run = Run(folder, results, "")
@@ -137,10 +135,19 @@ def _check(run: Run) -> None:
         name, recording = test["name"], test["recording"]
         if not isinstance(name, str) or not isinstance(test["status"], str):
             raise ValueError("a test without name or status")
+        found = test["found"] or {}
+        leak = found.get("leak_L_per_min")
+        if not isinstance(leak, int | float | None) or not isinstance(found, dict):
+            raise ValueError(f"{name}: a finding that is none")
+        if not isinstance(test.get("attempts") or [], list):
+            raise ValueError(f"{name}: attempts that are no list")
         if recording is not None and not is_plain(str(recording)):
             raise RunError(
                 f"{run.folder / RESULTS}: {name}: recording {recording} is no file of it"
             )
+    for each in run.results.get("history") or []:
+        if not all(isinstance(each[key], str) for key in ("at", "who", "what")):
+            raise ValueError("a happening without time, person or words")
 
 
 def _state_of(folder: Path, run: Run) -> str:

@@ -12,6 +12,7 @@ from tempfile import NamedTemporaryFile
 from typing import Final
 
 from rig.control_socket import SOCKET
+from rig.recording import read_bounded
 
 from .journal import JOURNAL, JournalError, RunFolderError, is_written, read_journal, reason_of
 
@@ -205,7 +206,7 @@ def _tests_of(folder: Path) -> list[str] | None:
         OSError: `results.json` is there and cannot be read.
     """
     with suppress(FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
-        content = json.loads((folder / RESULTS).read_bytes())
+        content = json.loads(read_bounded(folder / RESULTS))
         names = [str(test["name"]) for test in content["tests"]]
         if content["schema"] == SCHEMA:
             return names

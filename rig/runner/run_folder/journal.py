@@ -8,12 +8,15 @@ lines before it stay valid.
 import fcntl
 import json
 import os
+import threading
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
+
+from rig.recording import read_bounded
 
 JOURNAL: Final = "journal.jsonl"
 """Name of the journal in a run's folder."""
@@ -82,7 +85,7 @@ def _read(path: Path) -> tuple[list[Entry], int]:
         JournalError: the file cannot be read, or a valid line follows a damaged one.
     """
     try:
-        content = path.read_bytes()
+        content = read_bounded(path)
     except OSError as error:
         why = f"{path}: cannot be read: {reason_of(error)}; give the folder of a run"
         raise JournalError(why) from None
@@ -146,6 +149,7 @@ class Journal:
     busy: str = ""
     entries: list[Entry] = field(default_factory=list, init=False)
     _number: int = field(default=0, init=False)
+    _writing: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False)
 
     def __enter__(self) -> "Journal":
         self._file = os.open(self.folder / self.name, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
@@ -171,6 +175,28 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         os.close(self._file)
 
+    def move_to(self, folder: Path) -> None:
+        """Go on in a copy of the journal in another folder, which is made from what was written.
+
+        Raises:
+            OSError: the copy cannot be written.
+        """
+        path = folder / self.name
+        with self._writing:
+            copy = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+            try:
+                fcntl.flock(copy, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                size = os.fstat(self._file).st_size
+                if os.write(copy, os.pread(self._file, size, 0)) != size:
+                    raise OSError(f"{path}: the disk is full")
+                os.fsync(copy)
+                sync(folder)
+            except BaseException:
+                os.close(copy)
+                raise
+            os.close(self._file)
+            self._file, self.folder = copy, folder
+
     def write(self, kind: str, *, durable: bool = True, **details: Any) -> Entry:
         """Append an entry to the journal, and return it.
 
@@ -184,6 +210,10 @@ class Journal:
         Raises:
             OSError: the line cannot be written to the end, as on a full disk.
         """
+        with self._writing:
+            return self._write(kind, durable, details)
+
+    def _write(self, kind: str, durable: bool, details: Mapping[str, Any]) -> Entry:
         at = self.now().isoformat(timespec="milliseconds")
         content = {"n": self._number, "at": at, "kind": kind, **details}
         written = json.dumps(content, allow_nan=False, ensure_ascii=False)

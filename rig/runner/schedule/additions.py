@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from rig.recording import read_bounded
+
 ADDITIONS: Final = "additions.jsonl"
 _LONGEST_LINE: Final = 65_536
 
@@ -50,7 +52,7 @@ def asked_of(folder: Path) -> Iterator[dict[str, Any]]:
     id, or are longer than 64 KiB are left out; without a file there are none.
     """
     try:
-        lines = (folder / ADDITIONS).read_bytes().splitlines()
+        lines = read_bounded(folder / ADDITIONS).splitlines()
     except FileNotFoundError:
         return
     for line in lines:

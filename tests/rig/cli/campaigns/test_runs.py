@@ -3,6 +3,7 @@
 import errno
 import json
 import shutil
+import warnings
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -261,3 +262,47 @@ def test_a_whole_run_is_exported_by_one_command(
     assert done.code == 0
     assert (tmp_path / "out" / f"leak_low.{extension}").stat().st_size > 10_000
     assert "14000 samples" in done.out
+
+
+def test_the_recordings_of_a_run_and_their_exports_are_verified(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    folder = make_run("one")
+    (recording,) = folder.glob("*.mcap")
+    for end in ("parquet", "csv"):
+        assert invoke("export", recording, recording.with_suffix(f".{end}")).code == 0
+    verified = invoke("runs", "show", "one", "--verify")
+    assert verified.code == 0
+    assert verified.out.startswith("1 recordings and 2 exports are undamaged\n")
+    table = recording.with_suffix(".csv")
+    table.write_text(table.read_text().rstrip("\n") + "1\n")
+    content = bytearray(recording.with_suffix(".parquet").read_bytes())
+    content[len(content) // 2] ^= 1
+    recording.with_suffix(".parquet").write_bytes(content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        damaged = invoke("runs", "show", "one", "--verify")
+    assert damaged.code == 2
+    first, second, warning = sorted(damaged.err.splitlines())
+    assert "describes other data" in warning
+    assert f"{table.name}: file: has other names or values than {recording.name}" in first
+    assert "could not verify page integrity" in second
+
+
+@pytest.mark.parametrize(
+    "malformed",
+    [
+        {"history": True},
+        {"history": [{"at": 1, "who": "x", "what": "y"}]},
+        {"tests": [{"name": "a", "status": "passed", "recording": None, "found": [1]}]},
+        {"name": {}, "started": []},
+    ],
+    ids=["no history", "no time", "no finding", "no start"],
+)
+def test_results_that_are_not_as_they_are_written_are_damaged(
+    invoke: Invoke, make_run: MakeRun, malformed: dict[str, Any]
+) -> None:
+    make_run("one", 1.0, lambda results: results.update(malformed))
+    shown = invoke("runs", "show", "one")
+    assert shown.code == 2
+    assert "results.json: is damaged" in shown.err

@@ -46,6 +46,19 @@ def test_an_order_that_cannot_be_used_is_refused(order: str, why: str) -> None:
         ordered_control(order, NOW)
 
 
+@pytest.mark.parametrize(
+    "value",
+    ["0x" + "f" * 5000, "9" * 5000, "1" + ":1" * 5000, "2026-13-45", "[" * 5000, "1e99999"],
+    ids=["hexadecimal", "decimal", "sixties", "no day", "nested", "exponent"],
+)
+@pytest.mark.parametrize("key", ["gain", "cyclic", "feedforward"])
+def test_what_no_value_can_be_is_refused_in_a_line(key: str, value: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        ordered_control(f"{key}={value}", NOW)
+    (problem,) = caught.value.problems
+    assert len(str(problem)) < 400
+
+
 def test_all_that_is_wrong_is_told_at_once() -> None:
     with pytest.raises(ConfigError) as caught:
         ordered_control("gan=3, integral_time=5, null=7 V, x", NOW)
