@@ -358,6 +358,10 @@ class InLanes:
             READ_IN_LANES.
         kind: (values of all parameters by name) -> numbers that must be equal for all runs in the
             same lanes; None for values whose run must be alone.
+        acting: (values of all parameters by name) -> int64 (k,), ascending indices of the states
+            that the filter takes derivatives by. A state may be left out if a change of it moves
+            nothing after the step, or if it has no model error and no other state moves it, so
+            that it is known. None for all states.
     """
 
     begin: Callable[[Array, Array, Sequence[Mapping[str, float]]], Array]
@@ -366,6 +370,7 @@ class InLanes:
     remember: Any
     read: Any
     kind: Callable[[Mapping[str, float]], tuple[float, ...] | None]
+    acting: Callable[[Mapping[str, float]], NDArray[np.int64]] | None = None
 
 
 @njit(DRIVE, cache=True, error_model="numpy")

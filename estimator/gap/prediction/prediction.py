@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import float64, int64, types, void
+from numpy.typing import NDArray
 
 from estimator.gap.plant import DRIVE, EXTENSION, MEASURE, READ, REMEMBER, STEP, Array, Extension
 from rig.jit import njit
@@ -89,10 +90,44 @@ class Begun(NamedTuple):
     extension: Extension
 
 
+class Along(NamedTuple):
+    """The course along which a plant is linearised.
+
+    Attributes:
+        inputs: float64 (n, inputs).
+        states: float64 (n, k), filtered.
+        places: int64 (n,), row of the results for each sample; -1 where no result is wanted.
+        extension: what the model's additions need.
+    """
+
+    inputs: Array
+    states: Array
+    places: NDArray[np.int64]
+    extension: Extension
+
+
+class Slopes(NamedTuple):
+    """The matrices of a linearisation.
+
+    Attributes:
+        transitions: float64 (m, k, k), derivatives of the state after the step by the state before
+            it.
+        slopes: float64 (m, outputs, k), derivatives of the readings by the state.
+        shifts: float64 (m, k + outputs, probes), what each probe adds to the state after the step,
+            and to the readings.
+    """
+
+    transitions: Array
+    slopes: Array
+    shifts: Array
+
+
 TRACK: Final = types.BaseTuple.from_types((MATRIX, MATRIX, CUBE, MATRIX, CUBE), Track)
 SETUP: Final = types.BaseTuple.from_types(
     (MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX, EXTENSION), Setup
 )
+ALONG: Final = types.BaseTuple.from_types((MATRIX, MATRIX, int64[::1], EXTENSION), Along)
+SLOPES: Final = types.BaseTuple.from_types((CUBE, CUBE, CUBE), Slopes)
 _BEGUN: Final = types.BaseTuple.from_types((VECTOR, VECTOR, MATRIX, EXTENSION), Begun)
 _AHEAD: Final = void(*PLANT, MATRIX, MATRIX, _BEGUN, int64, MATRIX)
 _FREE: Final = void(*PLANT, MATRIX, MATRIX, _BEGUN, MATRIX, MATRIX)
@@ -182,12 +217,13 @@ def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slo
 
 
 @inner
-def predict_covariance(transition, noises, product, covariance):
+def predict_covariance(transition, acting, noises, product, covariance):
     """Advance a covariance (states, states) in place by one sample, before the next readings.
 
     Args:
         transition: float64 (states, states), derivatives of the state after the step by that
-            before.
+            before; the columns of states that are not in `acting` are 0.
+        acting: int64 (k,), ascending indices of states.
         noises: float64 (states,), variances of the model's error over one sample.
         product: float64 (states, states), scratch.
         covariance: float64 (states, states); updated.
@@ -197,7 +233,7 @@ def predict_covariance(transition, noises, product, covariance):
     for i in range(count):
         for j in range(count):
             product[i, j] = 0.0
-        for k in range(count):
+        for k in acting:
             rate = transition[i, k]
             for j in range(count):
                 product[i, j] += rate * covariance[k, j]
@@ -205,7 +241,7 @@ def predict_covariance(transition, noises, product, covariance):
     for i in range(count):
         for j in range(count):
             covariance[i, j] = 0.0
-        for k in range(count):
+        for k in acting:
             part = product[i, k]
             for j in range(i + 1):
                 covariance[i, j] += part * turned[k, j]
@@ -236,7 +272,7 @@ def run_filter(drive, step, remember, read, measures, track, setup):
     point, moved, ahead = np.empty(count), np.empty(count), np.empty(count)
     covariance = np.diag(setup.spread * setup.spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
-    slope = np.empty((outputs, count))
+    slope, every = np.empty((outputs, count)), np.arange(count)
     for t in range(inputs.shape[0]):
         now = inputs[t]
         correct(read, measures, scratch, remembered, setup, track, t, x, covariance, slope)
@@ -250,7 +286,7 @@ def run_filter(drive, step, remember, read, measures, track, setup):
             )
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
-        predict_covariance(transition, setup.noises, product, covariance)
+        predict_covariance(transition, every, setup.noises, product, covariance)
         remember_with(remember, measures, extension, scratch, x, ahead, now, remembered, parameters)
         put(x, ahead)
 
