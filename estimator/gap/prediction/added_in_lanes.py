@@ -107,7 +107,7 @@ def _vary(extension, scratch, batch, t):
 def read_lanes(
     read, measures, extension, scratch, batch, t, states, inputs, memory, parameters, first,
     readings,
-):
+):  # fmt: skip
     """Write to `readings` (outputs, LANES) what the states of sample `t` give, with additions.
 
     `batch` is the index of the lanes' parameters in the scratch.
@@ -126,8 +126,8 @@ def read_lanes(
                 for i in range(scratch.shown.size):
                     scratch.shown[i] = readings[i, lane]
                 add_to_readings(
-                    extension, scratch.each[batch, lane], scratch.measured[lane], scratch.followed[lane],
-                    t, scratch.shown,
+                    extension, scratch.each[batch, lane], scratch.measured[lane],
+                    scratch.followed[lane], t, scratch.shown,
                 )  # fmt: skip
                 for i in range(scratch.shown.size):
                     readings[i, lane] = scratch.shown[i]
@@ -139,8 +139,9 @@ def step_lanes(
 ):
     """Advance the states (states, LANES) in place by sample `t`, with the model's additions.
 
-    `batch` is the index of the lanes' parameters in the scratch. If a slot remembers its quantity, `scratch.measured` has the quantities before the step
-    afterwards, as `remember_lanes` needs them.
+    `batch` is the index of the lanes' parameters in the scratch. If a slot remembers its quantity,
+    `scratch.measured` has the quantities before the step afterwards, as `remember_lanes` needs
+    them.
     """
     if extension.active & (KICKS + VARIES + REMEMBERS) == 0:
         step(states, memory, parameters, first)
@@ -156,8 +157,8 @@ def step_lanes(
                 for i in range(scratch.point.size):
                     scratch.point[i] = states[i, lane]
                 add_to_state(
-                    extension, scratch.each[batch, lane], scratch.measured[lane], scratch.followed[lane],
-                    t, scratch.point,
+                    extension, scratch.each[batch, lane], scratch.measured[lane],
+                    scratch.followed[lane], t, scratch.point,
                 )  # fmt: skip
                 for i in range(scratch.point.size):
                     states[i, lane] = scratch.point[i]

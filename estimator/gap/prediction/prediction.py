@@ -170,7 +170,7 @@ def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slo
     couplings = track.couplings[t]
     count, outputs = x.size, readings.size
     expected, shifted = np.empty(outputs), np.empty(outputs)
-    ahead = np.empty(count)
+    ahead, acting = np.empty(count), np.empty(count, dtype=np.int64)
     point = x.copy()
     extension, inputs = setup.extension, track.inputs[t]
     read_with(read, measures, extension, scratch, t, x, inputs, memory, parameters, expected)
@@ -189,18 +189,24 @@ def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slo
             gains[i, :] = 0.0
             continue
         innovation = readings[i] - expected[i]
+        # Most readings depend on one state alone.
+        few = 0
+        for k in range(count):
+            if slope[i, k] != 0.0:
+                acting[few] = k
+                few += 1
         for j in range(count):
             innovation -= slope[i, j] * (x[j] - point[j])
             total = 0.0
-            for k in range(count):
-                # Most readings depend on one state alone.
-                if slope[i, k] != 0.0:
-                    total += covariance[j, k] * slope[i, k]
+            for n in range(few):
+                k = acting[n]
+                total += covariance[j, k] * slope[i, k]
             ahead[j] = total
             variance += slope[i, j] * total
         innovation_variances[i] = variance
         for k in range(i):
-            for j in range(count):
+            for n in range(few):
+                j = acting[n]
                 couplings[i, k] += slope[i, j] * gains[k, j]
         whole = True
         for j in range(count):
@@ -210,10 +216,13 @@ def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slo
                 whole = False
             x[j] += gains[i, j] * innovation
         for j in range(count):
+            gain = gains[i, j]
             for k in range(count):
-                covariance[j, k] -= gains[i, j] * ahead[k]
-                if not whole:
-                    covariance[j, k] -= (ahead[j] - gains[i, j] * variance) * gains[i, k]
+                covariance[j, k] -= gain * ahead[k]
+            if not whole:
+                rest = ahead[j] - gain * variance
+                for k in range(count):
+                    covariance[j, k] -= rest * gains[i, k]
 
 
 @inner

@@ -24,13 +24,7 @@ from estimator.gap.plant import (
 from rig.jit import njit
 from rig.lanes import LANES, align_stack, empty_lanes, load, store
 
-from .added_in_lanes import (
-    follow_course,
-    lanes_scratch_of,
-    read_lanes,
-    remember_lanes,
-    step_lanes,
-)
+from .added_in_lanes import follow_course, lanes_scratch_of, read_lanes, remember_lanes, step_lanes
 from .prediction import (
     ALONG,
     CUBE,
@@ -53,9 +47,7 @@ _ALONE: Final = tuple(types.FunctionType(each) for each in (REMEMBER, READ, MEAS
 _MEASURE: Final = _ALONE[-1]
 _BEGUN: Final = types.BaseTuple.from_types((MATRIX, MATRIX, MATRIX, EXTENSION), Begun)
 _FROZEN: Final = void(_DRIVE, _STEP, _REMEMBER, _READ, _MEASURE, TRACK, _BEGUN, VECTOR, CUBE)
-_FILTER: Final = void(
-    _DRIVE, _STEP, _REMEMBER, *_ALONE, TRACK, SETUP, MATRIX, MATRIX, int64[::1]
-)
+_FILTER: Final = void(_DRIVE, _STEP, _REMEMBER, *_ALONE, TRACK, SETUP, MATRIX, MATRIX, int64[::1])
 _LINEARISE: Final = void(
     _DRIVE, _STEP, _REMEMBER, _READ, _MEASURE, ALONG, CUBE, VECTOR, MATRIX, VECTOR, SLOPES
 )
@@ -174,9 +166,7 @@ def run_filter_in_lanes(
                 transition[i, j] = (points[batch, i, lane] - ahead[i]) / changes[j]
         predict_covariance(transition, acting, setup.noises, product, covariance)
         remember(points[0], memory, parameters, first)
-        remember_with(
-            keep, measures, extension, scratch, x, ahead, inputs[t], remembered, first
-        )
+        remember_with(keep, measures, extension, scratch, x, ahead, inputs[t], remembered, first)
         follow_course(extension, scratch.followed, beside)
         put(x, ahead)
 

@@ -16,7 +16,7 @@ from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable
 
 from .added_variables import addition_variables, refitted
 from .disturbances import Place
-from .explaining import Explaining, Explanation, Wheres
+from .explaining import PART, Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate, left_alone
 from .refits import Refits, changes_by_name
 from .screening import starts_of
@@ -29,8 +29,6 @@ MOST: Final = 3
 SURE: Final = 2.0
 """Least normal deviate of a gain by the blocks' scatter. Chance is kept out by `CHANCE`: a gain in
 blocks that nothing was fitted to is below zero on average where there is nothing."""
-PART: Final = 0.05
-"""Least part of the excess in error that a disturbance must take away."""
 OVER_TWIN: Final = 5.0
 """Least gain in multiples of the gain of the same shape on a twin: what the filter's own
 imperfection gives it."""
@@ -298,11 +296,14 @@ class Discovering:
             if chosen.shape.form == "table":
                 along = np.concatenate(again.attribution.along(chosen.shape.of))
                 simple = symbols(chosen.shape, along)
-            tried = again.explanations(only) if afresh else again.again(likely)
+            # Once they have all competed, those that were far behind stay behind.
+            tried = again.explanations(only) if afresh and turn == 0 else again.again(likely)
             tried += again.of(chosen.place, [chosen.shape, *simple])
-            if chosen.shape.form in MEMORIES and not afresh:
+            if chosen.shape.form in MEMORIES and not (afresh and turn == 0):
                 tried += again.remembered(chosen.place, chosen.shape.of)
             tried.sort(key=lambda each: -each.gain)
+            if afresh and turn == 0:
+                likely = _distinct(tried)[:_LIKELY]
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
             rivals = tuple(e for e in _distinct(near) if e.where != chosen.where)[:2]

@@ -241,22 +241,24 @@ class Attribution:
             The changes (blocks, readings, columns), variables first, and the innovations (blocks,
             readings), both weighted against outliers; the number of readings used.
         """
+        base = len(self._base)
 
         def run(index: int) -> tuple[Array, Array, int]:
-            course = self.courses[index]
+            course, blocks = self.courses[index], self._blocks[index]
             rates = self._rates(place, course)
             answers = course.answers(place.rows, rates[:, :, None] * shapes[index][:, None, :])
-            changes = np.concatenate([self._known[index], answers], axis=2)
-            rows = np.stack([np.arange(b.start, b.stop) for b in self._blocks[index]])
-            root = np.sqrt(_weights(course))[rows]
-            changed = changes[rows] * root[..., None]
-            count = len(rows)
-            used = int(np.isfinite(course.variances[rows]).sum())
-            return (
-                changed.reshape(count, -1, changes.shape[2]),
-                (course.innovations[rows] * root).reshape(count, -1),
-                used,
-            )
+            root, used = np.sqrt(_weights(course)), 0
+            length, outputs = blocks[0].stop - blocks[0].start, root.shape[1]
+            changes = np.empty((len(blocks), length, outputs, base + answers.shape[2]))
+            residual = np.empty((len(blocks), length, outputs))
+            for changed, left, block in zip(changes, residual, blocks, strict=True):
+                weights = root[block][..., None]
+                np.multiply(self._known[index][block], weights, out=changed[..., :base])
+                np.multiply(answers[block], weights, out=changed[..., base:])
+                np.multiply(course.innovations[block], root[block], out=left)
+                used += int(np.isfinite(course.variances[block]).sum())
+            wide = (len(blocks), length * outputs)
+            return changes.reshape(*wide, -1), residual.reshape(wide), used
 
         parts = list(self._pool.map(run, range(len(self.courses))))
         return (
@@ -352,11 +354,12 @@ class Attribution:
         """Return the names of the columns of the fit's variables."""
         return [column.name for column in self._base]
 
-    def solved(self, linear: Linear) -> tuple[Array, Array, float, float]:
+    def solved(self, linear: Linear, added: Sequence[str]) -> tuple[Array, Array, float, float]:
         """Return a disturbance's coefficients, standard errors and gain, and the cost without it.
 
         Args:
             linear: a result of the method `linear`.
+            added: names of the columns of that result that are the disturbance's shapes.
 
         Returns:
             Coefficients (columns,) and standard errors (columns,), SI, of the shapes; by how much
@@ -364,7 +367,6 @@ class Attribution:
             alone leave.
         """
         base = self.base
-        added = [column.name for column in linear.columns[len(base) :]]
         without = linear.solve(base)[1] if base else 0.0
         steps, gain = linear.solve([*base, *added])
         errors = linear.errors([*base, *added], steps)
@@ -384,21 +386,42 @@ class Attribution:
             floor: cost per reading of a rig that is exactly the model.
             count: number of hats (`middles`).
         """
-        middles = self.middles(name, count)
-        if middles.size == 0:
-            return None
-        shapes = [hats(values, middles) for values in self.along(name)]
-        linear = self.linear(place, shapes)
-        steps, errors, gain, cost = self.solved(linear)
-        excess = cost - floor * linear.samples
-        # Where the motion never came in blocks that count, nothing is known.
-        known = np.diag(linear.products.sum(0))[len(self._base) :] > 0.0
-        steps, errors = np.where(known, steps, 0.0), np.where(known, errors, np.inf)
-        region = self.region(name)
-        return Curve(
-            place.name, region.name, middles, steps, errors, place.unit, region.unit, place.shown,
-            region.shown, gain, gain / excess if excess > 0.0 else 0.0,
-        )  # fmt: skip
+        found = self._curves_of(place, [name], floor, count)
+        return found[0] if found else None
+
+    def _curves_of(
+        self, place: Place, names: Sequence[str], floor: float, count: int = HATS
+    ) -> list[Curve]:
+        """Return a place's disturbance as a curve against each of some regions' quantities.
+
+        The arguments are those of `curve`, and the result leaves out what it returns None for. The
+        hats of all regions are followed through the courses at once.
+        """
+        middles = {name: self.middles(name, count) for name in dict.fromkeys(names)}
+        told = [name for name, of_name in middles.items() if of_name.size]
+        if not told:
+            return []
+        along = [[hats(values, middles[name]) for values in self.along(name)] for name in told]
+        linear = self.linear(
+            place, [np.concatenate(each, axis=1) for each in zip(*along, strict=True)]
+        )
+        known = np.diag(linear.products.sum(0)) > 0.0
+        found, first = [], len(self._base)
+        for name in told:
+            own = range(first, first + middles[name].size)
+            first = own.stop
+            steps, errors, gain, cost = self.solved(linear, [linear.columns[k].name for k in own])
+            excess = cost - floor * linear.samples
+            # Where the motion never came in blocks that count, nothing is known.
+            steps, errors = np.where(known[own], steps, 0.0), np.where(known[own], errors, np.inf)
+            region = self.region(name)
+            found.append(
+                Curve(
+                    place.name, region.name, middles[name], steps, errors, place.unit, region.unit,
+                    place.shown, region.shown, gain, gain / excess if excess > 0.0 else 0.0,
+                )
+            )  # fmt: skip
+        return found
 
     def curves(self, floor: float) -> list[Curve]:
         """Return the disturbance of each equation and reading against each region, by falling gain.
@@ -407,11 +430,11 @@ class Attribution:
         left out. `floor` is the cost per reading of a rig that is exactly the model.
         """
         found = [
-            self.curve(place, name, floor)
+            curve
             for place in places_of(self.plant)
-            for name in (*place.of, TIME.name)
+            for curve in self._curves_of(place, (*place.of, TIME.name), floor)
         ]
-        return sorted((c for c in found if c is not None), key=lambda curve: -curve.gain)
+        return sorted(found, key=lambda curve: -curve.gain)
 
 
 def _weights(course: Course) -> Array:
