@@ -20,7 +20,7 @@ from .explaining import PART, Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate, left_alone
 from .refits import Refits, changes_by_name
 from .screening import starts_of
-from .shapes import symbols
+from .shapes import corners, symbols
 from .standing_in import stood_in_for
 from .twins import Twins
 
@@ -299,6 +299,7 @@ class Discovering:
             # Once they have all competed, those that were far behind stay behind.
             tried = again.explanations(only) if afresh and turn == 0 else again.again(likely)
             tried += again.of(chosen.place, [chosen.shape, *simple])
+            tried += again.refined(chosen.place, corners(simple), tried)
             if chosen.shape.form in MEMORIES and not (afresh and turn == 0):
                 tried += again.remembered(chosen.place, chosen.shape.of)
             tried.sort(key=lambda each: -each.gain)

@@ -242,6 +242,26 @@ class Explaining:
                 found += self.of(place, [each for each in near if each != best.shape])
         return found
 
+    def refined(
+        self, place: Place, shapes: Sequence[Shape], tried: Sequence[Explanation]
+    ) -> list[Explanation]:
+        """Return explanations by variants of those shapes that gained most of their form.
+
+        Args:
+            place: place where the disturbance enters.
+            shapes: shapes of one quantity; none gives none.
+            tried: explanations, those by these shapes at the place among them.
+        """
+        found: list[Explanation] = []
+        for form in dict.fromkeys(shape.form for shape in shapes):
+            own = [e for e in tried if e.place.name == place.name and e.shape in shapes]
+            best = max((e for e in own if e.shape.form == form), key=_gain, default=None)
+            if best is not None:
+                span = float(np.ptp(self._together[best.shape.of]))
+                near = [each for each in finer(best.shape, span) if each != best.shape]
+                found += self.of(place, near)
+        return found
+
     def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
         """Return an explanation for each shape of a place; shapes that change nothing are left out.
 
