@@ -9,6 +9,7 @@ import numpy as np
 from estimator.gap.plant import MEMORIES, Addition, Layout
 from estimator.gap.prediction import Values, Variable
 
+from .shapes import CORNERS
 from .standing_in import ADDED
 
 _TURN: Final = 1e-3
@@ -63,7 +64,7 @@ def addition_variables(
                 (name, 0.01 * value, value / factor, min(value * factor, _LARGEST[kind]))
                 for name, value, (kind, factor) in zip(places, each.at, times, strict=True)
             ]
-        elif each.form in ("hinge", "beyond"):
+        elif each.form in CORNERS:
             reach = _CORNER * abs(each.at[0])
             if reach > 0.0:
                 steps.append((places[0], 0.03 * reach, each.at[0] - reach, each.at[0] + reach))

@@ -20,7 +20,7 @@ from .explaining import PART, Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate, left_alone
 from .refits import Refits, changes_by_name
 from .screening import starts_of
-from .shapes import corners, symbols
+from .shapes import CORNERS, corners, symbols
 from .standing_in import stood_in_for
 from .twins import Twins
 
@@ -42,6 +42,9 @@ _FAR: Final = 4.0
 """Cost per reading above which a model is far off."""
 _NEAR_FREQUENCY: Final = 0.1
 """Part by which frequencies or time constants may differ that a fit reaches from one another."""
+_NEAR_CORNER: Final = 0.05
+"""Part by which the place of a corner may differ from the one that was fitted: the nearest that is
+tried beside it is a tenth away."""
 _TRIED: Final = 3
 """Greatest number of shapes that are tried in the plant at one stage."""
 
@@ -296,6 +299,8 @@ class Discovering:
             if chosen.shape.form == "table":
                 along = np.concatenate(again.attribution.along(chosen.shape.of))
                 simple = symbols(chosen.shape, along)
+            elif chosen.shape.form in CORNERS:
+                simple = [replace(chosen.shape, at=own.at)]
             # Once they have all competed, those that were far behind stay behind.
             tried = again.explanations(only) if afresh and turn == 0 else again.again(likely)
             tried += again.of(chosen.place, [chosen.shape, *simple])
@@ -432,11 +437,14 @@ def _same(best: Explanation, added: _InPlant) -> bool:
     """Return whether an explanation is that of a model already.
 
     Place, quantity and form must be the same, and of a lag or a resonance its time constant or
-    frequency, to within a tenth: the fit finds the others from there, and not these from afar.
+    frequency, to within a tenth: the fit finds the others from there, and not these from afar. So
+    it is with the place of a corner, which is looked for about the one that was fitted.
     """
     shape, addition = best.shape, added.addition
     if best.where != added.explanation.where or shape.form != added.explanation.shape.form:
         return False
+    if shape.form in CORNERS:
+        return abs(shape.at[0] - addition.at[0]) < _NEAR_CORNER * abs(addition.at[0])
     return shape.form not in MEMORIES or abs(shape.at[0] / addition.at[0] - 1.0) < _NEAR_FREQUENCY
 
 

@@ -43,6 +43,8 @@ RECORDING: Final = "recording"
 """Among the quantities along a course, the number of its recording."""
 STARTS: Final = "starts"
 """Among the quantities along a course, 1 where a stretch of samples begins, else 0."""
+CORNERS: Final = ("hinge", "beyond")
+"""Forms that have a corner."""
 _HINGES: Final = 11
 """Number of places at which a corner is tried."""
 _LIMITS_NEAR: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.7)
@@ -334,7 +336,7 @@ def symbols(table: Shape, values: Array) -> list[Shape]:
 
 def corners(shapes: Sequence[Shape]) -> list[Shape]:
     """Return those of some shapes that have a corner at a place, which can be refined (`finer`)."""
-    return [shape for shape in shapes if shape.form in ("hinge", "beyond")]
+    return [shape for shape in shapes if shape.form in CORNERS]
 
 
 def periodic(regions: Mapping[str, Region], names: Sequence[str]) -> list[str]:
