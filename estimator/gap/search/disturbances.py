@@ -214,21 +214,35 @@ class Attribution:
             return np.array([low, high])
         return np.linspace(low, high, count)
 
-    def linear(self, place: Place, shapes: Sequence[Array]) -> Linear:
-        """Return the block sums of the fit's variables and of shapes of a disturbance at a place.
+    def linears(self, place: Place, shapes: Sequence[Array], counts: Sequence[int]) -> list[Linear]:
+        """Return the block sums of the fit's variables and of groups of shapes at a place.
 
-        `shapes` has an array (m, columns) for each course, SI. The columns of the result are those
-        of the variables, then the shapes ("#0", "#1", ...), without bounds. Its `quartics` are 0.
+        There is one result for each group. Its columns are those of the variables, then the shapes
+        ("#0", "#1", ...), without bounds. Its `quartics` are 0.
+
+        Args:
+            place: place where a disturbance enters.
+            shapes: for each course, float64 (m, columns), SI: the shapes of all groups.
+            counts: number of columns of each group, in their order.
         """
         changes, residual, used = self.stacked(place, shapes)
-        columns = [
-            *self._base, *(Column(f"#{k}", self.values, 1.0) for k in range(shapes[0].shape[1]))
-        ]  # fmt: skip
-        return Linear(
-            columns, np.matmul(changes.transpose(0, 2, 1), changes),
-            np.matmul(residual[:, None, :], changes)[:, 0], np.square(residual).sum(1),
-            np.zeros(len(columns)), used,
-        )  # fmt: skip
+        base, turned = len(self._base), changes.transpose(0, 2, 1)
+        with_base = np.matmul(turned, changes[:, :, :base])
+        slopes = np.matmul(residual[:, None, :], changes)[:, 0]
+        squares = np.square(residual).sum(1)
+        found, first = [], base
+        for count in counts:
+            own = slice(first, first + count)
+            first = own.stop
+            known = [*range(base), *range(own.start, own.stop)]
+            products = np.empty((len(changes), len(known), len(known)))
+            products[:, :, :base] = with_base[:, known]
+            products[:, :base, base:] = with_base[:, own].transpose(0, 2, 1)
+            products[:, base:, base:] = np.matmul(turned[:, own], changes[:, :, own])
+            columns = [*self._base, *(Column(f"#{k}", self.values, 1.0) for k in range(count))]
+            quartics = np.zeros(len(columns))
+            found.append(Linear(columns, products, slopes[:, known], squares, quartics, used))
+        return found
 
     def stacked(self, place: Place, shapes: Sequence[Array]) -> tuple[Array, Array, int]:
         """Return how the fit's variables and shapes of a disturbance change the innovations.
@@ -354,12 +368,11 @@ class Attribution:
         """Return the names of the columns of the fit's variables."""
         return [column.name for column in self._base]
 
-    def solved(self, linear: Linear, added: Sequence[str]) -> tuple[Array, Array, float, float]:
+    def solved(self, linear: Linear) -> tuple[Array, Array, float, float]:
         """Return a disturbance's coefficients, standard errors and gain, and the cost without it.
 
         Args:
-            linear: a result of the method `linear`.
-            added: names of the columns of that result that are the disturbance's shapes.
+            linear: a result of the method `linears`.
 
         Returns:
             Coefficients (columns,) and standard errors (columns,), SI, of the shapes; by how much
@@ -367,6 +380,7 @@ class Attribution:
             alone leave.
         """
         base = self.base
+        added = [column.name for column in linear.columns[len(base) :]]
         without = linear.solve(base)[1] if base else 0.0
         steps, gain = linear.solve([*base, *added])
         errors = linear.errors([*base, *added], steps)
@@ -402,18 +416,15 @@ class Attribution:
         if not told:
             return []
         along = [[hats(values, middles[name]) for values in self.along(name)] for name in told]
-        linear = self.linear(
-            place, [np.concatenate(each, axis=1) for each in zip(*along, strict=True)]
-        )
-        known = np.diag(linear.products.sum(0)) > 0.0
-        found, first = [], len(self._base)
-        for name in told:
-            own = range(first, first + middles[name].size)
-            first = own.stop
-            steps, errors, gain, cost = self.solved(linear, [linear.columns[k].name for k in own])
+        shapes = [np.concatenate(each, axis=1) for each in zip(*along, strict=True)]
+        found = []
+        linears = self.linears(place, shapes, [middles[name].size for name in told])
+        for name, linear in zip(told, linears, strict=True):
+            steps, errors, gain, cost = self.solved(linear)
             excess = cost - floor * linear.samples
             # Where the motion never came in blocks that count, nothing is known.
-            steps, errors = np.where(known[own], steps, 0.0), np.where(known[own], errors, np.inf)
+            known = np.diag(linear.products.sum(0))[len(self._base) :] > 0.0
+            steps, errors = np.where(known, steps, 0.0), np.where(known, errors, np.inf)
             region = self.region(name)
             found.append(
                 Curve(
