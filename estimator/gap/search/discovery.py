@@ -344,14 +344,15 @@ class Discovering:
         base = found.variables
         given = len(additions) - len(found.additions) - 1
         own = addition_variables(layout, additions, [len(additions) - 1])
-        fitted, filtered, kept = self._rounds(values, (*base, *own), rounds)
+        exact = each.shape.form in CORNERS
+        fitted, filtered, kept = self._rounds(values, (*base, *own), rounds, exact=exact)
         if not fitted.cost < at.cost:
             return None
         vague = stood_in_for(each, self.plant, filtered, fitted.values, base, own)
         if vague:
             base = tuple(v.held(at.values) if v in vague else v for v in base)
             values = {**values, **{v.parameter: at.values[v.parameter] for v in vague}}
-            fitted, filtered, _ = self._rounds(values, (*base, *own), rounds, kept)
+            fitted, filtered, _ = self._rounds(values, (*base, *own), rounds, kept, exact)
             if not fitted.cost < at.cost:
                 return None
         variables, values = (*base, *own), fitted.values
@@ -379,6 +380,7 @@ class Discovering:
         variables: tuple[Variable, ...],
         rounds: int,
         kept: Mapping[str, Changes] | None = None,
+        exact: bool = False,
     ) -> tuple[Fitted, Filtered, Mapping[str, Changes]]:
         """Return a fit after some rounds of computing gains and fitting, and the records with it.
 
@@ -391,13 +393,15 @@ class Discovering:
             variables: parameters to fit.
             rounds: number of rounds.
             kept: changes by column name that are used from the start; None to compute them.
+            exact: whether they are computed anew in each round, as what a corner's place changes
+                depends on that place.
 
         Returns:
             The fit, the records with its gains, and the changes that were kept.
         """
         for _ in range(rounds):
             filtered = self._refits.fitter.filtered(values)
-            if kept is None:
+            if kept is None or exact:
                 values = filtered.fit(values, variables, 1, 3e-3).values
                 kept = changes_by_name(filtered, values, variables)
             values = filtered.fit(values, variables, 2, 3e-3, kept).values
