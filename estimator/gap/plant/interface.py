@@ -355,7 +355,7 @@ class InLanes:
             REMEMBER_IN_LANES. What it needs of the states before the step, `step` must leave there.
         read: (states, memory, parameters, parameters of the first lane, readings), compiled with
             READ_IN_LANES.
-        kind: (values of all parameters by name) -> what all lanes have in common; None to run alone.
+        kind: (values of all parameters by name) -> what all lanes share; None to run alone.
         acting: (values of all parameters by name) -> int64 (k,), ascending indices of the states
             that the filter takes derivatives by; None for all. What may be left out moves nothing
             after the step, or is known: it has no model error, and no other state moves it.
