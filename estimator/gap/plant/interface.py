@@ -352,7 +352,7 @@ class InLanes:
         step: (states, memory, parameters, parameters of the first lane), compiled with
             STEP_IN_LANES.
         remember: (states, memory, parameters, parameters of the first lane), compiled with
-            REMEMBER_IN_LANES. What it needs of the states before the step, `step` must leave there.
+            REMEMBER_IN_LANES. `step` must leave in the memory what it needs of the earlier states.
         read: (states, memory, parameters, parameters of the first lane, readings), compiled with
             READ_IN_LANES.
         kind: (values of all parameters by name) -> what all lanes share; None to run alone.
