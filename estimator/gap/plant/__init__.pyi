@@ -25,6 +25,7 @@ from .additions import (
     activity as activity,
     as_addition as as_addition,
     as_term as as_term,
+    in_files as in_files,
     kicked_states as kicked_states,
     wave as wave,
 )

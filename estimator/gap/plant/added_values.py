@@ -1,6 +1,6 @@
 """Compiled functions that compute what the additions in a model's slots add, sample by sample."""
 
-from math import exp, pi, sin
+from math import copysign, exp, pi, sin
 from typing import Final
 
 from numba import float64, int64, void
@@ -9,6 +9,7 @@ from rig.jit import njit
 from rig.plant import inlined
 
 from .additions import (
+    BEYOND,
     CONSTANT_OF,
     EXTENSION,
     IN_EQUATION,
@@ -63,6 +64,8 @@ def _table(numbers, first, x):
 @inlined
 def _shape(form, x, at, by):
     """Return the value at x of the form in symbols with the index `form` in `FORMS`, of size 1."""
+    if form == BEYOND:
+        return copysign(max(abs(x) - at, 0.0), x)
     if form == 0:
         return 1.0
     if form == 1:

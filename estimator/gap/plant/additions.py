@@ -10,7 +10,7 @@ take: `SLOTS` slots with the parts of `PARTS`. An empty slot is all 0.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, hypot, pi
 from typing import Final, NamedTuple
 
@@ -36,15 +36,17 @@ TIME_OF: Final = -2.0
 """What an addition depends on is the index of a quantity, or one of these: nothing, or the time."""
 FORMS: Final = (
     "constant", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table", "tone", "lag",
-    "resonance",
+    "resonance", "beyond",
 )  # fmt: skip
 """How an addition depends on its quantity x. A wave is sin(2 pi x / at + by), a bump
-exp(-((x - at) / by)^2), and a hinge max(0, x - at). A tone is a wave in time whose phase differs
-from recording to recording. A lag and a resonance remember x (`memories`)."""
+exp(-((x - at) / by)^2), and a hinge max(0, x - at). What is beyond a limit on either side is
+sgn(x) max(0, |x| - at), as of an amplifier at both of its ends. A tone is a wave in time whose
+phase differs from recording to recording. A lag and a resonance remember x (`memories`)."""
 TABLE: Final = FORMS.index("table")
 TONE: Final = FORMS.index("tone")
 LAG: Final = FORMS.index("lag")
 RESONANCE: Final = FORMS.index("resonance")
+BEYOND: Final = FORMS.index("beyond")
 MEMORIES: Final = ("lag", "resonance")
 """Forms that depend on the course of their quantity, and not on its present value alone."""
 NOT_IN_FILES: Final = ("tone", *MEMORIES)
@@ -131,12 +133,13 @@ class Addition:
             "wave": lambda: np.sin(2.0 * pi * x / at + by),
             "bump": lambda: np.exp(-(((x - at) / by) ** 2)),
             "hinge": lambda: np.maximum(x - at, 0.0),
+            "beyond": lambda: np.sign(x) * np.maximum(np.abs(x) - at, 0.0),
         }
         return np.asarray(self.values[0] * shapes[self.form]())
 
 
 _COUNTS: Final = {
-    "wave": 2, "bump": 2, "hinge": 1, "tone": 1 + PHASES, "lag": 1, "resonance": 2
+    "wave": 2, "bump": 2, "hinge": 1, "tone": 1 + PHASES, "lag": 1, "resonance": 2, "beyond": 1
 }  # fmt: skip
 """Number of elements of `Addition.at` of the forms in symbols that have any."""
 _SIZES: Final = {"resonance": 2}
@@ -146,17 +149,35 @@ _SIZES: Final = {"resonance": 2}
 def as_term(addition: Addition) -> AddedTerm:
     """Return an addition as a term of a model file.
 
-    A tone is a wave as in the first recording. A lag or a resonance becomes a term in proportion to
-    its quantity. That has the right units, and serves for nothing else.
+    A tone is a wave as in the first recording. A lag, a resonance or what is beyond a limit becomes
+    a term in proportion to its quantity. That has the right units, and serves for nothing else: a
+    file holds what is beyond a limit as a table (`in_files`).
     """
     turned = addition.times == DIRECTION
-    instead = {"constant": "1", "tone": "wave", **dict.fromkeys(MEMORIES, "x")}
+    instead = {"constant": "1", "tone": "wave", **dict.fromkeys((*MEMORIES, "beyond"), "x")}
     form = instead.get(addition.form, addition.form)
     if form == "table":
         knots = tuple(zip(addition.at, addition.values, strict=True))
         return AddedTerm(addition.place, addition.of, form, turned, 1.0, knots=knots)
     at, by = (*addition.at, 0.0, 0.0)[:2]
     return AddedTerm(addition.place, addition.of, form, turned, addition.values[0], at, by)
+
+
+_FAR: Final = 1e3
+"""A table in the place of what is beyond a limit ends at so many times that limit."""
+
+
+def in_files(addition: Addition) -> Addition:
+    """Return an addition in a form that model files hold: what is beyond a limit is a table there.
+
+    Others are returned as they are.
+    """
+    if addition.form != "beyond":
+        return addition
+    (at,), far = addition.at, _FAR * addition.at[0]
+    knots = (-far, -at, at, far)
+    values = tuple(float(value) for value in addition.shape(np.array(knots)))
+    return replace(addition, form="table", at=knots, values=values)
 
 
 def as_addition(term: AddedTerm) -> Addition:

@@ -352,12 +352,13 @@ class InLanes:
         step: (states, memory, parameters, parameters of the first lane), compiled with
             STEP_IN_LANES.
         remember: (states, memory, parameters, parameters of the first lane), compiled with
-            REMEMBER_IN_LANES. It does not get the states before the step: `step` must leave in the
-            memory what `remember` needs of them.
+            REMEMBER_IN_LANES. `step` must leave in the memory what it needs of the earlier states.
         read: (states, memory, parameters, parameters of the first lane, readings), compiled with
             READ_IN_LANES.
-        kind: (values of all parameters by name) -> numbers that must be equal for all runs in the
-            same lanes; None for values whose run must be alone.
+        kind: (values of all parameters by name) -> what all lanes share; None to run alone.
+        acting: (values of all parameters by name) -> int64 (k,), ascending indices of the states
+            that the filter takes derivatives by; None for all. What may be left out moves nothing
+            after the step, or is known: it has no model error, and no other state moves it.
     """
 
     begin: Callable[[Array, Array, Sequence[Mapping[str, float]]], Array]
@@ -366,6 +367,7 @@ class InLanes:
     remember: Any
     read: Any
     kind: Callable[[Mapping[str, float]], tuple[float, ...] | None]
+    acting: Callable[[Mapping[str, float]], NDArray[np.int64]] | None = None
 
 
 @njit(DRIVE, cache=True, error_model="numpy")

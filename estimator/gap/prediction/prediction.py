@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import float64, int64, types, void
+from numpy.typing import NDArray
 
 from estimator.gap.plant import DRIVE, EXTENSION, MEASURE, READ, REMEMBER, STEP, Array, Extension
 from rig.jit import njit
@@ -89,10 +90,44 @@ class Begun(NamedTuple):
     extension: Extension
 
 
+class Along(NamedTuple):
+    """The course along which a plant is linearised.
+
+    Attributes:
+        inputs: float64 (n, inputs).
+        states: float64 (n, k), filtered.
+        places: int64 (n,), row of the results for each sample; -1 where no result is wanted.
+        extension: what the model's additions need.
+    """
+
+    inputs: Array
+    states: Array
+    places: NDArray[np.int64]
+    extension: Extension
+
+
+class Slopes(NamedTuple):
+    """The matrices of a linearisation.
+
+    Attributes:
+        transitions: float64 (m, k, k), derivatives of the state after the step by the state before
+            it.
+        slopes: float64 (m, outputs, k), derivatives of the readings by the state.
+        shifts: float64 (m, k + outputs, probes), what each probe adds to the state after the step,
+            and to the readings.
+    """
+
+    transitions: Array
+    slopes: Array
+    shifts: Array
+
+
 TRACK: Final = types.BaseTuple.from_types((MATRIX, MATRIX, CUBE, MATRIX, CUBE), Track)
 SETUP: Final = types.BaseTuple.from_types(
     (MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX, EXTENSION), Setup
 )
+ALONG: Final = types.BaseTuple.from_types((MATRIX, MATRIX, int64[::1], EXTENSION), Along)
+SLOPES: Final = types.BaseTuple.from_types((CUBE, CUBE, CUBE), Slopes)
 _BEGUN: Final = types.BaseTuple.from_types((VECTOR, VECTOR, MATRIX, EXTENSION), Begun)
 _AHEAD: Final = void(*PLANT, MATRIX, MATRIX, _BEGUN, int64, MATRIX)
 _FREE: Final = void(*PLANT, MATRIX, MATRIX, _BEGUN, MATRIX, MATRIX)
@@ -135,7 +170,7 @@ def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slo
     couplings = track.couplings[t]
     count, outputs = x.size, readings.size
     expected, shifted = np.empty(outputs), np.empty(outputs)
-    ahead = np.empty(count)
+    ahead, acting = np.empty(count), np.empty(count, dtype=np.int64)
     point = x.copy()
     extension, inputs = setup.extension, track.inputs[t]
     read_with(read, measures, extension, scratch, t, x, inputs, memory, parameters, expected)
@@ -154,18 +189,24 @@ def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slo
             gains[i, :] = 0.0
             continue
         innovation = readings[i] - expected[i]
+        # Most readings depend on one state alone.
+        few = 0
+        for k in range(count):
+            if slope[i, k] != 0.0:
+                acting[few] = k
+                few += 1
         for j in range(count):
             innovation -= slope[i, j] * (x[j] - point[j])
             total = 0.0
-            for k in range(count):
-                # Most readings depend on one state alone.
-                if slope[i, k] != 0.0:
-                    total += covariance[j, k] * slope[i, k]
+            for n in range(few):
+                k = acting[n]
+                total += covariance[j, k] * slope[i, k]
             ahead[j] = total
             variance += slope[i, j] * total
         innovation_variances[i] = variance
         for k in range(i):
-            for j in range(count):
+            for n in range(few):
+                j = acting[n]
                 couplings[i, k] += slope[i, j] * gains[k, j]
         whole = True
         for j in range(count):
@@ -175,19 +216,23 @@ def correct(read, measures, scratch, memory, setup, track, t, x, covariance, slo
                 whole = False
             x[j] += gains[i, j] * innovation
         for j in range(count):
+            gain = gains[i, j]
             for k in range(count):
-                covariance[j, k] -= gains[i, j] * ahead[k]
-                if not whole:
-                    covariance[j, k] -= (ahead[j] - gains[i, j] * variance) * gains[i, k]
+                covariance[j, k] -= gain * ahead[k]
+            if not whole:
+                rest = ahead[j] - gain * variance
+                for k in range(count):
+                    covariance[j, k] -= rest * gains[i, k]
 
 
 @inner
-def predict_covariance(transition, noises, product, covariance):
+def predict_covariance(transition, acting, noises, product, covariance):
     """Advance a covariance (states, states) in place by one sample, before the next readings.
 
     Args:
         transition: float64 (states, states), derivatives of the state after the step by that
-            before.
+            before; the columns of states that are not in `acting` are 0.
+        acting: int64 (k,), ascending indices of states.
         noises: float64 (states,), variances of the model's error over one sample.
         product: float64 (states, states), scratch.
         covariance: float64 (states, states); updated.
@@ -197,7 +242,7 @@ def predict_covariance(transition, noises, product, covariance):
     for i in range(count):
         for j in range(count):
             product[i, j] = 0.0
-        for k in range(count):
+        for k in acting:
             rate = transition[i, k]
             for j in range(count):
                 product[i, j] += rate * covariance[k, j]
@@ -205,7 +250,7 @@ def predict_covariance(transition, noises, product, covariance):
     for i in range(count):
         for j in range(count):
             covariance[i, j] = 0.0
-        for k in range(count):
+        for k in acting:
             part = product[i, k]
             for j in range(i + 1):
                 covariance[i, j] += part * turned[k, j]
@@ -236,7 +281,7 @@ def run_filter(drive, step, remember, read, measures, track, setup):
     point, moved, ahead = np.empty(count), np.empty(count), np.empty(count)
     covariance = np.diag(setup.spread * setup.spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
-    slope = np.empty((outputs, count))
+    slope, every = np.empty((outputs, count)), np.arange(count)
     for t in range(inputs.shape[0]):
         now = inputs[t]
         correct(read, measures, scratch, remembered, setup, track, t, x, covariance, slope)
@@ -250,7 +295,7 @@ def run_filter(drive, step, remember, read, measures, track, setup):
             )
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
-        predict_covariance(transition, setup.noises, product, covariance)
+        predict_covariance(transition, every, setup.noises, product, covariance)
         remember_with(remember, measures, extension, scratch, x, ahead, now, remembered, parameters)
         put(x, ahead)
 

@@ -19,8 +19,18 @@ from estimator.gap.plant import (
 )
 from rig.lanes import LANES, aligned, empty_lanes
 
-from .prediction import Begun, Setup, Track, predict_ahead, run_filter, run_free, run_frozen
-from .side_by_side import run_filter_in_lanes, run_frozen_in_lanes
+from .prediction import (
+    Along,
+    Begun,
+    Setup,
+    Slopes,
+    Track,
+    predict_ahead,
+    run_filter,
+    run_free,
+    run_frozen,
+)
+from .side_by_side import linearise_in_lanes, run_filter_in_lanes, run_frozen_in_lanes
 from .variables import Values
 
 _FIRST = 20
@@ -68,18 +78,22 @@ class Predictor:
         plant, quantities = self.plant, len(self.plant.regions)
         return Extension(
             self._kicked, self._changed, len(plant.own_parameters),
-            activity(values) if plant.layout else 0, quantities + 2 * len(plant.equations),
+            self._active(values), quantities + 2 * len(plant.equations),
             quantities, record.first * plant.period, plant.period, min(record.number, PHASES - 1),
         )  # fmt: skip
 
     def _kind(self, values: Values) -> tuple[float, ...] | None:
         """Return what runs in the same lanes must have in common; None if the run must be alone.
 
-        A plant without lanes runs alone, and so do values that hold additions. All else is said by
-        `InLanes.kind`.
+        A plant without lanes runs alone. All else is said by `InLanes.kind`, and by which kinds of
+        places the additions enter that the values hold.
         """
         in_lanes = self.plant.in_lanes
-        return None if in_lanes is None or activity(values) else in_lanes.kind(values)
+        kind = None if in_lanes is None else in_lanes.kind(values)
+        return None if kind is None else (*kind, self._active(values))
+
+    def _active(self, values: Values) -> int:
+        return activity(values) if self.plant.layout else 0
 
     def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
         first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
@@ -114,10 +128,11 @@ class Predictor:
             return gains
         together = np.repeat(start[:, None], LANES, axis=1)
         memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
+        acting = in_lanes.acting(values) if in_lanes.acting else np.arange(states)
         run_filter_in_lanes(
             in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read,
             plant.measures, track, setup,
-            aligned(np.repeat(parameters[:, None], LANES, axis=1)), aligned(memory),
+            aligned(np.repeat(parameters[:, None], LANES, axis=1)), aligned(memory), acting,
         )  # fmt: skip
         return gains
 
@@ -176,11 +191,49 @@ class Predictor:
         memory = aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded))
         track = Track(record.inputs, record.readings, *gains)
         run_frozen_in_lanes(
-            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, track,
+            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, plant.measures, track,
             Begun(parameters, starts, memory, self.extension(record, values[-1])),
             plant.vector(values[0]), innovations,
         )  # fmt: skip
         return [innovations[:, :, lane] for lane in range(len(values))]
+
+    def are_alike(self, values: Sequence[Values]) -> bool:
+        """Return whether all sets of values may run in the same lanes (`InLanes.kind`)."""
+        kinds = {self._kind(each) for each in values}
+        return len(kinds) == 1 and None not in kinds
+
+    def linearise(
+        self, record: Record, values: Values, probes: Sequence[Values], along: Along,
+        written: Slopes,
+    ) -> None:  # fmt: skip
+        """Write the linearisation of a plant along a filtered course, in lanes.
+
+        `values` and all `probes` must be alike (`are_alike`).
+
+        Args:
+            record: record that the course belongs to.
+            values: values of all parameters.
+            probes: sets of values of all parameters, each with a small change.
+            along: the course.
+            written: the linearisation, which is written.
+        """
+        plant, in_lanes = self.plant, self.plant.in_lanes
+        if in_lanes is None:
+            raise ValueError("the plant does not run in lanes")
+        present = plant.vector(values)
+        sets = [present] * len(plant.states) + [plant.vector(each) for each in probes]
+        rows = [np.repeat(present[:, None], LANES, axis=1)]
+        for first in range(0, len(sets), LANES - 1):
+            some = [present, *sets[first : first + LANES - 1]]
+            rows.append(np.column_stack([*some, *[present] * (LANES - len(some))]))
+        parameters = empty_lanes(len(rows) * present.size).reshape(len(rows), -1, LANES)
+        parameters[:] = rows
+        start = np.repeat(along.states[0][:, None], LANES, axis=1)
+        memory = in_lanes.begin(start, record.inputs[:_FIRST], [values] * LANES)
+        linearise_in_lanes(
+            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, plant.measures, along,
+            parameters, present, aligned(memory), self.changes, written,
+        )  # fmt: skip
 
     def ahead(self, record: Record, values: Values, states: Array) -> Array:
         """Return readings less predictions (n, outputs), SI, over the plant's horizon.

@@ -9,56 +9,21 @@ the state at once.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numba import int64, types, void
+from numba import int64, void
 from numpy.typing import NDArray
 
-from estimator.gap.plant import EXTENSION, Array, Extension, Gains, Record
+from estimator.gap.plant import Array, Gains, Record
 from rig.jit import njit
 
-from .prediction import CUBE, MATRIX, PLANT, VECTOR
+from .prediction import ALONG, CUBE, MATRIX, PLANT, SLOPES, VECTOR, Along, Slopes
 from .predictor import Predictor
 from .variables import Values
 from .with_additions import drive_with, put, read_with, remember_with, scratch_of, step_with
 
-
-class _Along(NamedTuple):
-    """The course along which a plant is linearised.
-
-    Attributes:
-        inputs: float64 (n, inputs).
-        states: float64 (n, k), filtered.
-        places: int64 (n,), row of the results for each sample; -1 where no result is wanted.
-        extension: what the model's additions need.
-    """
-
-    inputs: Array
-    states: Array
-    places: NDArray[np.int64]
-    extension: Extension
-
-
-class _Slopes(NamedTuple):
-    """The matrices of a linearisation.
-
-    Attributes:
-        transitions: float64 (m, k, k), derivatives of the state after the step by the state before
-            it.
-        slopes: float64 (m, outputs, k), derivatives of the readings by the state.
-        shifts: float64 (m, k + outputs, probes), what each probe adds to the state after the step,
-            and to the readings.
-    """
-
-    transitions: Array
-    slopes: Array
-    shifts: Array
-
-
-_ALONG: Final = types.BaseTuple.from_types((MATRIX, MATRIX, int64[::1], EXTENSION), _Along)
-_SLOPES: Final = types.BaseTuple.from_types((CUBE, CUBE, CUBE), _Slopes)
-_LINEARISE: Final = void(*PLANT, _ALONG, MATRIX, MATRIX, VECTOR, _SLOPES)
+_LINEARISE: Final = void(*PLANT, ALONG, MATRIX, MATRIX, VECTOR, SLOPES)
 _RESPOND: Final = void(CUBE, CUBE, CUBE, MATRIX, int64[::1], int64[::1], CUBE, CUBE)
 _PULL_BACK: Final = void(CUBE, CUBE, CUBE, MATRIX, int64[::1], MATRIX, MATRIX)
 
@@ -329,13 +294,18 @@ def course_of(
     slopes = np.empty((len(samples), outputs, count))
     shifts = np.empty((len(samples), count + outputs, len(probes)))
     last = int(samples[-1]) + 1
-    extension = predictor.extension(record, values)
-    linearise_course(
-        *predictor.functions, _Along(record.inputs[:last], states[:last], places[:last], extension),
-        np.stack([plant.vector(each) for each in (values, *probes)]),
-        predictor.memory(record, values, states[0]), predictor.changes,
-        _Slopes(transitions, slopes, shifts),
-    )  # fmt: skip
+    along = Along(
+        record.inputs[:last], states[:last], places[:last], predictor.extension(record, values)
+    )
+    written = Slopes(transitions, slopes, shifts)
+    if predictor.are_alike([values, *probes]):
+        predictor.linearise(record, values, probes, along, written)
+    else:
+        linearise_course(
+            *predictor.functions, along,
+            np.stack([plant.vector(each) for each in (values, *probes)]),
+            predictor.memory(record, values, states[0]), predictor.changes, written,
+        )  # fmt: skip
     return Course(
         samples, innovations[samples], states[samples], record.inputs[samples], transitions,
         slopes, np.ascontiguousarray(gains.states[samples]),

@@ -9,11 +9,15 @@ import numpy as np
 from estimator.gap.plant import MEMORIES, Addition, Layout
 from estimator.gap.prediction import Values, Variable
 
+from .shapes import CORNERS
 from .standing_in import ADDED
 
 _TURN: Final = 1e-3
 """1/s. The period T of a tone is moved by this times T^2 to see what it changes: its phase then
 turns by 2 pi times this in a second."""
+_CORNER: Final = 0.3
+"""Part of its value by which the place of a corner may move from that which was chosen: as far as
+to the next one that was tried."""
 _LARGEST: Final = {"lag": np.inf, "frequency": np.inf, "damping": 0.95}
 """Greatest values in a lag or a resonance: with a damping ratio of one it swings no more."""
 
@@ -25,9 +29,8 @@ def addition_variables(
 
     They are all values of a table, and of a form in symbols its size, with the period and phase of
     a wave, the period and the known phases of a tone, the middle and width of a bump, the time
-    constant of a lag, or the frequency and damping of a resonance. Knots of a table and the place
-    of a hinge stay. Their name is `ADDED`, and each key is the name of the
-    parameter.
+    constant of a lag, the frequency and damping of a resonance, or the place of a corner. Knots of
+    a table stay. Their name is `ADDED`, and each key is the name of the parameter.
 
     Args:
         layout: how models of the plant hold additions.
@@ -61,6 +64,10 @@ def addition_variables(
                 (name, 0.01 * value, value / factor, min(value * factor, _LARGEST[kind]))
                 for name, value, (kind, factor) in zip(places, each.at, times, strict=True)
             ]
+        elif each.form in CORNERS:
+            reach = _CORNER * abs(each.at[0])
+            if reach > 0.0:
+                steps.append((places[0], 0.03 * reach, each.at[0] - reach, each.at[0] + reach))
         elif each.form == "bump":
             middle, width = each.at
             steps.append((places[0], 0.03 * width, middle - 2.0 * width, middle + 2.0 * width))

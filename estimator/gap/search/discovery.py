@@ -16,11 +16,11 @@ from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable
 
 from .added_variables import addition_variables, refitted
 from .disturbances import Place
-from .explaining import Explaining, Explanation, Wheres
+from .explaining import PART, Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate, left_alone
 from .refits import Refits, changes_by_name
 from .screening import starts_of
-from .shapes import symbols
+from .shapes import CORNERS, corners, symbols
 from .standing_in import stood_in_for
 from .twins import Twins
 
@@ -29,8 +29,6 @@ MOST: Final = 3
 SURE: Final = 2.0
 """Least normal deviate of a gain by the blocks' scatter. Chance is kept out by `CHANCE`: a gain in
 blocks that nothing was fitted to is below zero on average where there is nothing."""
-PART: Final = 0.05
-"""Least part of the excess in error that a disturbance must take away."""
 OVER_TWIN: Final = 5.0
 """Least gain in multiples of the gain of the same shape on a twin: what the filter's own
 imperfection gives it."""
@@ -44,6 +42,9 @@ _FAR: Final = 4.0
 """Cost per reading above which a model is far off."""
 _NEAR_FREQUENCY: Final = 0.1
 """Part by which frequencies or time constants may differ that a fit reaches from one another."""
+_NEAR_CORNER: Final = 0.05
+"""Part by which the place of a corner may differ from the one that was fitted: the nearest that is
+tried beside it is a tenth away."""
 _TRIED: Final = 3
 """Greatest number of shapes that are tried in the plant at one stage."""
 
@@ -298,11 +299,17 @@ class Discovering:
             if chosen.shape.form == "table":
                 along = np.concatenate(again.attribution.along(chosen.shape.of))
                 simple = symbols(chosen.shape, along)
-            tried = again.explanations(only) if afresh else again.again(likely)
+            elif chosen.shape.form in CORNERS:
+                simple = [replace(chosen.shape, at=own.at)]
+            # Once they have all competed, those that were far behind stay behind.
+            tried = again.explanations(only) if afresh and turn == 0 else again.again(likely)
             tried += again.of(chosen.place, [chosen.shape, *simple])
-            if chosen.shape.form in MEMORIES and not afresh:
+            tried += again.refined(chosen.place, corners(simple), tried)
+            if chosen.shape.form in MEMORIES and not (afresh and turn == 0):
                 tried += again.remembered(chosen.place, chosen.shape.of)
             tried.sort(key=lambda each: -each.gain)
+            if afresh and turn == 0:
+                likely = _distinct(tried)[:_LIKELY]
             best = _simplest(tried)
             near = [each for each in tried if not _worse(tried[0], each)]
             rivals = tuple(e for e in _distinct(near) if e.where != chosen.where)[:2]
@@ -337,14 +344,15 @@ class Discovering:
         base = found.variables
         given = len(additions) - len(found.additions) - 1
         own = addition_variables(layout, additions, [len(additions) - 1])
-        fitted, filtered, kept = self._rounds(values, (*base, *own), rounds)
+        exact = each.shape.form in CORNERS
+        fitted, filtered, kept = self._rounds(values, (*base, *own), rounds, exact=exact)
         if not fitted.cost < at.cost:
             return None
         vague = stood_in_for(each, self.plant, filtered, fitted.values, base, own)
         if vague:
             base = tuple(v.held(at.values) if v in vague else v for v in base)
             values = {**values, **{v.parameter: at.values[v.parameter] for v in vague}}
-            fitted, filtered, _ = self._rounds(values, (*base, *own), rounds, kept)
+            fitted, filtered, _ = self._rounds(values, (*base, *own), rounds, kept, exact)
             if not fitted.cost < at.cost:
                 return None
         variables, values = (*base, *own), fitted.values
@@ -372,6 +380,7 @@ class Discovering:
         variables: tuple[Variable, ...],
         rounds: int,
         kept: Mapping[str, Changes] | None = None,
+        exact: bool = False,
     ) -> tuple[Fitted, Filtered, Mapping[str, Changes]]:
         """Return a fit after some rounds of computing gains and fitting, and the records with it.
 
@@ -384,13 +393,15 @@ class Discovering:
             variables: parameters to fit.
             rounds: number of rounds.
             kept: changes by column name that are used from the start; None to compute them.
+            exact: whether they are computed anew in each round, as what a corner's place changes
+                depends on that place.
 
         Returns:
             The fit, the records with its gains, and the changes that were kept.
         """
         for _ in range(rounds):
             filtered = self._refits.fitter.filtered(values)
-            if kept is None:
+            if kept is None or exact:
                 values = filtered.fit(values, variables, 1, 3e-3).values
                 kept = changes_by_name(filtered, values, variables)
             values = filtered.fit(values, variables, 2, 3e-3, kept).values
@@ -430,11 +441,14 @@ def _same(best: Explanation, added: _InPlant) -> bool:
     """Return whether an explanation is that of a model already.
 
     Place, quantity and form must be the same, and of a lag or a resonance its time constant or
-    frequency, to within a tenth: the fit finds the others from there, and not these from afar.
+    frequency, to within a tenth: the fit finds the others from there, and not these from afar. So
+    it is with the place of a corner, which is looked for about the one that was fitted.
     """
     shape, addition = best.shape, added.addition
     if best.where != added.explanation.where or shape.form != added.explanation.shape.form:
         return False
+    if shape.form in CORNERS:
+        return abs(shape.at[0] - addition.at[0]) < _NEAR_CORNER * abs(addition.at[0])
     return shape.form not in MEMORIES or abs(shape.at[0] / addition.at[0] - 1.0) < _NEAR_FREQUENCY
 
 

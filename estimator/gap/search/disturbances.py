@@ -214,21 +214,35 @@ class Attribution:
             return np.array([low, high])
         return np.linspace(low, high, count)
 
-    def linear(self, place: Place, shapes: Sequence[Array]) -> Linear:
-        """Return the block sums of the fit's variables and of shapes of a disturbance at a place.
+    def linears(self, place: Place, shapes: Sequence[Array], counts: Sequence[int]) -> list[Linear]:
+        """Return the block sums of the fit's variables and of groups of shapes at a place.
 
-        `shapes` has an array (m, columns) for each course, SI. The columns of the result are those
-        of the variables, then the shapes ("#0", "#1", ...), without bounds. Its `quartics` are 0.
+        There is one result for each group. Its columns are those of the variables, then the shapes
+        ("#0", "#1", ...), without bounds. Its `quartics` are 0.
+
+        Args:
+            place: place where a disturbance enters.
+            shapes: for each course, float64 (m, columns), SI: the shapes of all groups.
+            counts: number of columns of each group, in their order.
         """
         changes, residual, used = self.stacked(place, shapes)
-        columns = [
-            *self._base, *(Column(f"#{k}", self.values, 1.0) for k in range(shapes[0].shape[1]))
-        ]  # fmt: skip
-        return Linear(
-            columns, np.matmul(changes.transpose(0, 2, 1), changes),
-            np.matmul(residual[:, None, :], changes)[:, 0], np.square(residual).sum(1),
-            np.zeros(len(columns)), used,
-        )  # fmt: skip
+        base, turned = len(self._base), changes.transpose(0, 2, 1)
+        with_base = np.matmul(turned, changes[:, :, :base])
+        slopes = np.matmul(residual[:, None, :], changes)[:, 0]
+        squares = np.square(residual).sum(1)
+        found, first = [], base
+        for count in counts:
+            own = slice(first, first + count)
+            first = own.stop
+            known = [*range(base), *range(own.start, own.stop)]
+            products = np.empty((len(changes), len(known), len(known)))
+            products[:, :, :base] = with_base[:, known]
+            products[:, :base, base:] = with_base[:, own].transpose(0, 2, 1)
+            products[:, base:, base:] = np.matmul(turned[:, own], changes[:, :, own])
+            columns = [*self._base, *(Column(f"#{k}", self.values, 1.0) for k in range(count))]
+            quartics = np.zeros(len(columns))
+            found.append(Linear(columns, products, slopes[:, known], squares, quartics, used))
+        return found
 
     def stacked(self, place: Place, shapes: Sequence[Array]) -> tuple[Array, Array, int]:
         """Return how the fit's variables and shapes of a disturbance change the innovations.
@@ -241,22 +255,24 @@ class Attribution:
             The changes (blocks, readings, columns), variables first, and the innovations (blocks,
             readings), both weighted against outliers; the number of readings used.
         """
+        base = len(self._base)
 
         def run(index: int) -> tuple[Array, Array, int]:
-            course = self.courses[index]
+            course, blocks = self.courses[index], self._blocks[index]
             rates = self._rates(place, course)
             answers = course.answers(place.rows, rates[:, :, None] * shapes[index][:, None, :])
-            changes = np.concatenate([self._known[index], answers], axis=2)
-            rows = np.stack([np.arange(b.start, b.stop) for b in self._blocks[index]])
-            root = np.sqrt(_weights(course))[rows]
-            changed = changes[rows] * root[..., None]
-            count = len(rows)
-            used = int(np.isfinite(course.variances[rows]).sum())
-            return (
-                changed.reshape(count, -1, changes.shape[2]),
-                (course.innovations[rows] * root).reshape(count, -1),
-                used,
-            )
+            root, used = np.sqrt(_weights(course)), 0
+            length, outputs = blocks[0].stop - blocks[0].start, root.shape[1]
+            changes = np.empty((len(blocks), length, outputs, base + answers.shape[2]))
+            residual = np.empty((len(blocks), length, outputs))
+            for changed, left, block in zip(changes, residual, blocks, strict=True):
+                weights = root[block][..., None]
+                np.multiply(self._known[index][block], weights, out=changed[..., :base])
+                np.multiply(answers[block], weights, out=changed[..., base:])
+                np.multiply(course.innovations[block], root[block], out=left)
+                used += int(np.isfinite(course.variances[block]).sum())
+            wide = (len(blocks), length * outputs)
+            return changes.reshape(*wide, -1), residual.reshape(wide), used
 
         parts = list(self._pool.map(run, range(len(self.courses))))
         return (
@@ -356,7 +372,7 @@ class Attribution:
         """Return a disturbance's coefficients, standard errors and gain, and the cost without it.
 
         Args:
-            linear: a result of the method `linear`.
+            linear: a result of the method `linears`.
 
         Returns:
             Coefficients (columns,) and standard errors (columns,), SI, of the shapes; by how much
@@ -384,21 +400,39 @@ class Attribution:
             floor: cost per reading of a rig that is exactly the model.
             count: number of hats (`middles`).
         """
-        middles = self.middles(name, count)
-        if middles.size == 0:
-            return None
-        shapes = [hats(values, middles) for values in self.along(name)]
-        linear = self.linear(place, shapes)
-        steps, errors, gain, cost = self.solved(linear)
-        excess = cost - floor * linear.samples
-        # Where the motion never came in blocks that count, nothing is known.
-        known = np.diag(linear.products.sum(0))[len(self._base) :] > 0.0
-        steps, errors = np.where(known, steps, 0.0), np.where(known, errors, np.inf)
-        region = self.region(name)
-        return Curve(
-            place.name, region.name, middles, steps, errors, place.unit, region.unit, place.shown,
-            region.shown, gain, gain / excess if excess > 0.0 else 0.0,
-        )  # fmt: skip
+        found = self._curves_of(place, [name], floor, count)
+        return found[0] if found else None
+
+    def _curves_of(
+        self, place: Place, names: Sequence[str], floor: float, count: int = HATS
+    ) -> list[Curve]:
+        """Return a place's disturbance as a curve against each of some regions' quantities.
+
+        The arguments are those of `curve`, and the result leaves out what it returns None for. The
+        hats of all regions are followed through the courses at once.
+        """
+        middles = {name: self.middles(name, count) for name in dict.fromkeys(names)}
+        told = [name for name, of_name in middles.items() if of_name.size]
+        if not told:
+            return []
+        along = [[hats(values, middles[name]) for values in self.along(name)] for name in told]
+        shapes = [np.concatenate(each, axis=1) for each in zip(*along, strict=True)]
+        found = []
+        linears = self.linears(place, shapes, [middles[name].size for name in told])
+        for name, linear in zip(told, linears, strict=True):
+            steps, errors, gain, cost = self.solved(linear)
+            excess = cost - floor * linear.samples
+            # Where the motion never came in blocks that count, nothing is known.
+            known = np.diag(linear.products.sum(0))[len(self._base) :] > 0.0
+            steps, errors = np.where(known, steps, 0.0), np.where(known, errors, np.inf)
+            region = self.region(name)
+            found.append(
+                Curve(
+                    place.name, region.name, middles[name], steps, errors, place.unit, region.unit,
+                    place.shown, region.shown, gain, gain / excess if excess > 0.0 else 0.0,
+                )
+            )  # fmt: skip
+        return found
 
     def curves(self, floor: float) -> list[Curve]:
         """Return the disturbance of each equation and reading against each region, by falling gain.
@@ -407,11 +441,11 @@ class Attribution:
         left out. `floor` is the cost per reading of a rig that is exactly the model.
         """
         found = [
-            self.curve(place, name, floor)
+            curve
             for place in places_of(self.plant)
-            for name in (*place.of, TIME.name)
+            for curve in self._curves_of(place, (*place.of, TIME.name), floor)
         ]
-        return sorted((c for c in found if c is not None), key=lambda curve: -curve.gain)
+        return sorted(found, key=lambda curve: -curve.gain)
 
 
 def _weights(course: Course) -> Array:

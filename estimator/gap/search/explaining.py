@@ -32,6 +32,14 @@ _ENOUGH: Final = 0.9
 """Part of the excess that a shape must explain for no lag or resonance to be looked for: these take
 as long as all else, and what remembers leaves more to curves than a tenth."""
 
+PART: Final = 0.05
+"""Part of the excess in error that a disturbance must take away."""
+_HOPELESS: Final = PART / 3.0
+"""Part of the excess. What promises less, or gains less before its period, place or time constant
+was refined, is not looked at further: it would have to become three times as good to count. A wave
+between two periods that are tried loses a fifth at most; a bump, a lag or a resonance about a half
+between two widths, time constants or frequencies."""
+
 Wheres = Collection[tuple[str, str]]
 """Names of places, each with the name of a quantity, "" for none."""
 
@@ -126,6 +134,7 @@ class Explaining:
         self._base = len(self.attribution.base)
         self._without: Array | None = None
         self._floor = floor
+        self._hopeless: float | None = None
         columns = filtered.columns(values, variables)
         self._bounds = (
             np.array([column.lower for column in columns]),
@@ -208,28 +217,49 @@ class Explaining:
             every = fine_shapes(name, self._together[name], turned)
             waves = [shape for shape in every if shape.form == "wave"]
             others = [shape for shape in every if shape.form != "wave"]
-            some = promising(self.attribution, place, waves, self._along[name])
+            some = promising(self.attribution, place, waves, self._along[name], self._least)
             fine = self.of(place, [*some, *others])
             fine.sort(key=lambda each: -each.gain)
             span = float(np.ptp(self._together[name]))
             best = [next((e for e in fine if e.shape.form == f), None) for f in ("wave", "bump")]
             for each in best:
-                if each is not None and each.gain > 0.0:
+                if each is not None and each.gain > self._least:
                     found += self.of(place, finer(each.shape, span))
         if max(self._numbers) < PHASES:
-            found += self.of(place, tones(self.attribution, place, self._along[TIME_NAME]))
+            times = self._along[TIME_NAME]
+            found += self.of(place, tones(self.attribution, place, times, self._least))
         return found
 
     def remembered(self, place: Place, name: str) -> list[Explanation]:
         """Return explanations of a place by lags and resonances of one quantity, unsorted."""
         along = [self._at_course(k) for k in range(len(self.attribution.courses))]
-        tried = self.of(place, memories(self.attribution, place, name, along))
+        tried = self.of(place, memories(self.attribution, place, name, along, self._least))
         found = list(tried)
         for form in MEMORIES:
             best = max((e for e in tried if e.shape.form == form), key=_gain, default=None)
-            if best is not None and best.gain > CHANCE:
+            if best is not None and best.gain > self._least:
                 near = finer(best.shape, 0.0)
                 found += self.of(place, [each for each in near if each != best.shape])
+        return found
+
+    def refined(
+        self, place: Place, shapes: Sequence[Shape], tried: Sequence[Explanation]
+    ) -> list[Explanation]:
+        """Return explanations by variants of those shapes that gained most of their form.
+
+        Args:
+            place: place where the disturbance enters.
+            shapes: shapes of one quantity; none gives none.
+            tried: explanations, those by these shapes at the place among them.
+        """
+        found: list[Explanation] = []
+        for form in dict.fromkeys(shape.form for shape in shapes):
+            own = [e for e in tried if e.place.name == place.name and e.shape in shapes]
+            best = max((e for e in own if e.shape.form == form), key=_gain, default=None)
+            if best is not None:
+                span = float(np.ptp(self._together[best.shape.of]))
+                near = [each for each in finer(best.shape, span) if each != best.shape]
+                found += self.of(place, near)
         return found
 
     def of(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
@@ -321,6 +351,16 @@ class Explaining:
             if best is None or gains.sum() > best.gain:
                 best = Explanation(place, shape, steps, errors, gains, share)
         return best
+
+    @property
+    def _least(self) -> float:
+        """Return the gain below which it is hopeless to look at a shape further (`_HOPELESS`)."""
+        if self._hopeless is None:
+            none = [np.zeros((len(course.samples), 1)) for course in self.attribution.courses]
+            _, residual, samples = self.attribution.stacked(self.places[0], none)
+            excess = float(np.square(residual).sum()) - self._floor * samples
+            self._hopeless = max(CHANCE, _HOPELESS * excess)
+        return self._hopeless
 
     @property
     def samples(self) -> int:

@@ -41,11 +41,12 @@ _PIECE: Final = 512
 
 
 def memories(
-    attribution: Attribution, place: Place, of: str, along: Sequence[Mapping[str, Array]]
-) -> list[Shape]:
+    attribution: Attribution, place: Place, of: str, along: Sequence[Mapping[str, Array]],
+    least: float = CHANCE,
+) -> list[Shape]:  # fmt: skip
     """Return the lags and the resonances that promise the most, as many as `_BEST` says.
 
-    Each must promise to lower the cost by `CHANCE`.
+    Each must promise to lower the cost by `least`.
 
     Args:
         attribution: linearised courses, with what is to be explained.
@@ -53,6 +54,7 @@ def memories(
         of: name of the quantity that it follows.
         along: quantities by name at each sample of each course, (m,) each, as `Shape.columns` takes
             them.
+        least: least promise that is worth a look.
     """
     period = float(along[0][TIME_NAME][1] - along[0][TIME_NAME][0])
     pulls = attribution.pull(place)
@@ -67,7 +69,7 @@ def memories(
         shape
         for form, most in _BEST.items()
         for gain, shape in [each for each in ranked if each[1].form == form][:most]
-        if gain >= CHANCE
+        if gain >= least
     ]
 
 

@@ -43,6 +43,12 @@ RECORDING: Final = "recording"
 """Among the quantities along a course, the number of its recording."""
 STARTS: Final = "starts"
 """Among the quantities along a course, 1 where a stretch of samples begins, else 0."""
+CORNERS: Final = ("hinge", "beyond")
+"""Forms that have a corner."""
+_HINGES: Final = 11
+"""Number of places at which a corner is tried."""
+_LIMITS_NEAR: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.7)
+"""Limits that are tried about one, as parts of it."""
 _ROUGH: Final = (1e-4, 3e-2)
 """Weights that are tried for the roughness of a table, as parts of its columns' mean square."""
 
@@ -56,8 +62,8 @@ class Shape:
         times: name of the quantity that the disturbance is multiplied by; "" for none.
         form: one of `FORMS`.
         at: knots of a table; period of a wave or tone; middle and width of a bump; place of a
-            hinge; time constant of a lag; frequency, Hz, and damping ratio of a resonance, SI;
-            empty for the others.
+            hinge, or the limit beyond which a disturbance acts on either side; time constant of a
+            lag; frequency, Hz, and damping ratio of a resonance, SI; empty for the others.
         recordings: numbers of the recordings that a tone has a phase in; empty for other forms.
         held: of a lag or a resonance, whether the quantity stays as it is from sample to sample.
     """
@@ -272,10 +278,16 @@ def _shortest(values: Array) -> float:
 def finer(shape: Shape, span: float) -> list[Shape]:
     """Return variants of a wave or bump, itself among them, with periods or places near its own.
 
-    A bump varies in its middle and width, a lag in its time constant, and a resonance in frequency
-    and damping. A shape of another form is returned alone. `span` is the range of the quantity, SI,
-    which sets how far the periods of waves lie apart.
+    A bump varies in its middle and width, a hinge in its place, what is beyond a limit in that, a
+    lag in its time constant, and a resonance in frequency and damping. A shape of another form is
+    returned alone. `span` is the range of the quantity, SI, which sets how far the periods of waves
+    and the places of hinges lie apart.
     """
+    if shape.form == "hinge":
+        (at,), step = shape.at, span / (_HINGES + 1)
+        return [replace(shape, at=(at + part * step,)) for part in (-0.6, -0.3, 0.0, 0.3, 0.6)]
+    if shape.form == "beyond":
+        return [replace(shape, at=(shape.at[0] * factor,)) for factor in _LIMITS_NEAR]
     if shape.form == "lag":
         return [replace(shape, at=(shape.at[0] * factor,)) for factor in (0.7, 0.84, 1.0, 1.2, 1.4)]
     if shape.form == "resonance":
@@ -311,9 +323,20 @@ def symbols(table: Shape, values: Array) -> list[Shape]:
     found = [Shape(table.of, table.times, form) for form in forms]
     found.append(Shape("", table.times, "constant"))
     if table.of != TIME_NAME:
-        inner = np.linspace(low, high, 13)[1:-1]
+        inner = np.linspace(low, high, _HINGES + 2)[1:-1]
         found += [Shape(table.of, table.times, "hinge", (float(at),)) for at in inner]
+        if low < 0.0 < high:
+            # Limits lie where the quantity often is, as the knots of a table do.
+            limits = np.unique(np.quantile(np.abs(values), np.linspace(0.05, 0.95, _HINGES)))
+            found += [
+                Shape(table.of, table.times, "beyond", (float(at),)) for at in limits if at > 0.0
+            ]
     return found
+
+
+def corners(shapes: Sequence[Shape]) -> list[Shape]:
+    """Return those of some shapes that have a corner at a place, which can be refined (`finer`)."""
+    return [shape for shape in shapes if shape.form in CORNERS]
 
 
 def periodic(regions: Mapping[str, Region], names: Sequence[str]) -> list[str]:

@@ -33,16 +33,19 @@ _BANDS_HZ: Final = (0.0, 2.0, 20.0, np.inf)
 end, where a block of half a second has no whole period."""
 
 
-def tones(attribution: Attribution, place: Place, times: Sequence[Array]) -> list[Shape]:
+def tones(
+    attribution: Attribution, place: Place, times: Sequence[Array], least: float = CHANCE
+) -> list[Shape]:
     """Return the tones at a place that promise the most, at most one in each of three bands.
 
-    A tone must promise to lower the cost by `CHANCE`. It has a phase in each recording that the
+    A tone must promise to lower the cost by `least`. It has a phase in each recording that the
     courses belong to, which is fitted later.
 
     Args:
         attribution: linearised courses, with what is to be explained.
         place: place where the tone enters.
         times: time at each sample of each course, (m,) each, s.
+        least: least promise that is worth a look.
     """
     period = attribution.plant.period
     numbers = np.array(attribution.numbers)
@@ -62,13 +65,13 @@ def tones(attribution: Attribution, place: Place, times: Sequence[Array]) -> lis
                 np.add.at(whole, np.round((time - begin) / period).astype(np.int64), pull)
         samples = sum(len(t) for t, n in zip(times, numbers, strict=True) if n == recording)
         gains += np.abs(np.fft.rfft(whole)) ** 2 / (curvature * samples)
-    least, most = _SLOWEST / float(lengths.min()), 1.0 / (_FASTEST * period)
+    slowest, most = _SLOWEST / float(lengths.min()), 1.0 / (_FASTEST * period)
     found = []
     for low, high in pairwise(_BANDS_HZ):
-        inside = (frequencies >= max(low, least)) & (frequencies < min(high, most))
+        inside = (frequencies >= max(low, slowest)) & (frequencies < min(high, most))
         if inside.any():
             best = int(np.argmax(np.where(inside, gains, -1.0)))
-            if gains[best] < CHANCE:
+            if gains[best] < least:
                 continue
             at = (float(1.0 / frequencies[best]),)
             found.append(Shape(TIME_NAME, "", "tone", at, recordings))

@@ -29,15 +29,19 @@ range apart in 1 / period, has 64 of them in a period."""
 
 
 def promising(
-    attribution: Attribution, place: Place, waves: Sequence[Shape], along: Sequence[Array]
-) -> list[Shape]:
+    attribution: Attribution, place: Place, waves: Sequence[Shape], along: Sequence[Array],
+    least: float = 0.0,
+) -> list[Shape]:  # fmt: skip
     """Return the `_LOOKED_AT` waves that promise the most, by falling period; all if they are few.
+
+    Of more than a few, those that promise to lower the cost by less than `least` are left out.
 
     Args:
         attribution: linearised courses, with what is to be explained.
         place: place where the disturbance enters.
         waves: waves of one quantity, by falling period.
         along: that quantity at each sample of each course, (m,) each, SI.
+        least: least promise that is worth a look.
     """
     if len(waves) <= FEW:
         return list(waves)
@@ -52,7 +56,7 @@ def promising(
     squares = np.square(changes[:, :, -2 * len(some) :]).sum((0, 1)).reshape(-1, 2).mean(1)
     curvatures = np.interp(np.arange(len(waves)), some, squares)
     gains = np.abs(slopes) ** 2 / np.maximum(curvatures, 1e-12 * curvatures.max())
-    return [waves[k] for k in np.sort(np.argsort(-gains)[:_LOOKED_AT])]
+    return [waves[k] for k in np.sort(np.argsort(-gains)[:_LOOKED_AT]) if gains[k] >= least]
 
 
 def _slopes(pulls: Sequence[Array], along: Sequence[Array], periods: Array) -> Array:

@@ -17,6 +17,7 @@ import numba.extending
 import numpy as np
 from numba import types
 from numba.core import cgutils
+from numpy.typing import NDArray
 
 from estimator.gap.plant import (
     DRIVE_IN_LANES,
@@ -49,6 +50,9 @@ SEEN_1: Final = 9
 SEEN_2: Final = 10
 """SEEN_1 and SEEN_2 are the indices of the pressures behind the lag of their transducers. These
 states come after the rig's own."""
+_SUPPLY: Final = 7
+_RETURN: Final = 8
+"""Indices of the pressures of supply and return, which come after the states of valve and ram."""
 _FAULT: Final = tuple(NO_FAULT)
 _FRICTION_LAW: Final = Parameters._fields.index("friction_law")
 _TERM_KINDS: Final = tuple(name for name in Parameters._fields if name.endswith("_kind"))
@@ -236,4 +240,17 @@ def _kind(values: Mapping[str, float]) -> tuple[float, ...] | None:
     )
 
 
-IN_LANES: Final = InLanes(_begin, _drive, _step, _remember, _read, _kind)
+def _acting(values: Mapping[str, float]) -> NDArray[np.int64]:
+    """Return the indices of the states that the filter takes derivatives by.
+
+    Transducers without a lag remember nothing. The pressures of pump and tank follow those of the
+    parameters alone, unless flows make the one droop or the other rise.
+    """
+    lines = values["supply_droop"] != 0.0 or values["return_back_pressure"] != 0.0
+    found = [*range(_SUPPLY), *([_SUPPLY, _RETURN] if lines else [])]
+    if values["pressure_lag"] != 0.0:
+        found += [SEEN_1, SEEN_2]
+    return np.array(found, dtype=np.int64)
+
+
+IN_LANES: Final = InLanes(_begin, _drive, _step, _remember, _read, _kind, _acting)

@@ -23,6 +23,8 @@ from rig.plant import MOST_TABLES, MOST_TERMS, AddedTerm, Parameters, fields_of,
 FRICTION: Final = "friction level"
 _FORCE: Final = "force balance"
 _PARTS: Final = ("size", "at", "by")
+_IN_SLOTS: Final = (*MEMORIES, "beyond")
+"""Forms that the rig's own terms do not have."""
 
 
 class ServoLayout(Layout):
@@ -42,7 +44,7 @@ class ServoLayout(Layout):
             kind = tables if each.form == "table" else symbols
             if kind is tables:
                 room = room and len(tables) < MOST_TABLES
-            room = room and each.form not in MEMORIES and is_held(term_of(each))
+            room = room and each.form not in _IN_SLOTS and is_held(term_of(each))
             (kind if room else others).append(index)
         return [*tables, *symbols], others
 

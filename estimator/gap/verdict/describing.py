@@ -33,6 +33,7 @@ _KEYS: Final = {
     "tone": ("period",),
     "bump": ("middle", "width"),
     "hinge": ("from",),
+    "beyond": ("limit",),
     "lag": ("time_constant",),
     "resonance": ("frequency", "damping"),
 }

@@ -228,6 +228,10 @@ def shape_of(addition: Addition, low: float, high: float, plant: Plant) -> str:
         return "local_in_position" if sort == "position" else _general(sort)
     if form == "hinge":
         return "threshold"
+    if form == "beyond":
+        # What takes away from a command beyond its limit is that which does not pass it.
+        against = addition.values[0] < 0.0 and not addition.times
+        return "saturation" if sort == "opening" and against else "threshold"
     x = np.linspace(low, high, _POINTS)
     y = addition.shape(x)
     if sort == "time":
@@ -279,7 +283,7 @@ def _of_table(sort: str, x: Array, y: Array) -> str:
         squared = float(np.var(_left(y, x * np.abs(x))))
         if squared < min(BENT * float(np.var(y)), 0.5 * float(np.var(_left(y, x)))):
             return "power_of_velocity"
-    if sort == "opening" and _is_flat_outside(x, y):
+    if sort == "opening" and (_is_flat_outside(x, y) or _is_clipped(x, y)):
         return "saturation"
     return _general(sort)
 
@@ -329,6 +333,21 @@ def _is_flat_outside(x: Array, y: Array) -> bool:
     middle = abs(float(y[3 * quarter] - y[quarter]))
     ends = abs(float(y[quarter] - y[0])) + abs(float(y[-1] - y[3 * quarter]))
     return ends < 0.25 * middle
+
+
+def _is_clipped(x: Array, y: Array) -> bool:
+    """Return whether a curve is flat about zero, and falls along straight lines beyond a limit.
+
+    So does what a clipped quantity lacks, on either side. It must fit much better than one straight
+    line. `x` (n,) must be ascending.
+    """
+    if not x[0] < 0.0 < x[-1]:
+        return False
+    straight = float(np.sum(_left(y, x) ** 2))
+    limits = np.abs(x[-1]) * np.geomspace(0.01, 0.8, 40)
+    beyond = [np.sign(x) * np.maximum(np.abs(x) - at, 0.0) for at in limits]
+    left, best = min((float(np.sum(_left(y, each) ** 2)), k) for k, each in enumerate(beyond))
+    return left < 0.1 * straight and float(beyond[best] @ (y - y.mean())) < 0.0
 
 
 _LEAKING: Final = {"flow, chamber 1": "pressure 1", "flow, chamber 2": "pressure 2"}

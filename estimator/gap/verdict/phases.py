@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import NOT_IN_FILES, Layout
+from estimator.gap.plant import NOT_IN_FILES, Layout, in_files
 from estimator.gap.prediction import Fitter, Values, Variable, settling
 from estimator.gap.search import ADDED
 
@@ -35,14 +35,15 @@ def has_tones(layout: Layout | None, values: Values) -> bool:
 def as_written(layout: Layout | None, values: Values) -> tuple[dict[str, float], list[str]]:
     """Return the values of all parameters as a model file can hold them, and what it cannot.
 
-    The second result has the forms of the additions that are left out (`NOT_IN_FILES`).
+    The second result has the forms of the additions that are left out (`NOT_IN_FILES`). What is
+    beyond a limit becomes a table.
     """
     if layout is None:
         return dict(values), []
     additions = layout.additions(values)
-    kept = [each for each in additions if each.form not in NOT_IN_FILES]
+    kept = [in_files(each) for each in additions if each.form not in NOT_IN_FILES]
     left_out = [each.form for each in additions if each.form in NOT_IN_FILES]
-    return {**values, **layout.values(kept)} if left_out else dict(values), left_out
+    return {**values, **layout.values(kept)} if kept != additions else dict(values), left_out
 
 
 def known_phases(values: Values, judged: Fitter) -> Values:

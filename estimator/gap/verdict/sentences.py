@@ -108,6 +108,10 @@ class _Predicate:
         if form == "hinge":
             begins = f"that begins where {self._of} passes {self._at(self._addition.at[0])}"
             return f"{begins}, and {self._grows()} by {self._slope()} beyond"
+        if form == "beyond":
+            begins = f"that begins where {self._of} is beyond {self._at(self._addition.at[0])}"
+            grows = f"{self._grows()} with it by {self._slope()}"
+            return f"{begins} on either side of zero, and {grows}"
         if form == "constant" or not self._addition.of:
             return f"that is always there: {self._size()}"
         if form == "x":

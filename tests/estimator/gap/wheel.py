@@ -61,12 +61,14 @@ def ran(
     offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
     quiet: float = 1.0, dry: float = 0.0, hum: float = 0.0, hum_hz: float = 17.0,
     hung: tuple[float, float, float] = (0.0, 1.0, 0.0), creep: tuple[float, float] = (0.0, 1.0),
+    brake: tuple[float, float] = (1.0, 0.0),
 ) -> Recording:  # fmt: skip
     """Record a wheel that may have what no model of it has: dry friction, a slow or late sensor.
 
     A force that hums begins each recording, by its seed, at another phase. A second wheel may be
     `hung` to it on a spring (mass, kg; frequency, Hz; damping ratio), and a damper that gives way
-    in time may hold it (`creep`: N s/m, and the time constant, s).
+    in time may hold it (`creep`: N s/m, and the time constant, s). A `brake` acts beyond a speed,
+    m/s, either way, with so many N s/m.
     The sensor's noise is `quiet` times what the model states.
     """
     generator = np.random.default_rng(seed)
@@ -89,6 +91,7 @@ def ran(
         pulls = spring * twist + damper * (swings - speed)
         swings -= 1e-3 * pulls / mass if mass > 0.0 else 0.0
         force += pulls - creep[0] * (speed - dragged)
+        force -= brake[1] * (speed - min(max(speed, -brake[0]), brake[0]))
         dragged += 1e-3 / creep[1] * (speed - dragged)
         speed += 1e-3 * (force + hums[row] - squared * speed * abs(speed)) / 2.0
         twist += 1e-3 * (swings - speed)

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
-from estimator.gap.plant.additions import SLOT_PARAMETERS, Layout
+import numpy as np
+
+from estimator.gap.plant.additions import SLOT_PARAMETERS, Addition, Layout, in_files
 from estimator.gap.plant.interface import Parameter
 from estimator.gap.servo.actuator import servo_actuator
 from rig.plant import Model, Parameters
@@ -16,3 +18,12 @@ def test_a_plant_may_name_a_parameter_of_its_own_as_something_added() -> None:
     sled = replace(servo, parameters=(mass, *SLOT_PARAMETERS), layout=layout)
     assert sled.own_parameters == (mass,)
     assert replace(sled, parameters=(mass,), layout=None).own_parameters == (mass,)
+
+
+def test_a_file_holds_what_is_beyond_a_limit_as_a_table_that_is_the_same() -> None:
+    clipped = Addition("spool", "command", "", "beyond", (0.6,), (-2.6e-5,))
+    volts = np.linspace(-10.0, 10.0, 401)
+    written = in_files(clipped)
+    assert written.form == "table"
+    assert np.abs(written.shape(volts) - clipped.shape(volts)).max() < 1e-12 * 2.4e-4
+    assert in_files(written) == written
