@@ -95,6 +95,16 @@ def _leak(r, coefficient, linear, drop):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _is_open(r, clock, position, speed, pressure_1):
+    """Return whether leaks that come and go are open (after `opens_at`, s on the same clock)."""
+    if r.comes_every != 0.0 and (clock - r.opens_at) % r.comes_every >= r.stays_for:
+        return False
+    if r.opens_moving * speed < 0.0 or pressure_1 < r.opens_above:
+        return False
+    return position >= r.opens_beyond
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def slip_force(r, position, speed, pressure_1, pressure_2):
     """Return the friction (N) at which the seals slip: Stribeck's curve with the hidden effects.
 
@@ -263,7 +273,7 @@ def slopes(r, clock, reference, y, out):
 
     # Chambers.
     across, out_1, out_2 = r.leak_across, r.leak_1, r.leak_2
-    if clock >= r.opens_at:
+    if clock >= r.opens_at and _is_open(r, clock, position, speed, p1):
         across += r.opening_leak_across
         out_1 += r.opening_leak_1
         out_2 += r.opening_leak_2

@@ -1,0 +1,2 @@
+from .records import Company as Company, Episode as Episode, Intermittent as Intermittent
+from .return_test import ReturnTest as ReturnTest
