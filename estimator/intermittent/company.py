@@ -24,7 +24,8 @@ LEAST_OPENINGS: Final = 6
 from the true ones by enough for one in a hundred."""
 STRONG: Final = 0.8
 """Least association that is named: the leak is open nearly always beyond a value, and nearly never
-on its other side. A leak pulls at the pressures while it is open, which makes 0.3 to 0.7."""
+on its other side. A leak pulls at the pressures while it is open, which makes 0.3 to 0.7. Regular
+intervals differ from their mean by a fifth of it at most (one standard deviation)."""
 _DRAWS: Final = 499
 _PACE: Final = 0.25
 """Greatest change of the logarithm of the pace of openings that are moved about."""
@@ -143,6 +144,6 @@ def _with_time(begins: Array, stays: Array, rng: np.random.Generator) -> Company
     uneven = float(intervals.std() / intervals.mean())
     by_chance = drawn.std(axis=1) / drawn.mean(axis=1)
     chance = float((1 + (by_chance <= uneven).sum()) / (1 + _DRAWS))
-    if chance > CHANCE:
+    if chance > CHANCE or 1.0 - uneven < STRONG:
         return None
     return Company("time", 0, max(1.0 - uneven, 0.0), chance, period_s=float(intervals.mean()))

@@ -41,7 +41,7 @@ The levels are a factor of 2.5 apart, so that each flow is within 1.6 standard d
 _LAW: Final = 0.05
 """Part of a leak's flow by which the leak law may be wrong (`RELATIVE_DEAD_ZONE`)."""
 _LEAST_PART: Final = 0.3
-"""Part of its level to which an explanation's coefficient may fall; below, another level does it."""
+"""Part of its level to which an explanation's coefficient may fall; another level does the rest."""
 _MOST: Final = 1e200
 """Upper bound of a weight, so that it can be stored."""
 

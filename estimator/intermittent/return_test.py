@@ -5,8 +5,8 @@ opening adds to the evidence, which is kept while the leak is shut. docs/detecti
 derivation of the limit, and rates that were measured.
 """
 
-from dataclasses import dataclass, replace
-from math import log, sqrt
+from dataclasses import dataclass
+from math import inf, log, sqrt
 from typing import Final
 
 import numpy as np
@@ -53,9 +53,9 @@ FORGETTING_BLOCKS: Final = 240.0
 """Blocks (two minutes) after which noise counts for 1/e in the estimate of its variance."""
 MOST_EPISODES: Final = 200
 """Greatest number of openings that are listed."""
-LOOKED_EVERY: Final = 20
-"""Blocks (10 s) after which the openings are computed anew, if the leak did not open or shut before
-(computing them takes as long as filtering two seconds of samples)."""
+LOOKED_EVERY: Final = 4
+"""Blocks (2 s) after which the openings are computed anew, if the leak did not open or shut before
+(computing them takes about as long as filtering a second of samples)."""
 _SETTLED_S: Final = 60.0
 """Time after its end from which on a listed opening is not changed any more, s."""
 MINIMUM_BLOCKS: Final = 16
@@ -224,7 +224,7 @@ class ReturnTest:
         count = dropped.openings + len(openings.episodes)
         if count < LEAST_CLAIMED or not openings.coefficient > 0.0:
             return None
-        watched_s, open_s = self._times(openings)
+        watched_s, open_s = self._times(openings, -inf if dropped.openings else episodes[0].start_s)
         watched_s, open_s = watched_s + dropped.watched_s, open_s + dropped.open_s
         now_s = float(self._blocks.end_s[-1])
         duty, interval = duty_of(episodes, watched_s, open_s, now_s)
@@ -243,11 +243,11 @@ class ReturnTest:
             return episodes
         settled_s = float(self._blocks.end_s[-1]) - _SETTLED_S
         known = {
-            round(each.start_s): each
+            round(2.0 * each.start_s): each
             for each in self._claim.episodes
             if each.end_s is not None and each.end_s < settled_s
         }
-        return tuple(known.get(round(each.start_s), each) for each in episodes)
+        return tuple(known.get(round(2.0 * each.start_s), each) for each in episodes)
 
     def _leading(self, leak: int) -> int:
         """Return the row of a leak's explanation with the greatest weight."""
@@ -263,17 +263,12 @@ class ReturnTest:
             self._least, self._model_error,
         )  # fmt: skip
 
-    def _times(self, openings: Openings) -> tuple[float, float]:
-        """Return for how long the kept blocks watch since the first opening, and it was open, s."""
-        blocks = self._blocks
-        if not openings.episodes:
-            return 0.0, 0.0
-        since = openings.episodes[0].start_s
-        lengths = blocks.end_s - np.maximum(blocks.start_s, since)
-        lengths = np.maximum(lengths, 0.0)
-        return float(lengths.sum()), float(
-            (openings.open * (blocks.end_s - blocks.start_s))[lengths > 0.0].sum()
-        )
+    def _times(self, openings: Openings, since_s: float) -> tuple[float, float]:
+        """Return for how long the kept blocks watch since `since_s`, and the leak was open, s."""
+        start_s, end_s = self._blocks.start_s, self._blocks.end_s
+        lengths = np.maximum(end_s - np.maximum(start_s, since_s), 0.0)
+        whole = (end_s - start_s)[lengths > 0.0]
+        return float(lengths.sum()), float((openings.open[lengths > 0.0] * whole).sum())
 
     def _goes_with(self, leak: int, openings: Openings, count: int) -> Company | None:
         """Return what the openings go with; it is looked anew when they have become more."""
@@ -288,27 +283,21 @@ class ReturnTest:
 
     def _drop(self) -> None:
         """Drop the older half of the blocks; keep what the openings in it were."""
-        leak = self._leak()
-        blocks = self._blocks
-        cut_s = float(blocks.end_s[blocks.count // 2 - 1])
+        leak, blocks = self._leak(), self._blocks
         if leak is not None:
             openings = self._openings(leak)
-            gone = tuple(
-                each for each in openings.episodes if each.end_s is not None and each.end_s <= cut_s
-            )
+            cut_s = float(blocks.end_s[blocks.count // 2 - 1])
             before = self._dropped.get(leak, _Dropped())
-            older = blocks.end_s <= cut_s + 1e-6
+            gone = tuple(e for e in openings.episodes if e.end_s is not None and e.end_s <= cut_s)
+            first_s = openings.episodes[0].start_s if openings.episodes else inf
+            since_s = -inf if before.openings else first_s
+            older = (blocks.end_s <= cut_s) & (blocks.end_s > since_s)
             lengths = blocks.end_s - blocks.start_s
-            since = openings.episodes[0].start_s if openings.episodes else cut_s
-            if before.openings:
-                since = -np.inf
-            older &= blocks.end_s > since
-            self._dropped[leak] = replace(
-                before,
-                episodes=(before.episodes + gone)[-MOST_EPISODES:],
-                openings=before.openings + len(gone),
-                watched_s=before.watched_s + float(lengths[older].sum()),
-                open_s=before.open_s + float((openings.open * lengths)[older].sum()),
+            self._dropped[leak] = _Dropped(
+                (before.episodes + gone)[-MOST_EPISODES:],
+                before.openings + len(gone),
+                before.watched_s + float(lengths[older].sum()),
+                before.open_s + float((openings.open * lengths)[older].sum()),
             )
         blocks.drop_older_half()
 

@@ -23,6 +23,8 @@ STATES: Final = (
     SPOOL, SPOOL_SPEED, PILOT, PILOT_SPEED, POSITION, SPEED, BEND, P1, P2, SUPPLY, TANK,
     HUNG, HUNG_SPEED, POCKET,
 ) = range(14)  # fmt: skip
+MOVING: Final = 2e-3
+"""m/s: speed from which on the ram counts as moving, for leaks that are open in one direction."""
 COUNT: Final = 3e-5
 """m: length of one encoder count."""
 READINGS: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
@@ -99,7 +101,9 @@ def _is_open(r, clock, position, speed, pressure_1):
     """Return whether leaks that come and go are open (after `opens_at`, s on the same clock)."""
     if r.comes_every != 0.0 and (clock - r.opens_at) % r.comes_every >= r.stays_for:
         return False
-    if r.opens_moving * speed < 0.0 or pressure_1 < r.opens_above:
+    if r.opens_moving != 0.0 and r.opens_moving * speed < MOVING:
+        return False
+    if pressure_1 < r.opens_above:
         return False
     return position >= r.opens_beyond
 

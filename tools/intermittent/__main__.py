@@ -1,10 +1,11 @@
-"""Runs trials of leaks that come and go, or healthy rigs, and prints what the detector made of it.
+"""Judges leaks that come and go, and healthy rigs, and prints what the detector made of them.
 
-`python -m tools.intermittent leaks --seed 31 --count 48 --out DIR` judges 48 leaks,
-`python -m tools.intermittent healthy --seed 31 --hours 2 --out DIR` 2 h of healthy independent
-rigs in runs of ten minutes, and `python -m tools.intermittent lanes --hours 8 --out DIR` 8 h of
-rigs drawn as in docs/detection.md, each for half an hour, whose detector starts anew after an
-alarm. Finished trials are kept in DIR, and an interrupted study goes on where it stopped.
+`python -m tools.intermittent leaks --seed 31 --count 48 --out DIR` judges 48 leaks;
+`healthy --seed 31 --hours 2` judges 2 h of healthy independent rigs in runs of ten minutes;
+`lanes --seed 3 --hours 8` judges 8 h of the rigs of docs/detection.md from group 3 on, each for
+half an hour, and begins anew after an alarm; `steady --count 60` judges leaks of 0.005 to 0.5 L/min
+that stay, with the test for returns and without. Finished trials are kept in DIR, and a study that
+was interrupted goes on where it stopped.
 """
 
 import argparse
@@ -16,7 +17,8 @@ from pathlib import Path
 from rig.compile_cache import source_key
 from rig.lanes import LANES
 from tools.counted_shares import counted as counted_share
-from tools.intermittent.judging import Outcome, ReturnsJudge, judge
+from tools.detection_limits.study import plans as small_leaks
+from tools.intermittent.judging import Outcome, ReturnsJudge, Steady, judge, judge_steady
 from tools.intermittent.trials import GATES, SECONDS, plans
 from tools.kept_trials import kept_trials, run_and_keep
 from tools.pages.marked_tables import markdown
@@ -116,10 +118,25 @@ def lanes(options: argparse.Namespace) -> None:
         )
 
 
+def print_steady(options: argparse.Namespace) -> None:
+    """Run trials of leaks that stay; print how many decisions the test for returns changed."""
+    wanted = [plan for plan in small_leaks(options.count) if plan.fault is not None]
+    options.out.mkdir(parents=True, exist_ok=True)
+    file = options.out / f"steady-{source_key(_ROOT)}.jsonl"
+    done = {found.seed: found for found in (Steady(**fields) for fields in kept_trials(file))}
+    left = [(plan,) for plan in wanted if plan.seed not in done]
+    for found in run_and_keep(file, "trials", judge_steady, left, 1):
+        done[found.seed] = found
+    changed = [each for each in done.values() if not each.same]
+    print(f"{len(done)} leaks that stay: {len(changed)} with another decision at any time")
+    for each in changed:
+        print(each)
+
+
 def main() -> None:
     """Run the trials that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("leaks", "healthy", "lanes"))
+    parser.add_argument("what", choices=("leaks", "healthy", "lanes", "steady"))
     parser.add_argument("--seed", type=int, default=31, help="of the trials; first group of lanes")
     parser.add_argument("--count", type=int, default=48, help="leaks (default 48)")
     parser.add_argument("--hours", type=float, default=2.0, help="healthy hours (default 2)")
@@ -129,6 +146,9 @@ def main() -> None:
     options = parser.parse_args()
     if options.what == "lanes":
         lanes(options)
+        return
+    if options.what == "steady":
+        print_steady(options)
         return
     found = outcomes(options)
     if options.what == "leaks":

@@ -4,10 +4,19 @@ from collections import Counter
 from dataclasses import dataclass
 
 from estimator.filters.registry import FilterRun
-from estimator.leaks import Decision, OilAccountDetector, Samples, replay
+from estimator.leaks import (
+    Decision,
+    OilAccountDetector,
+    Samples,
+    filter_recording,
+    judged,
+    replay,
+    samples_of,
+)
 from rig.plant import LITRE_PER_MINUTE, Model
 from tools.intermittent.trials import LEAST_MEAN, Plan, simulated
 from tools.studies.healthy_hours import Alarm, Judge
+from tools.studies.leak_trials import Plan as StayingPlan, record
 
 LEAST_OPENINGS = 6
 """Fewest openings of 1 s or more of a trial that counts."""
@@ -98,6 +107,35 @@ def _figures(final: Decision) -> tuple[int, float, float, float, float, float, f
         final.leak_m3_per_s / LITRE_PER_MINUTE, low, high,
         None if found.goes_with is None else found.goes_with.what,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Steady:
+    """A trial with a leak that stays, judged with and without the test for returns.
+
+    Attributes:
+        seed, leak, flow: of the plan; the flow is in L/min at its reference drop.
+        same: whether all decisions were the same.
+        renamed: whether any decision said that the leak comes and goes.
+    """
+
+    seed: int
+    leak: str | None
+    flow: float
+    same: bool
+    renamed: bool
+
+
+def judge_steady(plan: StayingPlan) -> Steady:
+    """Return whether the test for returns changes any decision on a leak that stays."""
+    recording, _, _ = record(plan)
+    run, samples = filter_recording(recording, Model()), samples_of(recording)
+    without, with_it = (
+        list(judged(samples, run, OilAccountDetector(Model(), returning=returning)))
+        for returning in (False, True)
+    )
+    renamed = any(decision.returns is not None for _, decision in with_it)
+    return Steady(plan.seed, plan.fault, plan.size, without == with_it, renamed)
 
 
 class ReturnsJudge(Judge):

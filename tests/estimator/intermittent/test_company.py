@@ -62,8 +62,8 @@ def random_openings(seed: int) -> NDArray[np.bool_]:
 
 
 def test_openings_at_random_times_go_with_nothing() -> None:
-    named = [found(random_openings(seed), motion(seed)) for seed in range(30)]
-    assert sum(each is not None for each in named) <= 1
+    named = [found(random_openings(seed), motion(seed)) for seed in range(10)]
+    assert sum(each is not None for each in named) == 0
 
 
 def test_a_leak_at_regular_times_goes_with_time() -> None:
