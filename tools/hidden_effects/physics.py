@@ -1,8 +1,7 @@
 """The equations of the independent rig, their integration and its sensors, compiled.
 
-The integrator is deliberately simpler than the product's: Kutta's third-order method with steps of
-20 us. All compiled functions are in this one file, because numba's cache recompiles a function only
-if the function's own file changed.
+The integrator is simpler than the product's on purpose: Kutta's third order, in steps of 20 us. All
+compiled functions are in this file, as numba recompiles a function only if its own file changed.
 """
 
 from math import atanh, exp, floor, log10, pi, sin, sqrt, tanh
@@ -23,8 +22,6 @@ STATES: Final = (
     SPOOL, SPOOL_SPEED, PILOT, PILOT_SPEED, POSITION, SPEED, BEND, P1, P2, SUPPLY, TANK,
     HUNG, HUNG_SPEED, POCKET,
 ) = range(14)  # fmt: skip
-MOVING: Final = 2e-3
-"""m/s: speed from which on the ram counts as moving, for leaks that are open in one direction."""
 COUNT: Final = 3e-5
 """m: length of one encoder count."""
 READINGS: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
@@ -94,18 +91,6 @@ def _leak(r, coefficient, linear, drop):
     if r.leak_transition != 0.0:
         return coefficient * drop / sqrt(abs(drop) + r.leak_transition)
     return coefficient * _root(drop) + linear * drop
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _is_open(r, clock, position, speed, pressure_1):
-    """Return whether leaks that come and go are open (after `opens_at`, s on the same clock)."""
-    if r.comes_every != 0.0 and (clock - r.opens_at) % r.comes_every >= r.stays_for:
-        return False
-    if r.opens_moving != 0.0 and r.opens_moving * speed < MOVING:
-        return False
-    if pressure_1 < r.opens_above:
-        return False
-    return position >= r.opens_beyond
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -277,7 +262,9 @@ def slopes(r, clock, reference, y, out):
 
     # Chambers.
     across, out_1, out_2 = r.leak_across, r.leak_1, r.leak_2
-    if clock >= r.opens_at and _is_open(r, clock, position, speed, p1):
+    now = r.comes_every == 0.0 or (clock - r.opens_at) % r.comes_every < r.stays_for
+    now = now and r.opens_moving * speed >= r.opens_moving * r.opens_moving
+    if now and clock >= r.opens_at and p1 >= r.opens_above and position >= r.opens_beyond:
         across += r.opening_leak_across
         out_1 += r.opening_leak_1
         out_2 += r.opening_leak_2

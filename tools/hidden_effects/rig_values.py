@@ -245,7 +245,7 @@ class RigValues(NamedTuple):
     opens_beyond: float = -1e9
     """m: they are open only while the ram is beyond this position."""
     opens_moving: float = 0.0
-    """1 or -1: they are open only while the ram extends or retracts; 0: in both directions."""
+    """m/s: they are open only while the ram is faster than this in its direction; 0: always."""
     opens_above: float = -1e9
     """Pa: they are open only while chamber 1 is above this pressure."""
     loose_at: float = 1e9

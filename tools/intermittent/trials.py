@@ -246,7 +246,7 @@ def _gate(gate: str, rng: Generator) -> dict[str, float]:
     if gate == "position":
         return {"opens_beyond": MIDDLE + float(rng.uniform(-0.02, 0.05))}
     if gate == "direction":
-        return {"opens_moving": float(rng.choice([-1.0, 1.0]))}
+        return {"opens_moving": float(rng.choice([-2e-3, 2e-3]))}
     return {"opens_above": _HALF_PUMP + float(rng.uniform(0.0, 1e6))}
 
 
@@ -256,8 +256,7 @@ def _is_open(rig: RigValues, made: Recorded) -> NDArray[np.bool_]:
     shown = time_s >= rig.opens_at
     if rig.comes_every:
         shown &= (time_s - rig.opens_at) % rig.comes_every < rig.stays_for
-    if rig.opens_moving:
-        shown &= rig.opens_moving * truth[:, physics.SPEED] >= physics.MOVING
+    shown &= rig.opens_moving * truth[:, physics.SPEED] >= rig.opens_moving**2
     shown &= truth[:, physics.P1] >= rig.opens_above
     return np.asarray(shown & (truth[:, physics.POSITION] >= rig.opens_beyond))
 
