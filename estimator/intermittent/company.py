@@ -82,8 +82,8 @@ def _with_motion(
     motion: dict[str, Array], rng: np.random.Generator,
 ) -> Company | None:  # fmt: skip
     names = tuple(motion)
-    ranks = np.column_stack([np.argsort(np.argsort(values)) for values in motion.values()])
-    ranks = ranks / max(open_.size - 1, 1)
+    order = np.column_stack([np.argsort(np.argsort(values)) for values in motion.values()])
+    ranks = order.astype(np.float64) / max(open_.size - 1, 1)
     found = _associations(open_[None, :], ranks)[0]
     middle = 0.5 * (start_s + end_s)
     moved = np.stack([_moved(stays, pauses, middle, rng) for _ in range(_DRAWS)])

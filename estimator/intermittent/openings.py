@@ -93,6 +93,11 @@ def smoothed(likelihoods, turns):
     return ahead
 
 
+def compile_openings() -> None:
+    """Compile what tells when a leak was open, which would else be compiled at the first claim."""
+    smoothed(np.ones((1, 3)), TURNS)
+
+
 def openings_in(
     blocks: KeptBlocks, leak: int, coefficient: float, mean: Array, least: float, allowed: float
 ) -> Openings:

@@ -1,6 +1,7 @@
 """Judges leaks that come and go, and healthy rigs, and prints what the detector made of them.
 
-`python -m tools.intermittent leaks --seed 31 --count 48 --out DIR` judges 48 leaks;
+`python -m tools.intermittent leaks --seed 31 --count 48 --out DIR` judges 48 leaks,
+and `least` leaks whose flow times duty is about the least of the condition;
 `healthy --seed 31 --hours 2` judges 2 h of healthy independent rigs in runs of ten minutes;
 `lanes --seed 3 --hours 8` judges 8 h of the rigs of docs/detection.md from group 3 on, each for
 half an hour, and begins anew after an alarm; `steady --count 60` judges leaks of 0.005 to 0.5 L/min
@@ -19,7 +20,7 @@ from rig.lanes import LANES
 from tools.counted_shares import counted as counted_share
 from tools.detection_limits.study import plans as small_leaks
 from tools.intermittent.judging import Outcome, ReturnsJudge, Steady, judge, judge_steady
-from tools.intermittent.trials import GATES, SECONDS, plans
+from tools.intermittent.trials import GATES, SECONDS, least_plans, plans
 from tools.kept_trials import kept_trials, run_and_keep
 from tools.pages.marked_tables import markdown
 from tools.studies.healthy_hours import RUN_S, Setting, run_group
@@ -36,7 +37,8 @@ def outcomes(options: argparse.Namespace) -> list[Outcome]:
         wanted = plans(options.seed, 0, 2 * ceil(options.hours * 3600.0 / seconds))
         wanted = [plan for plan in wanted if plan.independent]
     else:
-        wanted = plans(options.seed, options.count)
+        draw = least_plans if options.what == "least" else plans
+        wanted = draw(options.seed, options.count)
     options.out.mkdir(parents=True, exist_ok=True)
     setting = f"{options.false_alarms_per_day:g}-{options.model_error:g}"
     file = options.out / f"{options.what}-{setting}-{source_key(_ROOT)}.jsonl"
@@ -136,7 +138,7 @@ def print_steady(options: argparse.Namespace) -> None:
 def main() -> None:
     """Run the trials that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("leaks", "healthy", "lanes", "steady"))
+    parser.add_argument("what", choices=("leaks", "least", "healthy", "lanes", "steady"))
     parser.add_argument("--seed", type=int, default=31, help="of the trials; first group of lanes")
     parser.add_argument("--count", type=int, default=48, help="leaks (default 48)")
     parser.add_argument("--hours", type=float, default=2.0, help="healthy hours (default 2)")
@@ -151,7 +153,7 @@ def main() -> None:
         print_steady(options)
         return
     found = outcomes(options)
-    if options.what == "leaks":
+    if options.what in ("leaks", "least"):
         print_leaks(found)
         return
     returning = sum(each.named_s is not None for each in found)

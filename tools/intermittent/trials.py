@@ -41,6 +41,10 @@ _WANTED: Final = (0.035, 0.15)
 
 What a trial has comes out of its simulation, as the pressure that drives a leak depends on the
 motion."""
+_WANTED_LEAST: Final = (0.032, 0.04)
+"""The same for trials at the edge of the condition."""
+_DUTIES: Final = (0.15, 0.6)
+_DUTIES_LEAST: Final = (0.3, 0.8)
 _DRIVING: Final = (6.9e6, 6.9e6, 2.5e6)
 """Pressure drops in Pa for which the coefficients of `LEAKS` are drawn: half the pump's pressure,
 and what the friction of the seals takes."""
@@ -64,6 +68,7 @@ class Plan:
         leak: the leak, one of `LEAKS`.
         gate: one of `GATES`.
         independent: whether the rig is the independent one.
+        least: whether flow times duty is about the least of the condition, with duties up to 0.8.
     """
 
     seed: int
@@ -71,6 +76,7 @@ class Plan:
     leak: str | None
     gate: str
     independent: bool
+    least: bool = False
 
     def generator(self, purpose: int) -> Generator:
         """Return a generator for one purpose; those of different purposes are independent."""
@@ -116,6 +122,14 @@ class Course:
         return float(np.abs(self.flow[self.open]).mean()) if self.open.any() else 0.0
 
 
+def least_plans(seed: int, count: int) -> list[Plan]:
+    """Return the plans of `count` leaks by time at the edge of the condition, in turn by place."""
+    return [
+        Plan(seed, 200_000 + k, LEAKS[k // 2 % 3], "time", k % 2 == 0, least=True)
+        for k in range(count)
+    ]
+
+
 def plans(seed: int, count: int, healthy: int = 0) -> list[Plan]:
     """Return the plans of `count` leaks, all places in turn, and of `healthy` healthy rigs."""
     found = []
@@ -128,14 +142,16 @@ def plans(seed: int, count: int, healthy: int = 0) -> list[Plan]:
     return found
 
 
-def openings(rng: Generator, n: int) -> tuple[NDArray[np.bool_], float, float]:
+def openings(
+    rng: Generator, n: int, duties: tuple[float, float] = _DUTIES
+) -> tuple[NDArray[np.bool_], float, float]:
     """Return when a leak is open by time, bool (n,), with its period and stay (s), both drawn.
 
-    The period is 3 to 12 s and the stay 1 s or more, 15 to 60 % of the period on average; every
-    stay is between 1 s and 1.4 times that, and every period within 20 %.
+    The period is 3 to 12 s and the stay 1 s or more, a share of the period on average that is
+    uniform in `duties`; every stay is between 1 s and 1.4 times that, and every period within 20 %.
     """
     period = float(rng.uniform(3.0, 12.0))
-    stay = max(1.0, float(rng.uniform(0.15, 0.6)) * period)
+    stay = max(1.0, float(rng.uniform(*duties)) * period)
     shown = np.zeros(n, dtype=np.bool_)
     at = ONSET_S
     while at < n * _TICK:
@@ -161,19 +177,20 @@ def _product(plan: Plan, n: int) -> Course:
     if plan.leak is None:
         motion = ProductMotion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS)
         return Course(recorded(made, motion), np.zeros(n))
-    shown, _, _ = openings(rng, n)
+    shown, _, _ = openings(rng, n, _DUTIES_LEAST if plan.least else _DUTIES)
     duty = float(shown[round(ONSET_S / _TICK) :].mean())
-    coefficient = _coefficient(plan.leak, rng, duty)
+    coefficient = _coefficient(plan, rng, duty)
     faults[:, FAULT_COLUMNS.index(plan.leak)] = coefficient * shown
     motion = ProductMotion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS)
     recording = recorded(made, motion)
     return Course(recording, recording[TRUE_LEAKS[plan.leak]] / LITRE_PER_MINUTE * shown)
 
 
-def _coefficient(leak: str, rng: Generator, duty: float) -> float:
-    """Return a coefficient (SI) whose flow times `duty` is in the range `_WANTED`, log-uniform."""
-    flow = float(np.exp(rng.uniform(*np.log(_WANTED)))) / duty
-    return flow * LITRE_PER_MINUTE / sqrt(_DRIVING[LEAKS.index(leak)])
+def _coefficient(plan: Plan, rng: Generator, duty: float) -> float:
+    """Return a coefficient (SI) for a plan with a leak; its flow times `duty` is log-uniform."""
+    wanted = _WANTED_LEAST if plan.least else _WANTED
+    flow = float(np.exp(rng.uniform(*np.log(wanted)))) / duty
+    return flow * LITRE_PER_MINUTE / sqrt(_DRIVING[LEAKS.index(plan.leak or "")])
 
 
 def _independent(plan: Plan, n: int) -> Course:
@@ -184,9 +201,9 @@ def _independent(plan: Plan, n: int) -> Course:
     noise = plan.generator(1)
     if plan.leak is None:
         return Course(_shown(record(rig, motion, noise)), np.zeros(n))
-    gate = _gate(plan.gate, rng)
+    gate = _gate(plan, rng)
     duty = gate["stays_for"] / gate["comes_every"] if plan.gate == "time" else _OPEN_WITH_MOTION
-    coefficient = _coefficient(plan.leak, rng, duty)
+    coefficient = _coefficient(plan, rng, duty)
     place = {_PLACES[LEAKS.index(plan.leak)]: coefficient}
     rig = rig._replace(opens_at=ONSET_S, **gate, **place)
     made = record(rig, motion, noise)
@@ -238,10 +255,11 @@ def _slow(rng: Generator, n: int) -> Motion:
     return Motion(setpoint, np.zeros(n), float(rng.uniform(25.0, 70.0)))
 
 
-def _gate(gate: str, rng: Generator) -> dict[str, float]:
+def _gate(plan: Plan, rng: Generator) -> dict[str, float]:
     """Return the values of the independent rig that open and shut its leak."""
+    gate = plan.gate
     if gate == "time":
-        _, period, stay = openings(rng, 1)
+        _, period, stay = openings(rng, 1, _DUTIES_LEAST if plan.least else _DUTIES)
         return {"comes_every": period, "stays_for": stay}
     if gate == "position":
         return {"opens_beyond": MIDDLE + float(rng.uniform(-0.02, 0.05))}

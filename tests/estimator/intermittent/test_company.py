@@ -9,8 +9,8 @@ from estimator.intermittent.company import CHANCE, company
 
 Array = NDArray[np.float64]
 
-START_S = np.arange(240) * 0.5
-END_S = START_S + 0.5
+START_S: Array = np.arange(240, dtype=np.float64) * 0.5
+END_S: Array = START_S + 0.5
 
 
 def motion(seed: int) -> dict[str, Array]:

@@ -43,7 +43,7 @@ def test_moments_in_which_the_leak_shuts_do_not_divide_an_opening() -> None:
     flow[1000:3000] = 0.2
     flow[2000:2100] = 0.0
     flow[5000:5500] = 0.2
-    course = Course(Recording({"time_s": np.arange(10_000) * 1e-3}), flow)
+    course = Course(Recording({"time_s": np.arange(10_000, dtype=np.float64) * 1e-3}), flow)
     assert course.openings == 1
     assert course.duty == pytest.approx(2.4 / 9.0)
     assert course.mean_flow == pytest.approx(0.2)
