@@ -55,7 +55,7 @@ MOST_EPISODES: Final = 200
 """Greatest number of openings that are listed."""
 LOOKED_EVERY: Final = 4
 """Blocks (2 s) after which the openings are computed anew, if the leak did not open or shut before
-(computing them takes about as long as filtering a second of samples)."""
+(computing them takes 1.2 ms with two minutes of blocks)."""
 _SETTLED_S: Final = 60.0
 """Time after its end from which on a listed opening is not changed any more, s."""
 MINIMUM_BLOCKS: Final = 16

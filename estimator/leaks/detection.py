@@ -154,11 +154,11 @@ class OilAccountDetector:
         return found or returns or self._named is not None
 
     def evidence(self) -> tuple[float, float]:
-        """Return the test statistic of one fault, and the limit that it must exceed.
+        """Return the test statistic of one fault that stays, and the limit that it must exceed.
 
         The fault is that of `claimed` whose statistic exceeds its limit by the greatest factor; if
         none is claimed, the one that explains the accounts best, although it may be noise. The
-        statistic exceeds the limit exactly if the last `decide` found a fault. It is 0 if no fault
+        statistic exceeds the limit exactly if the last `decide` found a fault that stays. It is 0 if no fault
         explains anything.
         """
         likeliest = self._test.likeliest() if not self.claimed else None
