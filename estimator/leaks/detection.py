@@ -158,8 +158,8 @@ class OilAccountDetector:
 
         The fault is that of `claimed` whose statistic exceeds its limit by the greatest factor; if
         none is claimed, the one that explains the accounts best, although it may be noise. The
-        statistic exceeds the limit exactly if the last `decide` found a fault that stays. It is 0 if no fault
-        explains anything.
+        statistic exceeds the limit exactly if the last `decide` found a fault that stays. It is 0
+        if no fault explains anything.
         """
         likeliest = self._test.likeliest() if not self.claimed else None
         found = self.claimed if likeliest is None else [likeliest]
