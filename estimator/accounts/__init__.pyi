@@ -29,7 +29,12 @@ from .nuisances import (
     NuisanceBelief as NuisanceBelief,
     nuisance_index as nuisance_index,
 )
-from .regression import Regression as Regression, Scores as Scores, least_variance as least_variance
+from .regression import (
+    NOISE_WEIGHT as NOISE_WEIGHT,
+    Regression as Regression,
+    Scores as Scores,
+    least_variance as least_variance,
+)
 from .row import (
     FAULT_COUNT as FAULT_COUNT,
     INTERNAL_LEAKAGE as INTERNAL_LEAKAGE,

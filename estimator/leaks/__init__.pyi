@@ -10,13 +10,11 @@ from .baseline_file import (
     write_baseline as write_baseline,
 )
 from .confirmation import CONFIRMED_AFTER_S as CONFIRMED_AFTER_S
+from .decision import SILENT as SILENT, Decision as Decision, is_of as is_of
 from .detection import (
     SETTLED_AFTER_S as SETTLED_AFTER_S,
-    SILENT as SILENT,
-    Decision as Decision,
     Detector as Detector,
     OilAccountDetector as OilAccountDetector,
-    is_of as is_of,
     leak_flow as leak_flow,
 )
 from .found import Found as Found, found_in as found_in

@@ -1,9 +1,9 @@
 """From a filter's estimates to a verdict: the interface of detectors and the default detector."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from math import hypot, isnan, sqrt
+from math import exp, hypot, isnan, sqrt
 from typing import Final, Protocol
 
 import numpy as np
@@ -18,6 +18,7 @@ from estimator.accounts import (
     reference_flow,
 )
 from estimator.filters import FilterRun
+from estimator.intermittent import ReturnTest
 from rig.plant import (
     FAULTS,
     LEAKS,
@@ -30,6 +31,7 @@ from rig.plant import (
 
 from . import leak_verdicts
 from .confirmation import Hold, PresentLeaks
+from .decision import SILENT as SILENT, Decision as Decision, is_of as is_of
 from .finding import Finding
 from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 from .oil_account import OilAccount, Samples
@@ -37,8 +39,6 @@ from .supply_statistic import SupplyTest
 
 Array = NDArray[np.float64]
 
-SILENT: Final = ("healthy", "inconclusive")
-"""Names of the verdicts that are no fault."""
 INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """Flow in m^3/s at the reference drop. If a leak of this size would not have been found, the
 verdict is inconclusive instead of healthy."""
@@ -56,65 +56,6 @@ FLOW_ERROR: Final = 0.25
 zone bounds these errors, and a bound is taken for four standard deviations."""
 SETTLED_AFTER_S: Final = 2.0
 """Seconds after a leak's onset from which its flow is averaged, as the command line documents."""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What a detector concludes from all samples that it has taken so far.
-
-    Attributes:
-        verdict: one of the names in `faults.verdict`.
-        onset_s: estimated start of the fault, s; None when healthy or inconclusive.
-        leak_m3_per_s: mean absolute leak flow from 2 s after the onset, all leaks added up; None
-            if no leak was sized.
-        leak_std_m3_per_s: standard error of that flow, errors of the model included.
-        coefficient: leak coefficient, m^3/(s Pa^0.5); None if there is no leak or several faults.
-        statistic, threshold: the test statistic, and the value that it exceeds on a healthy rig at
-            the stated rate of false alarms.
-        details: further figures by name, for reports.
-        probabilities: of `healthy`, of each of `FAULTS` alone and of `multiple`, adding up to 1;
-            empty while there are too few blocks, and from the thesis's detector.
-        present_leaks: coefficients of the leaks that are confirmed to be present now, in the order
-            of `LEAKS`, m^3/(s Pa^0.5); 0 for a leak that is not, or no longer, present.
-        ended_s: when the fault ended, s, to half a second or so; None while it may be present.
-    """
-
-    verdict: str
-    onset_s: float | None = None
-    leak_m3_per_s: float | None = None
-    leak_std_m3_per_s: float | None = None
-    coefficient: float | None = None
-    statistic: float = 0.0
-    threshold: float = float("inf")
-    details: Mapping[str, float] = field(default_factory=dict)
-    probabilities: Mapping[str, float] = field(default_factory=dict)
-    present_leaks: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ended_s: float | None = None
-
-    @property
-    def names_a_fault(self) -> bool:
-        """Return whether the verdict is a fault: neither `healthy` nor `inconclusive`."""
-        return self.verdict not in SILENT
-
-    @property
-    def suspected(self) -> str | None:
-        """Return the likeliest fault (or `multiple`) if inconclusive; None if no fault is probable.
-
-        A fault is probable if the probability of health is below one half. The verdict does not
-        claim it, as that would raise more false alarms than stated. It is None for other verdicts.
-        """
-        if self.verdict != "inconclusive" or self.probabilities.get("healthy", 1.0) >= 0.5:
-            return None
-        faults = {name: share for name, share in self.probabilities.items() if name != "healthy"}
-        return max(faults, key=lambda name: faults[name])
-
-    @property
-    def interval_m3_per_s(self) -> tuple[float, float] | None:
-        """Return the 95 % interval of the flow, from 0 up, m^3/s; None if no leak was sized."""
-        if self.leak_m3_per_s is None or self.leak_std_m3_per_s is None:
-            return None
-        half = 1.96 * self.leak_std_m3_per_s
-        return max(self.leak_m3_per_s - half, 0.0), self.leak_m3_per_s + half
 
 
 class Detector(Protocol):
@@ -138,12 +79,14 @@ class OilAccountDetector:
         expected: what is known of this rig's nuisances, from a baseline.
         model_error: factor on what is allowed for errors of the model (dead zones and the like),
             0 to 10; 0 means that the model is exact.
+        returning: whether leaks that come and go are looked for too.
 
     Raises:
         ValueError: the rate or the factor is outside its range.
 
     Attributes:
-        claimed: the faults that the last `decide` found, doubtful ones too; it may be empty.
+        claimed: the faults that stay which the last `decide` found, doubtful ones too; it may be
+            empty.
         drawn_up: the blocks that the samples of the last `update` finished.
         begun: how often the test has started anew and dropped all earlier blocks.
     """
@@ -154,12 +97,15 @@ class OilAccountDetector:
         false_alarms_per_day: float = 1.0,
         expected: NuisanceBelief = UNINFORMED,
         model_error: float = 1.0,
+        *,
+        returning: bool = True,
     ) -> None:
         self._parameters = model.parameters
         self._setting = false_alarms_per_day, expected, model_error
         self._test = LeakTest(*self._setting)
         self._account = OilAccount(model.parameters, self._test)
         self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
+        self._returns = ReturnTest(model.parameters, *self._setting) if returning else None
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._named: tuple[Finding, Decision] | None = None
@@ -192,24 +138,28 @@ class OilAccountDetector:
         self.drawn_up = []
         for block in self._account.add(samples, run):
             self._supply.add(block)
+            if self._returns is not None:
+                self._returns.add(block)
             self.drawn_up.append(block)
 
     @property
     def accuses(self) -> bool:
         """Return whether a fault stands out now, or a leak awaits its confirmation.
 
-        Such a leak was named by `decide` and is neither confirmed nor withdrawn yet.
+        A leak that comes and goes stands out from when its evidence is beyond the limit. One that
+        awaits its confirmation was named by `decide` and is neither confirmed nor withdrawn yet.
         """
         found = bool(self._test.search()) or self._supply.search() is not None
-        return found or self._named is not None
+        returns = self._returns is not None and self._returns.stands_out
+        return found or returns or self._named is not None
 
     def evidence(self) -> tuple[float, float]:
-        """Return the test statistic of one fault, and the limit that it must exceed.
+        """Return the test statistic of one fault that stays, and the limit that it must exceed.
 
         The fault is that of `claimed` whose statistic exceeds its limit by the greatest factor; if
         none is claimed, the one that explains the accounts best, although it may be noise. The
-        statistic exceeds the limit exactly if the last `decide` found a fault. It is 0 if no fault
-        explains anything.
+        statistic exceeds the limit exactly if the last `decide` found a fault that stays. It is 0
+        if no fault explains anything.
         """
         likeliest = self._test.likeliest() if not self.claimed else None
         found = self.claimed if likeliest is None else [likeliest]
@@ -224,6 +174,49 @@ class OilAccountDetector:
 
     def decide(self) -> Decision:
         """Return the decision on all complete blocks so far; each call counts towards confirmation.
+
+        A leak that comes and goes (`estimator.intermittent`) is named, and stays on record, unless
+        a fault that stays explains the accounts better (`_with_returns`).
+        """
+        return self._with_returns(self._lasting())
+
+    def _with_returns(self, lasting: Decision) -> Decision:
+        """Return the decision on a leak that comes and goes, or that on faults that stay.
+
+        A fault of another name is kept if its statistic, squared and halved, exceeds the evidence
+        for the leak that comes and goes, both being gains in log likelihood.
+
+        Args:
+            lasting: the decision on faults that stay.
+        """
+        found = None if self._returns is None else self._returns.search()
+        if found is None:
+            return lasting
+        other = lasting.names_a_fault and lasting.verdict != found.leak
+        if other and 0.5 * lasting.statistic**2 > found.evidence:
+            return lasting
+        bound = FLOW_ERROR * self._test.model_error * DEAD_ZONE[LEAKS.index(found.leak)]
+        flow = found.leak_m3_per_s
+        return Decision(
+            found.leak,
+            found.onset_s,
+            flow,
+            hypot(found.leak_std_m3_per_s, bound * LITRE_PER_MINUTE, SIZE_ERROR * flow),
+            found.coefficient,
+            sqrt(2.0 * max(found.evidence, 0.0)),
+            sqrt(2.0 * found.limit),
+            lasting.details,
+            _with_odds(
+                lasting.probabilities,
+                exp(min(found.average_gain, 100.0)) * leak_verdicts.PRIOR,
+                found.leak,
+            ),
+            lasting.present_leaks,
+            returns=found,
+        )
+
+    def _lasting(self) -> Decision:
+        """Return the decision on faults that stay.
 
         A fault that has been found for 5 s is confirmed. When no fault is found later, the
         confirmed decision with the greatest statistic is repeated, even if its fault has ended. A
@@ -242,7 +235,8 @@ class OilAccountDetector:
         accounts = self._probabilities()
         lines = leak_verdicts.may_be_lines(self._test, findings)
         present = self._leaks.update(self._last_s, [] if lines else findings, accounts)
-        probabilities = _with_supply(accounts, self._supply.odds(), bool(findings))
+        name = "multiple" if findings else "supply_leakage"
+        probabilities = _with_odds(accounts, self._supply.odds(), name)
         if dropped is not None:
             findings = [*findings, dropped]
         self.claimed = findings
@@ -456,27 +450,13 @@ class OilAccountDetector:
         return name if dropped <= max(3.0 * wander, 1e5) else "unknown_fault"
 
 
-def is_of(decision: Decision, earlier: Decision) -> bool:
-    """Return whether a decision names the same fault as an earlier one, and not a return of it.
+def _with_odds(probabilities: Mapping[str, float], odds: float, name: str) -> dict[str, float]:
+    """Return the accounts' probabilities with those of another test's finding added.
 
-    The verdicts must be equal, and the fault must begin before the end that `earlier` gives.
-    """
-    if decision.verdict != earlier.verdict:
-        return False
-    began, ended = decision.onset_s, earlier.ended_s
-    return began is None or ended is None or began < ended
-
-
-def _with_supply(
-    probabilities: Mapping[str, float], odds: float, leaking: bool
-) -> dict[str, float]:
-    """Return the accounts' probabilities with that of a drop of the supply pressure added.
-
-    `odds` are those of the drop. Its probability is added to `multiple` if a leak was found too
-    (`leaking`), else to `supply_leakage`; what the accounts say shrinks to the rest.
+    Its probability, by its `odds`, is added to that of `name`; what the accounts say shrinks to the
+    rest. The finding may be a drop of the supply pressure, or a leak that comes and goes.
     """
     share = odds / (1.0 + odds)
-    name = "multiple" if leaking else "supply_leakage"
     return {
         each: (1.0 - share) * value + (share if each == name else 0.0)
         for each, value in probabilities.items()

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .confirmation import Hold
-from .detection import Decision, is_of
+from .decision import Decision, is_of
 
 
 @dataclass(frozen=True)
@@ -12,7 +12,8 @@ class Found:
     """A fault that a detector named during some part of a recording.
 
     Attributes:
-        decision: the decision on this fault with the greatest statistic.
+        decision: the decision on this fault with the greatest statistic; if it came and went, the
+            latest that says so.
         detected_at_s: sample time at which the fault was first named.
         ended_s: time at which the fault ended, to half a second or so; the last time at which it
             was named where the accounts do not show the end; None while it may be present.
@@ -68,5 +69,8 @@ def _found(course: Sequence[tuple[float, Decision]], final: Decision) -> Found:
     ended_s = latest.ended_s
     if ended_s is None and latest is not final:
         ended_s = last_s
+    returning = [decision for _, decision in course if decision.returns is not None]
     strongest = max((decision for _, decision in course), key=lambda each: each.statistic)
+    if returning:
+        strongest = returning[-1]
     return Found(strongest, course[0][0], ended_s, any(confirmed))

@@ -17,7 +17,7 @@ from estimator.accounts import student_quantile
 from estimator.filters import THESIS_WINDOW, FilterRun, extend_moving_average, start_moving_average
 from rig.plant import LEAKS
 
-from .detection import Decision
+from .decision import Decision
 from .oil_account import Samples
 
 Array = NDArray[np.float64]

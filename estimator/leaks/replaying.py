@@ -11,7 +11,8 @@ from estimator.filters import DEFAULT_FILTER, FilterRun, run_filter
 from rig.plant import DATA_SHEET, TICK, Model, SensorParameters
 from rig.recording import Recording
 
-from .detection import SILENT, Decision, Detector, OilAccountDetector
+from .decision import SILENT, Decision
+from .detection import Detector, OilAccountDetector
 from .found import Found, found_in
 from .oil_account import Samples
 from .pattern import PatternDetector

@@ -203,6 +203,7 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
             _rounded(details.get(f"threshold_{chamber}_Pa"), 1, KPA.factor) for chamber in (1, 2)
         ],
         **_numbers(decision, 1, "onset_s", "ended_s"),
+        **_numbers(decision, 3, "duty"),
         **_texts(decision, "suspected"),
         "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
     }

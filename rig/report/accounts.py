@@ -108,8 +108,7 @@ def _explained(blocks: Sequence[AccountBlock], found: Sequence[Found]) -> Array:
     for each in found:
         if not each.stays:
             continue
-        for leak, coefficient, onset_s in _leaks_of(each.decision):
-            ended_s = np.inf if each.ended_s is None else each.ended_s
+        for leak, coefficient, onset_s, ended_s in _leaks_of(each):
             for row, block in zip(explained, blocks, strict=True):
                 there_s = min(block.end_s, ended_s) - max(block.start_s, onset_s)
                 part = min(max(there_s / (block.end_s - block.start_s), 0.0), 1.0)
@@ -117,15 +116,26 @@ def _explained(blocks: Sequence[AccountBlock], found: Sequence[Found]) -> Array:
     return explained
 
 
-def _leaks_of(decision: Decision) -> Iterator[tuple[str, float, float]]:
-    """Yield name, coefficient and onset in s of each leak in a decision; none without an onset."""
+def _leaks_of(found: Found) -> Iterator[tuple[str, float, float, float]]:
+    """Yield name, coefficient, beginning and end in s of each leak in a fault that was found.
+
+    A leak that comes and goes is yielded once for each opening; nothing is without an onset. The
+    end of a leak that may be present is infinite.
+    """
+    decision = found.decision
     if decision.onset_s is None:
         return
+    ended_s = np.inf if found.ended_s is None else found.ended_s
+    if decision.returns is not None:
+        for each in decision.returns.episodes:
+            gone_s = np.inf if each.end_s is None else each.end_s
+            yield decision.returns.leak, decision.returns.coefficient, each.start_s, gone_s
+        return
     if decision.coefficient is not None and decision.verdict in LEAKS:
-        yield decision.verdict, decision.coefficient, decision.onset_s
+        yield decision.verdict, decision.coefficient, decision.onset_s, ended_s
     for leak in LEAKS:
         if (coefficient := decision.details.get(f"{leak}_coefficient")) is not None:
-            yield leak, coefficient, decision.details[f"{leak}_onset_s"]
+            yield leak, coefficient, decision.details[f"{leak}_onset_s"], ended_s
 
 
 def _before_any_fault(history: Sequence[tuple[float, Decision]]) -> Mapping[str, float]:

@@ -130,6 +130,7 @@ FIELDS: Final[Mapping[str, Mapping[str, Check]]] = {
         "interval_m3_per_s": _is_nil_or(lists(is_number)), "onset_s": is_number,
         "present_leaks": lists(is_number), "suspected": _is_nil_or(is_text),
         "details": maps(is_plain), "test": is_number, "name": is_text, "time_s": is_number,
+        "intermittent": is_truth, "duty": is_number, "openings": is_count,
     },
     "event": {
         "at_ns": is_number, "time_s": is_number, "who": is_text, "kind": is_text, "text": is_text,

@@ -35,7 +35,8 @@ def judged_by_product(group: Group) -> Figures:
     """
     setting = group.setting
     detectors = [
-        OilAccountDetector(setting.model, setting.false_alarms_per_day) for _ in range(LANES)
+        OilAccountDetector(setting.model, setting.false_alarms_per_day, returning=False)
+        for _ in range(LANES)
     ]
     decisions = [Decision("inconclusive")] * LANES
     verdicts: list[list[str]] = []

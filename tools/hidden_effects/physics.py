@@ -1,8 +1,7 @@
 """The equations of the independent rig, their integration and its sensors, compiled.
 
-The integrator is deliberately simpler than the product's: Kutta's third-order method with steps of
-20 us. All compiled functions are in this one file, because numba's cache recompiles a function only
-if the function's own file changed.
+The integrator is simpler than the product's on purpose: Kutta's third order, in steps of 20 us. All
+compiled functions are in this file, as numba recompiles a function only if its own file changed.
 """
 
 from math import atanh, exp, floor, log10, pi, sin, sqrt, tanh
@@ -263,7 +262,9 @@ def slopes(r, clock, reference, y, out):
 
     # Chambers.
     across, out_1, out_2 = r.leak_across, r.leak_1, r.leak_2
-    if clock >= r.opens_at:
+    now = r.comes_every == 0.0 or (clock - r.opens_at) % r.comes_every < r.stays_for
+    now = now and r.opens_moving * speed >= r.opens_moving * r.opens_moving
+    if now and clock >= r.opens_at and p1 >= r.opens_above and position >= r.opens_beyond:
         across += r.opening_leak_across
         out_1 += r.opening_leak_1
         out_2 += r.opening_leak_2

@@ -238,6 +238,16 @@ class RigValues(NamedTuple):
     """m^3/(s sqrt Pa) out of chamber 1."""
     opening_leak_2: float = 0.0
     opening_leak_across: float = 0.0
+    comes_every: float = 0.0
+    """s: period with which these leaks open again; 0 means that they stay open."""
+    stays_for: float = 0.0
+    """s: how long they then stay open."""
+    opens_beyond: float = -1e9
+    """m: they are open only while the ram is beyond this position."""
+    opens_moving: float = 0.0
+    """m/s: they are open only while the ram is faster than this in its direction; 0: always."""
+    opens_above: float = -1e9
+    """Pa: they are open only while chamber 1 is above this pressure."""
     loose_at: float = 1e9
     """s from the recording's first row to the moment at which the values below come up."""
     loose_force: float = 0.0

@@ -20,7 +20,7 @@ from rig.configuration import load_columns, load_model
 from rig.plant import LEAKS
 from rig.recording import Recording, read_measured
 from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
-from rig.runner.run_folder import findings, leak_figures
+from rig.runner.run_folder import findings, leak_figures, returns_of
 
 _STYLES: Final[dict[str, str]] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
 
@@ -158,6 +158,7 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         "statistic": decision.statistic,
         "threshold": decision.threshold,
         "probabilities": dict(decision.probabilities) or None,
+        **returns_of(decision),
         "findings": findings(replayed.found),
         "reason": replayed.unfit or None,
         "sampling": list(replayed.notes),

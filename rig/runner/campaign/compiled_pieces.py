@@ -34,6 +34,7 @@ from estimator.filters import (
     start_memory,
 )
 from estimator.friction import load_lag
+from estimator.intermittent import compile_openings
 from estimator.leaks import Samples, detector_for
 from rig.configuration import Rig
 from rig.io import DriverSpec, simulated_rig
@@ -177,6 +178,7 @@ def _detector(needs: Needs) -> None:
     detector = detector_for(needs.filter_name, Model(), 1.0)
     detector.update(*_swinging(needs, round(_JUDGED_S / TICK)))
     detector.decide()
+    compile_openings()
     moving_average_absolute(np.zeros(1))
 
 

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -139,13 +139,19 @@ class StreamedRun(Observer, Onlooker):
         if decision is not None and decision is not self._decision:
             self._decision = decision
             interval = decision.interval_m3_per_s
-            content = asdict(decision) | {
+            returns = decision.returns
+            # The list of openings is not sent: it would make each message some ten times longer.
+            content = asdict(replace(decision, returns=None)) | {
                 "time_s": time_s,
                 "test": self._number,
                 "name": self._test.name if self._test else "",
                 "interval_m3_per_s": None if interval is None else list(interval),
                 "suspected": decision.suspected,
+                "intermittent": returns is not None,
+                "duty": None if returns is None else returns.duty,
+                "openings": 0 if returns is None else returns.openings,
             }
+            del content["returns"]
             self.stream.send("decision", content)
         if time.monotonic() - self._progress_at >= PROGRESS_S:
             self._send_progress(time_s)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from estimator.intermittent import Company, Intermittent
 from estimator.leaks import Decision, Found, is_of
 
 from .outcome import TestOutcome
@@ -27,14 +28,16 @@ def percent(share: float) -> str:
 def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
     """Return clauses, for a reader, on what the final verdict alone does not show.
 
-    They say that the verdict's fault has ended, if it has, and which other faults were confirmed,
-    each with its times. The list is empty if there is nothing of that.
+    They say that the verdict's fault comes and goes or has ended, if so, and which other faults
+    were confirmed, each with its times. The list is empty if there is nothing of that.
 
     Args:
         decision: the final decision.
         found: all faults that the verdicts named during the test.
     """
     clauses = []
+    if decision.returns is not None:
+        clauses.append(comes_and_goes(decision.returns))
     if decision.ended_s is not None:
         clauses.append(f"gone again at {decision.ended_s:.1f} s")
     for each in found:
@@ -45,6 +48,32 @@ def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
         ended = "" if each.ended_s is None else f" to {each.ended_s:.1f} s"
         clauses.append(f"{held.verdict.replace('_', ' ')}{began}{ended}")
     return clauses
+
+
+def comes_and_goes(found: Intermittent) -> str:
+    """Return in words how often a leak opens, for what share of the time, and what it goes with."""
+    low, high = (100.0 * share for share in found.duty_interval)
+    text = (
+        f"comes and goes, open {100.0 * found.duty:.0f} % of the time ({low:.0f} to {high:.0f} %), "
+        f"{found.openings} times"
+    )
+    with_ = found.goes_with
+    return text if with_ is None else f"{text}, {_company(with_)}"
+
+
+def _company(with_: Company) -> str:
+    if with_.what == "time":
+        return f"every {with_.period_s:.1f} s"
+    if with_.what == "direction":
+        text = f"while the ram {'extends' if with_.sense > 0 else 'retracts'}"
+    else:
+        side = "above" if with_.sense > 0 else "below"
+        value = with_.beyond or 0.0
+        where = f"{1e3 * value:.0f} mm" if with_.what == "position" else f"{1e-6 * value:.2f} MPa"
+        text = f"where {with_.what.replace('_', ' ')} is {side} {where}"
+    if with_.others:
+        text += f" (or as {' or '.join(each.replace('_', ' ') for each in with_.others)} does)"
+    return text
 
 
 def reaction(test: TestOutcome) -> str:

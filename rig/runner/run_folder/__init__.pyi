@@ -45,6 +45,7 @@ from .results import (
     coefficient_unit as coefficient_unit,
     findings as findings,
     leak_figures as leak_figures,
+    returns_of as returns_of,
     write_results as write_results,
 )
 from .resuming import (

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -85,6 +86,7 @@ def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
         "present_leaks": dict(zip(LEAKS, decision.present_leaks, strict=True)),
         **leak_figures(decision),
         **named(decision, "statistic", "threshold", "details"),
+        **returns_of(decision),
         "findings": findings(test.found),
     }
 
@@ -103,9 +105,36 @@ def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
             **named(each, "detected_at_s", "ended_s"),
             **leak_figures(each.decision),
             **named(each.decision, "statistic", "threshold"),
+            **returns_of(each.decision),
         }
         for each in found
     ]
+
+
+def returns_of(decision: Decision) -> dict[str, Any]:
+    """Return what a decision says of a leak that comes and goes, as JSON-able values.
+
+    `intermittent` is false for a fault that stays and for none; the other values are then null, and
+    `episodes` is an empty list. Flows are in L/min, all else in SI.
+    """
+    found = decision.returns
+    if found is None:
+        return {"intermittent": False, "duty": None, "duty_interval": None, "openings": None,
+                "episodes": [], "goes_with": None}  # fmt: skip
+    return {
+        "intermittent": True,
+        "duty": found.duty,
+        "duty_interval": list(found.duty_interval),
+        "openings": found.openings,
+        "episodes": [
+            {
+                **named(each, "start_s", "end_s"),
+                "leak_L_per_min": to_litres_per_minute(each.flow_m3_per_s),
+            }
+            for each in found.episodes
+        ],
+        "goes_with": None if found.goes_with is None else asdict(found.goes_with),
+    }
 
 
 def leak_figures(decision: Decision) -> dict[str, Any]:

@@ -1,8 +1,11 @@
 """A leak that came and went stays on record: what, when, how long and how large."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from estimator.intermittent import Episode, Intermittent
 from estimator.leaks.detection import Decision
 from estimator.leaks.found import found_in
 from estimator.leaks.replaying import ReplayResult, replay
@@ -42,13 +45,15 @@ def test_a_leak_that_comes_and_goes_does_not_end_healthy(
     decision = result.decision
     assert decision.verdict == leak
     assert decision.onset_s == pytest.approx(first_s, abs=0.5)
-    assert decision.ended_s == pytest.approx(first_s + 2.0, abs=0.6)
+    assert decision.returns is not None
+    starts = [each.start_s for each in decision.returns.episodes]
+    assert starts == pytest.approx([first_s, first_s + 10.0, first_s + 20.0], abs=0.4)
     flow = (decision.leak_m3_per_s or 0.0) / LITRE_PER_MINUTE
     assert flow == pytest.approx(0.25, rel=0.2)
     (found,) = [each for each in result.found if each.confirmed]
     assert found.decision.verdict == leak
-    assert found.ended_s == decision.ended_s
-    assert not found.active
+    assert found.decision.returns == decision.returns
+    assert found.active
     assert found.detected_at_s == result.detected_at_s
 
 
@@ -84,3 +89,15 @@ def test_a_misnaming_in_between_does_not_end_a_fault() -> None:
     assert leak.confirmed
     assert misnamed.ended_s == misnamed.detected_at_s == 12.0
     assert not misnamed.stays
+
+
+def test_the_record_of_a_leak_that_comes_and_goes_has_its_openings() -> None:
+    opened = (Episode(9.0, 11.0, 1e-6), Episode(19.0, 21.0, 1e-6), Episode(29.0, None, 1e-6))
+    returns = Intermittent(
+        LEAKS[0], 30.0, 14.4, 26.0, opened, 3, 0.2, (0.1, 0.3), 1e-6, 1e-8, 4e-10
+    )
+    strong = [(0.5 * k, found(LEAKS[0], 9.0, statistic=50.0)) for k in range(20, 40)]
+    weak = [(20.0 + 0.5 * k, replace(found(LEAKS[0], 9.0), returns=returns)) for k in range(20)]
+    (only,) = found_in([*strong, *weak])
+    assert only.decision.returns == returns
+    assert only.active

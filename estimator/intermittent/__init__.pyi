@@ -1,0 +1,3 @@
+from .openings import compile_openings as compile_openings
+from .records import Company as Company, Episode as Episode, Intermittent as Intermittent
+from .return_test import ReturnTest as ReturnTest
