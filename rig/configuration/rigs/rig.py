@@ -31,6 +31,7 @@ from rig.io import (
     HomingSettings,
     LoopSettings,
     TransducerCalibration,
+    Wiring,
     today,
 )
 from rig.plant import Model, SensorParameters
@@ -83,6 +84,7 @@ class Rig:
         control: what the position loop adds to gain times error, unless a test has its own.
         calibrations: calibrations of the transducers, by which readings are corrected.
         uncalibrated: measured channels without calibration; () if no channel has one.
+        wiring: how a hardware rig is wired, against the names in its device's register map.
     """
 
     name: str
@@ -105,6 +107,7 @@ class Rig:
     control: ControlSettings = field(default_factory=ControlSettings, metadata=UNLESS_USUAL)
     calibrations: tuple[TransducerCalibration, ...] = field(default=(), metadata=UNLESS_USUAL)
     uncalibrated: tuple[str, ...] = field(default=(), metadata=UNLESS_USUAL)
+    wiring: Wiring = field(default_factory=Wiring, metadata=UNLESS_USUAL)
 
     @property
     def injectable(self) -> tuple[str, ...]:
@@ -138,6 +141,7 @@ class RigFile(Schema):
     drivers: Annotated[Any, Under(driver_files, named=True)] = None
     loop: Annotated[Any, Under(lambda: (options_schema(LoopSettings),))] = None
     homing: Annotated[Any, Under(lambda: (options_schema(HomingSettings),))] = None
+    wiring: Annotated[Any, Under(lambda: (options_schema(Wiring),))] = None
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     calibrations: Annotated[Any, TransducerFiles()] = None
     expired_calibrations: Expired = "warn"
@@ -174,11 +178,12 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     settings = read_options(HomingSettings, homing) if homing is not None else None
     drivers = _read_drivers(root, file, loop, rungs)
     control = read_control(root.get("control"))
+    wiring = _read_wiring(root, file)
     measured = _measured(file, drivers) if file is not None else None
     calibrations = read_calibrations(root, measured, homing is not None, day or today())
     if file is None or plant is None or sensors is None or limits is None or loop is None:
         return None
-    if control is None:
+    if control is None or wiring is None:
         return None
     return Rig(
         name=file.name,
@@ -201,6 +206,7 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
         control=control,
         calibrations=calibrations,
         uncalibrated=uncalibrated(calibrations, measured or frozenset()),
+        wiring=wiring,
     )
 
 
@@ -295,6 +301,28 @@ def _read_drivers(
     if loop is not None:
         check_rates(root, loop, drivers)
     return tuple(driver.spec for driver in drivers)
+
+
+def _read_wiring(root: Located, file: RigFile | None) -> Wiring | None:
+    """Return how a hardware rig is wired; the usual wiring for a simulated rig, which has no wires.
+
+    Problems are recorded: a simulated rig's own file with the section, and an encoder that counts
+    backwards on a rig that is not homed, since its zero is not where its device says either.
+    """
+    item = root.get("wiring")
+    if item is None or file is None:
+        return Wiring()
+    if file.backend != "hardware":
+        if item.place.path == root.place.path:
+            remedy = "add `backend: hardware`, or remove it"
+            item.refuse("is of a simulated rig, which has no wires", remedy, "")
+        return Wiring()
+    wiring = read_options(Wiring, item)
+    if wiring is not None and wiring.encoder == "inverted" and root.get("homing") is None:
+        limit = "needs the section `homing`, which finds the zero of such an encoder"
+        remedy = "add it, or turn an absolute encoder over in the register map, by scale and offset"
+        item.refuse(limit, remedy, "inverted", "encoder")
+    return wiring
 
 
 def _read_sensors(item: Located | None) -> SensorParameters | None:
