@@ -49,6 +49,7 @@ from .valves import (
     read_bypass_valves,
     read_return_valve,
 )
+from .wiring import read_wiring
 
 GAIN: Final = Physical("V/m", 0.1, 1e4, POSITION_GAIN)
 """Unit and limits of the gain of a position loop."""
@@ -178,7 +179,8 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     settings = read_options(HomingSettings, homing) if homing is not None else None
     drivers = _read_drivers(root, file, loop, rungs)
     control = read_control(root.get("control"))
-    wiring = _read_wiring(root, file)
+    hardware = file is not None and file.backend == "hardware"
+    wiring = read_wiring(root, hardware)
     measured = _measured(file, drivers) if file is not None else None
     calibrations = read_calibrations(root, measured, homing is not None, day or today())
     if file is None or plant is None or sensors is None or limits is None or loop is None:
@@ -301,28 +303,6 @@ def _read_drivers(
     if loop is not None:
         check_rates(root, loop, drivers)
     return tuple(driver.spec for driver in drivers)
-
-
-def _read_wiring(root: Located, file: RigFile | None) -> Wiring | None:
-    """Return how a hardware rig is wired; the usual wiring for a simulated rig, which has no wires.
-
-    Problems are recorded: a simulated rig's own file with the section, and an encoder that counts
-    backwards on a rig that is not homed, since its zero is not where its device says either.
-    """
-    item = root.get("wiring")
-    if item is None or file is None:
-        return Wiring()
-    if file.backend != "hardware":
-        if item.place.path == root.place.path:
-            remedy = "add `backend: hardware`, or remove it"
-            item.refuse("is of a simulated rig, which has no wires", remedy, "")
-        return Wiring()
-    wiring = read_options(Wiring, item)
-    if wiring is not None and wiring.encoder == "inverted" and root.get("homing") is None:
-        limit = "needs the section `homing`, which finds the zero of such an encoder"
-        remedy = "add it, or turn an absolute encoder over in the register map, by scale and offset"
-        item.refuse(limit, remedy, "inverted", "encoder")
-    return wiring
 
 
 def _read_sensors(item: Located | None) -> SensorParameters | None:

@@ -147,7 +147,7 @@ class Open:
     tolerances: Tolerances
     first: Segment
     calibrations: tuple[TransducerCalibration, ...] = ()
-    wiring: Wiring = Wiring()
+    wiring: Wiring = field(default_factory=Wiring)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Brings what a device returned to the scale of the rig: true values, and a position that is known.
 
 The device returns what its transducers indicate, with the signs and places of how they are wired,
-and a position counted from where its encoder was switched on. Everything behind this, from the interlock to the recording, has the scale of the rig.
+and a position counted from where its encoder was switched on. Everything behind this, from the
+interlock to the recording, has the scale of the rig.
 """
 
 from typing import Final
