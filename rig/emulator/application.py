@@ -35,6 +35,7 @@ class Emulator:
         record: takes note of everything that the emulator receives.
         script: faults and operator; by default there is no fault, and nobody presses a button.
         seed: seed of the sensors' noise.
+        position: where the ram rests at first, m; None for mid stroke.
         clock: returns the time in ns.
 
     Attributes:
@@ -53,6 +54,7 @@ class Emulator:
         *,
         script: Script = NOTHING,
         seed: int = 0,
+        position: float | None = None,
         clock: Clock = time.monotonic_ns,
     ) -> None:
         self.record = record
@@ -68,6 +70,7 @@ class Emulator:
             pump_loaded=endpoints.pump is None,
             seed=seed,
             clock=clock,
+            position=position,
             spool_sensor=rig.has_spool_sensor,
             supply_pressure_sensor=rig.has_supply_pressure_sensor,
             load_cell=rig.has_load_cell,
