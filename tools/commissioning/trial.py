@@ -120,7 +120,7 @@ def _missed(rig: Drawn, truth: Path, believed: Path) -> list[str]:
     for key, value in true.sensors._asdict().items():
         told = getattr(found.sensors, key)
         changed = value != getattr(usual.sensors, key)
-        if abs(told / value - 1.0) > (NOISE_PART if changed else 0.0):
+        if abs(told - value) > (NOISE_PART * value if changed else 0.0):
             missed.append(f"{key}: {told:.3g}, true {value:.3g}")
     if abs(found.plant.parameters.stroke_max - par.stroke_max) > STROKE_M:
         told = found.plant.parameters.stroke_max
