@@ -51,12 +51,14 @@ def unproven_checks_for(
     """Return tolerances for a rig whose signs are not known yet, as while it is commissioned.
 
     What compares the sign of one channel with that of another is not judged: travel with flow, work
-    with force, spool with command. All that concerns a channel by itself, the device, and the load
-    pressure of a ram that is not homed, is. The command may be greater by the largest null bias of
-    a valve that `tolerances` allows, as null is not known either. Arguments are as of `checks_for`.
+    with force, spool with command, and whether the command raises the load pressure, of which
+    `rig.supervisor.unproven` takes care. All that concerns a channel by itself, or the device, is
+    judged. The command may be greater by the largest null bias of a valve that `tolerances` allows,
+    as null is not known either. Arguments are as of `checks_for`.
     """
     usual = checks_for(rig, assumed, fitted, period_s)
     return usual._replace(
+        unhomed_load_pressure_Pa=inf,
         work_J=inf,
         flow_account_m=inf,
         spool_m=inf,

@@ -30,9 +30,32 @@ PROBED: Final = (
 TRAVEL_M: Final = 0.06
 """Travel in m from where commands begin at which they are broken off: twice as much as the ram goes
 in the longest of them (1 s) with the largest null bias that a run allows (0.47 V, 30 mm/s)."""
-_PUSH: Final = 0.75
-"""Part of the homing section's load pressure at which commands are broken off; at that part the
-loop itself pushes no harder, where the signs are those that it reckons with."""
+PUSH: Final = 0.75
+"""Part of the homing section's load pressure at which commands are broken off; while a ram is homed
+the loop pushes no harder. More than the supply pressure it cannot be."""
+RISEN_PA: Final = 5e5
+"""Rise of the load pressure in Pa since commands began without which they are not broken off: oil
+that an earlier command left under pressure is relieved by this one. Noise makes a tenth of it."""
+
+
+def pushes_too_hard(load_pressure: Array, limit: float) -> bool:
+    """Return whether a ram pushes too hard, so that its commands are broken off.
+
+    It does if the mean load pressure of the last 20 ms is beyond the limit, and greater than at the
+    begin.
+
+    Args:
+        load_pressure: (ticks,), Pa, since the commands began; NaN where a sample is missing.
+        limit: greatest load pressure of either sign, Pa.
+    """
+    known = load_pressure[np.isfinite(load_pressure)]
+    if known.size < _MEAN_TICKS:
+        return False
+    first, last = (abs(float(part.mean())) for part in (known[:5], known[-_MEAN_TICKS:]))
+    return last > max(limit, first + RISEN_PA)
+
+
+_MEAN_TICKS: Final = 20
 
 
 class BrokenOffError(Exception):
@@ -128,11 +151,10 @@ class UnprovenRig(WatchedRig):
             if position.size:
                 start = position[0]
                 travel = abs(position[-1] - start)
-                push = float(np.nanmean(rows[-20:, 2] - rows[-20:, 3]))
-                if travel > TRAVEL_M or abs(push) > _PUSH * homing.load_pressure:
-                    raise BrokenOffError(
-                        f"the ram went {1e3 * travel:.0f} mm and pushed with {1e-6 * push:.1f} MPa"
-                    )
+                if travel > TRAVEL_M:
+                    raise BrokenOffError(f"the ram went {1e3 * travel:.0f} mm")
+                if pushes_too_hard(rows[:, 2] - rows[:, 3], PUSH * homing.load_pressure):
+                    raise BrokenOffError("the ram pushes against something")
             time.sleep(POLL_S)
         return rows
 

@@ -40,7 +40,7 @@ def main() -> int:
         )
         if judged.said:
             print(judged.said, flush=True)
-    print(f"{good} of {len(numbers)} rigs: all found, no trip, never faster than 100 mm/s")
+    print(f"{good} of {len(numbers)} rigs: all found, no trip, never faster than 60 mm/s")
     return 0 if good == len(numbers) else 1
 
 

@@ -56,7 +56,7 @@ class Standing:
     """What the rows of a held ram show.
 
     Attributes:
-        null_V: mean command, V.
+        null_V: mean command, V; NaN if there is none.
         noise: channel -> its noise, for the channels of which it can be told.
         silent: channels of the sensors that read nothing.
     """
@@ -81,7 +81,7 @@ def standing_of(rows: Array, tick_s: float) -> Standing:
     columns = dict(zip(LOOKED_AT, rows.T, strict=True))
     found = {name: _noise(columns[name]) for name in NOISES}
     return Standing(
-        float(np.nanmean(last)),
+        float(np.mean(last[np.isfinite(last)])) if np.isfinite(last).any() else float("nan"),
         {name: noise for name, noise in found.items() if noise is not None},
         tuple(name for name in READINGS if not np.isfinite(columns[name]).any()),
     )
