@@ -19,8 +19,8 @@ NULL_V: Final = 0.02
 NOISE_PART: Final = 0.15
 STROKE_M: Final = 1e-3
 FASTEST: Final = 0.06
-"""Mean speed from look to look beyond which a ram is too fast, m/s. The operator is told 50 mm/s, and
-the valve makes 650 at 10 V; a ram that breaks away is faster, for less than a millimetre."""
+"""Mean speed from look to look beyond which a ram is too fast, m/s. The operator is told 50 mm/s;
+the valve makes 650 at 10 V. A ram that breaks away is faster, for less than a millimetre."""
 _PERIOD_S: Final = 0.05
 
 

@@ -15,7 +15,10 @@ from tests.rig.io.test_transducer_calibration import CALIBRATION
 
 Array = Any
 TURNS = ("normal", "inverted")
-EVERY = [Wiring(*each) for each in product(TURNS, TURNS, TURNS, ("normal", "swapped"))]
+EVERY = [
+    Wiring(valve, encoder, spool, pressures)  # type: ignore[arg-type]
+    for valve, encoder, spool, pressures in product(TURNS, TURNS, TURNS, ("normal", "swapped"))
+]
 
 
 def sample(**values: float) -> Array:

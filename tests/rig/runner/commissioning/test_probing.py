@@ -17,7 +17,10 @@ from tests.rig.runner.commissioning.emulated import EmulatedUnprovenRig, Seeing
 
 RIG = load_rig("emulated")
 TURNS = ("normal", "inverted")
-EVERY = [Wiring(*each) for each in product(TURNS, TURNS, TURNS, ("normal", "swapped"))]
+EVERY = [
+    Wiring(valve, encoder, spool, pressures)  # type: ignore[arg-type]
+    for valve, encoder, spool, pressures in product(TURNS, TURNS, TURNS, ("normal", "swapped"))
+]
 GREATEST_V = 0.465
 WITHOUT_BYPASSES = replace(RIG, bypass_valves={})
 
