@@ -1,13 +1,14 @@
 """Draws what is wrong with a rig; writes a file of what it is, and of what is believed of it."""
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import yaml
 
-from rig.configuration import load_rig
+from rig.configuration import Rig, load_rig
 
 KINDS: Final = ("valve", "encoder", "spool", "pressures", "null", "noise", "stroke")
 """What may be wrong; the first four are keys of the section `wiring`."""
@@ -55,7 +56,7 @@ def drawn(seed: int, number: int) -> Drawn:
     wrong = tuple(generator.choice(KINDS, size=generator.integers(1, 4), replace=False).tolist())
     null = float(generator.uniform(*_NULL_M) * generator.choice([-1.0, 1.0]))
     key = str(generator.choice(list(_NOISES)))
-    usual = load_rig("emulated")
+    usual = _usual()
     noise = float(generator.uniform(*_NOISIER)) * getattr(usual.sensors, key)
     stroke = float(generator.uniform(*_STROKE_M))
     end = stroke if "stroke" in wrong else usual.plant.parameters.stroke_max
@@ -105,6 +106,11 @@ def write_rigs(rig: Drawn, folder: Path, ports: tuple[int, int, int]) -> tuple[P
     for path, content in zip(paths, (truth, believed), strict=True):
         path.write_text(yaml.safe_dump(content, sort_keys=False))
     return paths
+
+
+@cache
+def _usual() -> Rig:
+    return load_rig("emulated")
 
 
 def _shipped(name: str) -> Path:
