@@ -140,13 +140,14 @@ class Commissioning:
             ExperimentStoppedError: the rig tripped or was stopped in friction or baseline.
             OSError: a file cannot be written.
         """
+        assumed = self.model
         compile_for(Needs(self._rig, DEFAULT_FILTER), WITHOUT_TESTS, self._say, self._stop)
         self._find_signs()
         first = self._find_standing()
         self._find_stroke(first)
         if "friction" not in self._skip:
             self._find_friction()
-        if self.model.provenance or self.changes.stroke_max is not None:
+        if self.model != assumed:
             path = self._directory / "model.yaml"
             dump_model(self.model, path)
             self.files["model for campaigns"] = path
@@ -304,33 +305,35 @@ class Commissioning:
         other: Literal["retract", "extend"] = "extend" if homing.end == "retract" else "retract"
         self._ask(_OTHER_END.format(end=other))
         turned = replace(rig, homing=replace(homing, end=other))
-        par = self.model.parameters
-        stroke = par.stroke_max - par.stroke_min
+        assumed, filed = self.model.parameters, rig.plant.parameters
+        was = show(filed.stroke_max - filed.stroke_min, "m")
         try:
             with self._session(turned) as connected:
                 offset = connected.offset_m
         except TripError as error:
             if not isinstance(error.__cause__, HomingError):
                 raise
-            self.findings.append(Finding("stroke", "", show(stroke, "m"), "not found", str(error)))
+            self.findings.append(Finding("stroke", "", was, "not found", str(error)))
             return
+        # Either offset puts its stop where the assumed model has it.
         apart = first_offset - offset if other == "extend" else offset - first_offset
-        found = round(stroke + apart, 4)
-        was = show(stroke, "m")
-        if abs(found - stroke) < STROKE_M:
-            self.findings.append(Finding("stroke", show(found, "m"), was, "as in the file"))
+        stroke_max = round(assumed.stroke_max + apart, 4)
+        found = show(stroke_max - filed.stroke_min, "m")
+        if abs(stroke_max - assumed.stroke_max) >= STROKE_M:
+            parameters = assumed._replace(stroke_max=stroke_max)
+            name = f"{rig.name}-commissioned"
+            self.model = replace(self.model, name=name, parameters=parameters)
+        if abs(stroke_max - filed.stroke_max) < STROKE_M:
+            self.findings.append(Finding("stroke", found, was, "as in the file"))
             return
         limits = rig.limits
-        stroke_max = round(par.stroke_min + found, 4)
-        margin = max(par.stroke_max - limits.position_max_m, 0.0)
+        margin = max(filed.stroke_max - limits.position_max_m, 0.0)
         position_max = round(min(limits.position_max_m, stroke_max - margin), 4)
         self.changes = replace(self.changes, stroke_max=stroke_max)
         if position_max != limits.position_max_m:
             self.changes = replace(self.changes, position_max=position_max)
-        parameters = par._replace(stroke_max=stroke_max)
-        self.model = replace(self.model, parameters=parameters)
         remark = f"the upper position limit is {show(self.rig.limits.position_max_m, 'm')}"
-        self.findings.append(Finding("stroke", show(found, "m"), was, "changed", remark))
+        self.findings.append(Finding("stroke", found, was, "changed", remark))
 
     # Friction and baseline
 
