@@ -162,10 +162,11 @@ def command(
     screen, stop = Screen(), StopFlag()
     screen.quiet = as_json
     operator: Operator = Yes() if yes else Terminal(screen)
-    with stop_on_signals(stop), failures_reported(), MotionProgress(screen, paced=True) as progress:
+    with stop_on_signals(stop), failures_reported():
         work = Commissioning(
             rig, assumed, directory, operator,
-            skip=skip, say=_say(screen), stop=stop, observer=progress,
+            skip=skip, say=_say(screen), stop=stop,
+            watched=lambda: MotionProgress(screen, paced=True),
         )  # fmt: skip
         ended, code = "", 0
         written: list[str] = []

@@ -6,7 +6,7 @@ a run. Between two steps after the first the rig is safe: valve at null and disa
 """
 
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
@@ -84,7 +84,7 @@ class Commissioning:
         skip: steps of `SKIPPABLE` that are left out.
         say: shows a line to the operator.
         stop: once a stop is requested on it, the rig is made safe and the command ends.
-        observer: follows the tests of friction and baseline.
+        watched: makes what follows the tests of friction and baseline, while they run.
 
     Attributes:
         findings: what was looked for, in the order of the steps.
@@ -104,7 +104,7 @@ class Commissioning:
         skip: Collection[str] = (),
         say: Callable[[str], None],
         stop: StopFlag,
-        observer: Observer | None = None,
+        watched: Callable[[], AbstractContextManager[Observer]] = lambda: nullcontext(Observer()),
     ) -> None:
         self._rig = rig
         self._directory = directory
@@ -112,7 +112,7 @@ class Commissioning:
         self._skip = frozenset(skip)
         self._say = say
         self._stop = stop
-        self._observer = observer
+        self._watched = watched
         self.findings: list[Finding] = []
         self.changes = Changes()
         self.signs: Signs | None = None
@@ -341,10 +341,11 @@ class Commissioning:
         self._ask(_FRICTION)
         folder = self._directory / "friction"
         folder.mkdir()
-        found = run_friction_experiment(
-            self.rig, self.model, model_spring(self.model), folder,
-            observer=self._observer, stop=self._stop,
-        )  # fmt: skip
+        with self._watched() as observer:
+            found = run_friction_experiment(
+                self.rig, self.model, model_spring(self.model), folder,
+                observer=observer, stop=self._stop,
+            )  # fmt: skip
         revised = revised_model(found, folder, "while it was commissioned")
         if revised is None or found.fit is None:
             remark = "the strokes did not show all parameters; see the recordings in `friction`"
@@ -374,9 +375,10 @@ class Commissioning:
                 plain_test(f"healthy {number + 1}", motion, BASELINE_S, middle, _WITHIN_S, number)
             )
         campaign = part_campaign("healthy", "Healthy motion.", rig, self.model, tests)
-        with connected_parts(
-            campaign, rig, folder, observer=self._observer, stop=self._stop
-        ) as parts:
+        with (
+            self._watched() as observer,
+            connected_parts(campaign, rig, folder, observer=observer, stop=self._stop) as parts,
+        ):
             recordings = list(parts.run(campaign).values())
         try:
             baseline = learn_baseline(recordings, self.model)
