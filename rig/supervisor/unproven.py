@@ -126,12 +126,11 @@ class UnprovenRig(WatchedRig):
         self.switch_to(Drive.TRACK, open_loop=True, setpoint=wanted, gain=gain, limit=limit)
         number = int(self.board.words[Word.SWITCH])
         try:
-            rows = self._watched(reader, number, wanted.size)
+            return self._watched(reader, number, wanted.size)
         finally:
             if not self.safety.tripped:
                 self.hold(gain)
-        self.handle(Event.HOLD)
-        return rows
+                self.handle(Event.HOLD)
 
     def _watched(self, reader: RingReader, number: int, ticks: int) -> Array:
         columns = [self._channels.index(name) for name in PROBED]

@@ -180,8 +180,8 @@ class Commissioning:
             connected.arm()
             self.signs = Probing(connected, self.model, greatest, self._operator, self._say).run()
         except NotFoundError as error:
-            for subject in ("valve polarity", "encoder sign", "pressure lines", "valve null"):
-                self.findings.append(Finding(subject, "", "", "not found", str(error)))
+            subject = "signs of valve, encoder and pressures"
+            self.findings.append(Finding(subject, "", "", "not found", str(error)))
             raise
         finally:
             connected.leave()

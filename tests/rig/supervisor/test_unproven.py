@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from math import inf
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +12,11 @@ from control import ControlSettings
 from rig.configuration import load_rig
 from rig.io.signals import FAST_INPUTS
 from rig.io.wiring import Wiring
+from rig.loop.wire.layout import Drive
 from rig.plant import TICK, Model
 from rig.supervisor.checks import checks_for, greatest_null_V, unproven_checks_for
-from rig.supervisor.unproven import pushes_too_hard
+from rig.supervisor.states import Event
+from rig.supervisor.unproven import BrokenOffError, UnprovenRig, pushes_too_hard
 from tests.rig.io.test_transducer_calibration import CALIBRATION
 
 RIG = load_rig("emulated")
@@ -63,3 +67,29 @@ def test_the_range_of_a_calibrated_transducer_goes_with_its_swapped_line() -> No
 )
 def test_a_ram_that_pushes_harder_and_harder_pushes_too_hard(load: np.ndarray, hard: bool) -> None:
     assert pushes_too_hard(load, 6e6) is hard
+
+
+class Broken(UnprovenRig):
+    """An unproven rig whose commands are broken off; what it does is noted."""
+
+    def __init__(self) -> None:
+        self.done: list[str] = []
+        self.board = SimpleNamespace(words=np.zeros(64, np.int64))  # type: ignore[assignment]
+        self.safety = SimpleNamespace(tripped=False)  # type: ignore[assignment]
+        self.configured = RIG
+
+    def handle(self, event: Event) -> None:
+        self.done.append(event.value)
+
+    def switch_to(self, drive: Drive, **changes: Any) -> None:
+        self.done.append(f"{drive.name} {changes['gain']:g}")
+
+    def _watched(self, *_: Any) -> Any:
+        raise BrokenOffError("the ram pushes against something")
+
+
+def test_after_commands_that_are_broken_off_the_ram_is_held_and_may_be_moved_again() -> None:
+    rig = Broken()
+    with pytest.raises(BrokenOffError):
+        rig.play([0.1, 0.1], gain=-50.0)
+    assert rig.done == ["home", "TRACK -50", "HOLD -50", "hold"]
