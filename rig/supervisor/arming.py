@@ -140,20 +140,14 @@ def home(rig: ConnectedRig) -> None:
 
 
 def _come_within_limits(rig: ConnectedRig) -> None:
-    """Move a ram from its end stop into its position limits, and wait until it is there.
-
-    The loop gives it no more than the command of homing, whatever null the control knows: beside a
-    null that is off, this would act twice.
-    """
-    limits, homing = rig.configured.limits, rig.configured.homing
-    assert homing is not None
+    """Move a ram from its end stop into its position limits, and wait until it is there."""
+    limits = rig.configured.limits
     inside = np.clip(
         rig.latest("position_m") + rig.offset_m,
         limits.position_min_m + WITHIN_LIMITS_M,
         limits.position_max_m - WITHIN_LIMITS_M,
     )
-    setpoint = np.full(round(SETTLE_S / TICK), inside)
-    rig.switch_to(Drive.TRACK, setpoint=setpoint, limit=homing.command)
+    rig.switch_to(Drive.TRACK, setpoint=np.full(round(SETTLE_S / TICK), inside))
     rig.wait(
         lambda: abs(rig.latest("position_m") - inside) < 0.5 * WITHIN_LIMITS_M, SETTLE_S,
         "the ram did not come off the end stop", "look at the valve and its supply",

@@ -21,20 +21,17 @@ def checks_for(rig: Rig, assumed: Model, fitted: frozenset[str], period_s: float
         fitted: channels that must have values in every sample.
         period_s: time from one sample to the next, s.
     """
-    homing = rig.homing or HomingSettings()
-    if rig.control.null:
-        # `home` adds the valve's null to its commands, so that the ram gets as much more.
-        homing = replace(homing, command=homing.command + abs(rig.control.null))
-    return tolerances(
+    found = tolerances(
         assumed.parameters,
         rig.sensors,
         fitted,
         period_s,
         rig.loop.stale_limit,
-        homing,
+        rig.homing or HomingSettings(),
         rig.limits.command_V,
         tuple(_as_wired(each, rig) for each in rig.calibrations),
     )
+    return found._replace(null_V=float(rig.control.null))
 
 
 def _as_wired(calibration: TransducerCalibration, rig: Rig) -> TransducerCalibration:

@@ -38,11 +38,10 @@ def test_only_what_compares_signs_is_left_out() -> None:
     assert greatest_null_V(usual) == pytest.approx(0.465, abs=1e-3)
 
 
-def test_a_ram_that_is_not_homed_may_get_the_null_of_its_control_besides() -> None:
+def test_commands_of_a_ram_that_is_not_homed_count_from_the_null_of_its_control() -> None:
     given = replace(RIG, control=ControlSettings(null=-0.3))
-    assert RIG.homing is not None
-    assert checks_for(RIG, Model(), FITTED, TICK).unhomed_command_V == RIG.homing.command
-    assert checks_for(given, Model(), FITTED, TICK).unhomed_command_V == RIG.homing.command + 0.3
+    assert checks_for(RIG, Model(), FITTED, TICK).null_V == 0.0
+    assert checks_for(given, Model(), FITTED, TICK).null_V == -0.3
 
 
 def test_the_range_of_a_calibrated_transducer_goes_with_its_swapped_line() -> None:
