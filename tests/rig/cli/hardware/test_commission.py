@@ -82,7 +82,6 @@ def test_what_was_not_found_is_named_with_its_remedy_and_the_code_tells(
     [
         (NotFoundError("the ram does not answer"), 1),
         (DeclinedError("not agreed to"), 3),
-        (StopRequestedError("stopped by SIGINT"), 3),
     ],
 )
 def test_an_early_end_leaves_the_rig_file_as_it_was_and_says_why(

@@ -30,8 +30,8 @@ def probed(rig: EmulatedUnprovenRig, operator: Operator | None = None) -> Signs:
     return Probing(unproven, Model(), GREATEST_V, operator or Yes(), lambda text: None).run()
 
 
-# Each second wiring of all sixteen, so that each key is turned over with each other one.
-@pytest.mark.parametrize("wiring", EVERY[::3])
+# Of all sixteen these differ in each key and in each pair of keys; the last is all turned over.
+@pytest.mark.parametrize("wiring", [EVERY[0], EVERY[6], EVERY[9], EVERY[15]])
 def test_whatever_is_turned_over_is_found(wiring: Wiring) -> None:
     rig = EmulatedUnprovenRig(RIG, wiring)
     found = probed(rig)
@@ -48,8 +48,10 @@ def test_null_is_told_in_the_sign_of_the_wiring_that_was_found(valve: str) -> No
     assert found.null_V == pytest.approx(-bias / RIG.plant.parameters.valve_gain, abs=0.03)
 
 
-@pytest.mark.parametrize("wiring", [EVERY[0], Wiring(valve="inverted", pressures="swapped")])
-@pytest.mark.parametrize("end", [0.0, 0.6069])
+@pytest.mark.parametrize(
+    ("wiring", "end"),
+    [(EVERY[0], 0.0), (Wiring(valve="inverted", pressures="swapped"), 0.6069)],
+)
 def test_a_ram_that_stands_at_a_stop_is_moved_off_it_first(wiring: Wiring, end: float) -> None:
     assert probed(EmulatedUnprovenRig(RIG, wiring, position=end)).wiring == wiring
 
