@@ -28,7 +28,7 @@ def commissioning_page(
         rig: name of the rig.
         started: when it began, UTC, as text.
         findings: what was looked for.
-        written: what was written, a line each; empty if the rig file is as it was.
+        written: what was written, a line each.
         signs: what the first motions showed; None if they did not get so far.
         ended: why it ended early; empty if it did not.
     """

@@ -225,5 +225,6 @@ def _keep(
     figures = json.dumps(_figures(rig, begun, work, written, ended), indent=1, allow_nan=False)
     replace_text(directory / "commissioning.json", figures + "\n")
     started = f"{begun:%Y-%m-%d %H:%M}"
-    page = commissioning_page(rig.name, started, work.findings, written, work.signs, ended)
+    lines = [*written, *(f"{name}: {path}" for name, path in work.files.items())]
+    page = commissioning_page(rig.name, started, work.findings, lines, work.signs, ended)
     replace_text(directory / "commissioning.html", page)
