@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 from control import Multisine
 from estimator.filters import DEFAULT_FILTER
@@ -34,6 +34,8 @@ from .findings import Changes, Finding, Found
 from .operator import DeclinedError, Operator
 from .probing import NotFoundError, Probing, Signs
 from .standing import LOOKED_AT, LOOKED_S, NOISES, SETTLE_S, Standing, standing_of
+
+T = TypeVar("T")
 
 SKIPPABLE: Final = ("friction", "baseline")
 """Steps that may be left out: those that nothing after them needs."""
@@ -225,16 +227,34 @@ class Commissioning:
         with Session(connected):
             yield connected
 
+    def _homed(self, motion: str, rig: Rig, look: Callable[[WatchedRig], T]) -> T:
+        """Return what `look` returns of a rig that is armed and homed.
+
+        Homing that fails is repeated once, after the operator's word: a machine that stalls for
+        half a second makes a ram look as if it stood.
+        """
+        self._ask(motion)
+        try:
+            with self._session(rig) as connected:
+                return look(connected)
+        except TripError as error:
+            if not isinstance(error.__cause__, HomingError):
+                raise
+            self._say(f"{error}; once more")
+        self._ask(motion)
+        with self._session(rig) as connected:
+            return look(connected)
+
     def _find_standing(self) -> float:
         """Find null and noise with the ram homed and held; return the offset of the encoder, m."""
         assert self.signs is not None
         rig = self.rig
         homing = rig.homing
         assert homing is not None
-        self._ask(_HOMING.format(end=homing.end))
         # The null that the small motions told is needed for homing, whatever the file says.
         rough = replace(rig, control=replace(rig.control, null=self.signs.null_V))
-        with self._session(rough) as connected:
+
+        def look(connected: WatchedRig) -> tuple[Standing, float]:
             ticks = round((SETTLE_S + LOOKED_S) / TICK)
             begun = connected.rows
             connected.wait(
@@ -242,7 +262,9 @@ class Commissioning:
                 "the loop brings no rows", "look at the session's log",
             )  # fmt: skip
             standing = standing_of(connected.recent(LOOKED_S, LOOKED_AT), TICK)
-            offset = connected.offset_m
+            return standing, connected.offset_m
+
+        standing, offset = self._homed(_HOMING.format(end=homing.end), rough, look)
         self._tell_null(standing.null_V)
         self._tell_noise(standing)
         return offset
@@ -303,13 +325,12 @@ class Commissioning:
         homing = rig.homing
         assert homing is not None
         other: Literal["retract", "extend"] = "extend" if homing.end == "retract" else "retract"
-        self._ask(_OTHER_END.format(end=other))
         turned = replace(rig, homing=replace(homing, end=other))
         assumed, filed = self.model.parameters, rig.plant.parameters
         was = show(filed.stroke_max - filed.stroke_min, "m")
         try:
-            with self._session(turned) as connected:
-                offset = connected.offset_m
+            motion = _OTHER_END.format(end=other)
+            offset = self._homed(motion, turned, lambda connected: connected.offset_m)
         except TripError as error:
             if not isinstance(error.__cause__, HomingError):
                 raise
