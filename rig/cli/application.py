@@ -51,6 +51,10 @@ COMMANDS: Final = {
     "recover": ("recordings.recover", "Save what is left of a cut or damaged recording."),
     "home": ("hardware.home", "Home a rig's encoder, to see that it can be homed."),
     "counters": ("hardware.counters", "Show what a rig has done: cycles, metres, hours."),
+    "commission": (
+        "hardware.commission",
+        "Find how a new rig is wired and what it is like; write it into its file.",
+    ),
     "calibrate": ("hardware.calibrate", "Measure a rig's needle valves with its flow meters."),
     "tune": ("models.tune", "Tune a rig's position loop by an experiment."),
     "doctor": ("hardware.doctor", "Show what this machine grants to a rig, and the remedies."),

@@ -47,6 +47,7 @@ from .reading import (
 from .rigs import (
     DEFAULT as DEFAULT,
     OFF as OFF,
+    NotAsMeantError as NotAsMeantError,
     Rig as Rig,
     control_in_words as control_in_words,
     control_lines as control_lines,
@@ -59,7 +60,11 @@ from .rigs import (
     margins_in_words as margins_in_words,
     ordered_control as ordered_control,
     remedy_of_margins as remedy_of_margins,
+    rewrite_rig as rewrite_rig,
+    wiring_lines as wiring_lines,
     with_control as with_control,
+    with_section as with_section,
+    with_values as with_values,
 )
 from .sweeps import (
     HEALTHY as HEALTHY,

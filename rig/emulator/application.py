@@ -31,11 +31,12 @@ class Emulator:
     """An emulated rig, whose devices are served at the addresses that its drivers use.
 
     Args:
-        rig: the rig that is emulated; its plant is the true one.
+        rig: the rig that is emulated; its plant is the true one, and it is wired as it says.
         endpoints: addresses of its parts.
         record: takes note of everything that the emulator receives.
         script: faults and operator; by default there is no fault, and nobody presses a button.
         seed: seed of the sensors' noise.
+        position: where the ram rests at first, m; None for mid stroke.
         clock: returns the time in ns.
 
     Attributes:
@@ -54,6 +55,7 @@ class Emulator:
         *,
         script: Script = NOTHING,
         seed: int = 0,
+        position: float | None = None,
         clock: Clock = time.monotonic_ns,
     ) -> None:
         self.record = record
@@ -69,13 +71,15 @@ class Emulator:
             pump_loaded=endpoints.pump is None,
             seed=seed,
             clock=clock,
+            position=position,
             spool_sensor=rig.has_spool_sensor,
             supply_pressure_sensor=rig.has_supply_pressure_sensor,
             load_cell=rig.has_load_cell,
         )
-        self.instruments = Instruments(self.plant)
+        self.instruments = Instruments(self.plant, rig.wiring)
         self.can = CanDevices(self.plant, record, endpoints.drive, endpoints.pump)
-        parts = self.instruments, self.can.set_analog, record
+        valve = self._turned_valve if rig.wiring.valve == "inverted" else self.can.set_analog
+        parts = self.instruments, valve, record
         known = endpoints.map
         self.node: IoDevice
         if known is None or known.identity.value == IDENTITY:
@@ -98,6 +102,10 @@ class Emulator:
         self._tasks: list[asyncio.Task[None]] = []
         self._summed_ns = clock()
         self._summed = 0
+
+    def _turned_valve(self, command_V: float, at_ns: int) -> None:  # noqa: N803
+        """Pass on the output of the I/O device to a valve whose wires are exchanged."""
+        self.can.set_analog(-command_V, at_ns)
 
     async def open(self) -> None:
         """Begin to serve all parts; the times of the script count from now.

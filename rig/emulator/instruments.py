@@ -5,6 +5,7 @@ from math import nan
 from typing import TYPE_CHECKING, Final, Literal
 
 from rig.channels import ENDS, READINGS, Kind, names_of
+from rig.io import Wiring
 from rig.plant import Reading, SensorParameters
 
 from .plant import EmulatedPlant
@@ -26,10 +27,17 @@ Failure = Literal["nan", "zero", "low", "high", "drift"]
 
 
 class Instruments:
-    """Reads the plant's transducers, of which some may be frozen or have failed."""
+    """Reads the plant's transducers, of which some may be frozen or have failed.
 
-    def __init__(self, plant: EmulatedPlant) -> None:
+    Args:
+        plant: the plant.
+        wiring: how the transducers are wired to the device that reads them; as its register map
+            says if None.
+    """
+
+    def __init__(self, plant: EmulatedPlant, wiring: Wiring | None = None) -> None:
         self.plant = plant
+        self._wiring = wiring or Wiring()
         self._frozen: dict[int, float] = {}
         # What a failed transducer reads, SI, given the true value.
         self._failed: dict[int, Callable[[float], float]] = {}
@@ -37,12 +45,28 @@ class Instruments:
     def read(self) -> Reading:
         """Return one sample of the transducers of `Reading`, SI.
 
-        A frozen transducer repeats an old reading, and a failed one reads as its failure says.
+        Each stands where it is wired to. A frozen transducer repeats an old reading, and a failed
+        one reads as its failure says.
         """
-        reading = self.plant.reading()
+        reading = self._as_wired(self.plant.reading())
         if not self._frozen and not self._failed:
             return reading
         return Reading(*(self._shown(index, value) for index, value in enumerate(reading)))
+
+    def encoder_counts(self) -> int:
+        """Return the encoder's count now, as a whole number, with the sign of its wiring."""
+        counts = self.plant.encoder_counts()
+        return -counts if self._wiring.encoder == "inverted" else counts
+
+    def _as_wired(self, reading: Reading) -> Reading:
+        if self._wiring.encoder == "inverted":
+            reading = reading._replace(position=-reading.position)
+        if self._wiring.spool == "inverted":
+            reading = reading._replace(spool=-reading.spool)
+        if self._wiring.pressures == "swapped":
+            one, other = reading.pressure_1, reading.pressure_2
+            reading = reading._replace(pressure_1=other, pressure_2=one)
+        return reading
 
     def read_carried(self) -> dict[str, float]:
         """Return the readings of the transducers `CARRIED`, which change slowly, by channel, SI."""

@@ -44,7 +44,7 @@ _PUMP_SETTLED: Final = 1e3
 class EmulatedPlant:
     """The rig's plant with valves, pump and transducers, which moves with a clock.
 
-    The plant rests at mid stroke when it is made.
+    The plant rests when it is made, at mid stroke unless `position` says where.
 
     Args:
         model: the true model of the rig.
@@ -55,6 +55,7 @@ class EmulatedPlant:
         pump_loaded: whether there is pressure from the start.
         seed: seed of the noise.
         clock: returns the time in ns.
+        position: where the ram rests at first, m; None for mid stroke.
         fitted: which transducers the rig has, by the names that `rig.io.simulated_rig` takes.
 
     Attributes:
@@ -72,6 +73,7 @@ class EmulatedPlant:
         pump_loaded: bool = True,
         seed: int = 0,
         clock: Clock = time.monotonic_ns,
+        position: float | None = None,
         **fitted: bool,
     ) -> None:
         self.clock = clock
@@ -89,7 +91,7 @@ class EmulatedPlant:
         if not pump_loaded:
             self._set_supply(self._par.return_pressure)
         at_rest = replace(model, parameters=self._par)
-        self._rig = simulated_rig(at_rest, seed, sensors=sensors, **fitted)
+        self._rig = simulated_rig(at_rest, seed, sensors=sensors, position=position, **fitted)
         self._state = self._rig.state
         self._delay_ns = round(1e9 * self._par.command_delay)
         self._sent: deque[tuple[int, float]] = deque()

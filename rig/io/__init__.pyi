@@ -72,3 +72,4 @@ from .transducer_calibration import (
     calibration_doubts as calibration_doubts,
     today as today,
 )
+from .wiring import Wiring as Wiring

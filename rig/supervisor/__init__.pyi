@@ -1,5 +1,5 @@
 from .calibration import Strokes as Strokes, calibratable as calibratable, calibrate as calibrate
-from .checks import checks_for as checks_for
+from .checks import checks_for as checks_for, greatest_null_V as greatest_null_V
 from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig
 from .guiding import basis_for as basis_for, guide_for as guide_for
 from .processes import News as News, Onlooker as Onlooker, RowFeed as RowFeed, Stream as Stream
@@ -8,4 +8,10 @@ from .trip_report import (
     TripReport as TripReport,
     kept_trip_report as kept_trip_report,
     trip_error as trip_error,
+)
+from .unproven import (
+    PROBED as PROBED,
+    BrokenOffError as BrokenOffError,
+    UnprovenRig as UnprovenRig,
+    WatchedRig as WatchedRig,
 )

@@ -44,12 +44,17 @@ def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: st
     rig.wait(lambda: not rig.off(wanted), SETTLE_S, state, action)
 
 
-def arm(rig: ConnectedRig) -> None:
+def arm(rig: ConnectedRig, *, held: bool = True) -> None:
     """Load the pump, activate the valve drive, shut the bypasses, and have the valve enabled.
 
     It waits until the operator has pressed reset; if the valve is enabled already, or the device
     does not report that, it does not wait. Afterwards the loop holds the ram. The state is then
     ARMED for a rig that needs no homing, else NOT_HOMED.
+
+    Args:
+        rig: the rig.
+        held: whether the position loop holds the ram; if not, the command stays 0 V, as it must
+            while nobody knows the signs of valve and encoder.
 
     Raises:
         TripError: no sample comes, the emergency stop is open, the loop reports a cause that
@@ -71,7 +76,8 @@ def arm(rig: ConnectedRig) -> None:
         "look at them, and at what they report",
     )  # fmt: skip
     is_homed = rig.configured.homing is None
-    rig.switch_to(Drive.HOLD, reset_lamp=True, rearm=True, reset=True, homed=is_homed)
+    gain = rig.configured.gain_V_per_m if held else 0.0
+    rig.switch_to(Drive.HOLD, gain=gain, reset_lamp=True, rearm=True, reset=True, homed=is_homed)
     if rig.latest("valve_enabled") == 0.0:
         rig.say("waiting for the reset button: press it on the rig")
     rig.wait(
@@ -84,6 +90,7 @@ def arm(rig: ConnectedRig) -> None:
 def home(rig: ConnectedRig) -> None:
     """Find the encoder's zero at a stroke end; then hold the ram within its position limits.
 
+    The commands are those of `Homing` above the valve's null, the `null` of the rig's control.
     It sets the rig's `offset_m`, and its state becomes ARMED. A rig whose state is not NOT_HOMED is
     left as it is.
 
@@ -101,12 +108,13 @@ def home(rig: ConnectedRig) -> None:
     rig.handle(Event.HOME)
     rig.say(f"homing: {settings.end} at {settings.command:g} V")
     homing = Homing(settings, rig.model.parameters, rig.configured.sensors.position_resolution)
+    null_V = rig.configured.control.null  # noqa: N806
     command_V, phase = 0.0, Phase.DONE  # noqa: N806
     while True:
         rig.check()
         try:
             sample = HomingSample(time.monotonic(), *map(rig.latest, _WATCHED))
-            command_V = homing.next_command(sample)  # noqa: N806
+            command_V = homing.next_command(sample) + null_V  # noqa: N806
         except HomingError as error:
             rig.handle(Event.HOMING_FAILED)
             raise TripError(f"homing failed: {error}") from error

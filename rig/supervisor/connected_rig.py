@@ -117,6 +117,7 @@ class ConnectedRig:
     parts: Parts
     safety: SafetyThread
     opened: orders.Opened
+    _checks = staticmethod(checks_for)
 
     def __init__(
         self,
@@ -188,9 +189,9 @@ class ConnectedRig:
         (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
         period_s = 1.0 / rig.loop.rate
         self.board.words[Word.SWITCH] = first.number
-        checks = checks_for(rig, self.model, frozenset(fast.inputs), period_s)
+        checks = self._checks(rig, self.model, frozenset(fast.inputs), period_s)
         limits = limit_table(rig.ladder, period_s)
-        order = orders.Open(fast, rig.loop, limits, checks, first, rig.calibrations)
+        order = orders.Open(fast, rig.loop, limits, checks, first, rig.calibrations, rig.wiring)
         self.opened = self.parts.loop.ask_patiently(order, OPEN_S, LOOK_S, self._heed_stop)
         grants = self.opened.grants
         given = ", ".join(grant.name for grant in grants if grant.granted)

@@ -17,6 +17,7 @@ from rig.configuration.reading.quantities import show
 from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_class
 from rig.io.settings import HomingSettings, LoopSettings
+from rig.io.wiring import Wiring
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "configuration.md"
 
@@ -25,6 +26,7 @@ _MEANING: Final = re.compile(r"^ {4}(\w+): (.*?)(?=^ {4}\w+: |\Z|^\S)", re.DOTAL
 _SECTIONS: Final = {
     "loop": LoopSettings,
     "homing": HomingSettings,
+    "wiring": Wiring,
     "control": ControlSettings,
     "register_map": RegisterMap,
 }
@@ -48,8 +50,8 @@ def keys_table(section: str) -> Iterator[str]:
     """Yield the lines of one table of keys in Markdown.
 
     Args:
-        section: a section of the rig file (`loop`, `homing`, `control`), `register_map`, or a type
-            of driver.
+        section: a section of the rig file (`loop`, `homing`, `wiring`, `control`),
+            `register_map`, or a type of driver.
 
     Raises:
         DriverError: the section is none of these, or the driver is broken.

@@ -9,7 +9,7 @@ from typing import Final
 
 import click
 
-from rig.configuration import load_rig
+from rig.configuration import Physical, QuantityError, Rig, load_rig
 from rig.emulator import ATTENTIVE, Emulator, Record, endpoints_of, raise_priority, read_script
 from rig.io import DriverError
 
@@ -44,6 +44,19 @@ def _ports(
             raise click.BadParameter(f"{value}; write daq=15502, or daq=0 for any free port")
         ports[name] = int(port)
     return ports
+
+
+def _position(text: str, rig: Rig) -> float:
+    """Return the position in m that a text gives.
+
+    Raises:
+        click.BadParameter: the text is no position, or lies beyond the stroke.
+    """
+    par = rig.plant.parameters
+    try:
+        return Physical("m", par.stroke_min, par.stroke_max).parse(text)
+    except QuantityError as error:
+        raise click.BadParameter(f"{text} {error}", param_hint="--start") from error
 
 
 @click.command()
@@ -81,6 +94,11 @@ def _ports(
 )
 @click.option("--seed", default=0, show_default=True, help="Fixes the sensors' noise.")
 @click.option(
+    "--start",
+    metavar="POSITION",
+    help="Where the ram rests at first, such as '0.1 m'; mid stroke if not given.",
+)
+@click.option(
     "--priority/--no-priority",
     default=True,
     help="Whether to answer ahead of ordinary programs where the system grants it; it does.",
@@ -94,6 +112,7 @@ def command(
     control: int | None,
     ports: dict[str, int],
     seed: int,
+    start: str | None,
     priority: bool,
     as_json: bool,
 ) -> None:
@@ -103,6 +122,7 @@ def command(
     Exit code 0 when stopped, 2 on bad input, such as a port in use.
     """
     rig = load_rig(rig_reference)
+    position = None if start is None else _position(start, rig)
     endpoints = endpoints_of(rig, ports, control)
     played = read_script(script)
     try:
@@ -111,7 +131,7 @@ def command(
         raise click.FileError(str(error.filename), hint=error.strerror) from error
 
     async def serve() -> dict[str, int]:
-        emulator = Emulator(rig, endpoints, written, script=played, seed=seed)
+        emulator = Emulator(rig, endpoints, written, script=played, seed=seed, position=position)
         await emulator.open()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):

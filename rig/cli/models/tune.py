@@ -12,12 +12,13 @@ import click
 from rig.cli.application import Problems
 from rig.cli.option_types import paced
 from rig.configuration import (
-    ConfigError,
+    NotAsMeantError,
     Rig,
     control_lines,
     find_rig,
     load_model,
     load_rig,
+    rewrite_rig,
     shipped_config_dir,
     with_control,
 )
@@ -137,11 +138,9 @@ def command(
 def _write(file: Path, out: Path | None, found: Tuning, begun: datetime) -> list[str]:
     """Write the proposed control into the rig file, or to `out`; return what was written, in lines.
 
-    Before a rig file is replaced, it is copied to FILE.TIME.bak. A file that the new text cannot be
-    read back from as meant is not kept.
-
     Raises:
         ConfigError: the written file is unusable; the old one is in place again.
+        ClickException: the written file does not say what was proposed; as before.
         OSError: a file cannot be written.
     """
     text = file.read_text(encoding="utf-8")
@@ -151,20 +150,11 @@ def _write(file: Path, out: Path | None, found: Tuning, begun: datetime) -> list
         f"{min(each.gain_dB for each in margins):.0f} dB and "
         f"{degrees(min(each.phase for each in margins)):.0f} degrees"
     )
-    target, lines = out or file, []
-    if out is None:
-        backup = file.with_name(f"{file.name}.{begun:%Y%m%dT%H%M%SZ}.bak")
-        replace_text(backup, text)
-        lines.append(f"backup: {backup}")
-    replace_text(target, with_control(text, found.proposed, comment))
+    text = with_control(text, found.proposed, comment)
     try:
-        if load_rig(target).control != found.proposed:
-            raise click.ClickException(f"{target}: does not read back as written")
-    except (ConfigError, click.ClickException):
-        if out is None:
-            replace_text(file, text)
-        raise
-    return [*lines, f"rig file: {target}"]
+        return rewrite_rig(file, out, text, lambda rig: rig.control == found.proposed, begun)
+    except NotAsMeantError as error:
+        raise click.ClickException(str(error)) from error
 
 
 def _show_motions(rig: Rig, assumed: Model) -> int:

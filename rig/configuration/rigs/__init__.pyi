@@ -23,6 +23,7 @@ from .limits import (
     read_channel_limits as read_channel_limits,
 )
 from .register_maps import MAPS as MAPS, Map as Map, read_dbc as read_dbc, read_map as read_map
+from .rewriting import NotAsMeantError as NotAsMeantError, rewrite_rig as rewrite_rig
 from .rig import (
     GAIN as GAIN,
     Rig as Rig,
@@ -47,3 +48,5 @@ from .transducers import (
     transducer_lines as transducer_lines,
 )
 from .valves import LEAKAGE as LEAKAGE, RESISTANCE as RESISTANCE
+from .wiring import read_wiring as read_wiring, wiring_lines as wiring_lines
+from .writing import with_section as with_section, with_values as with_values

@@ -5,10 +5,10 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Final
 
-import yaml
-
 from control import ControlSettings
 from rig.configuration.reading import Located, options_of, read_options
+
+from .writing import with_section
 
 UNLESS_USUAL: Final = MappingProxyType({"unless_usual": True})
 """Metadata of a dataclass's field that `plain` leaves out while it has its default, so that
@@ -70,21 +70,4 @@ def with_control(text: str, settings: ControlSettings, comment: str) -> str:
         settings: the control settings.
         comment: comment above the section, on one line.
     """
-    lines = text.rstrip("\n").split("\n")
-    section = list(control_lines(settings, comment))
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    pairs = root.value if isinstance(root, yaml.MappingNode) else []
-    for key, value in pairs:
-        if key.value == "control":
-            first, last = key.start_mark.line, _last_line(value)
-            own = first > 0 and lines[first - 1].startswith("# ") and "rig tune" in lines[first - 1]
-            lines[first - own : last + 1] = section
-            return "\n".join(lines) + "\n"
-    return "\n".join([*lines, "", *section]) + "\n"
-
-
-def _last_line(node: yaml.Node) -> int:
-    """Return the number of the last line, from 0, of a YAML value, without what follows it."""
-    if isinstance(node, yaml.MappingNode) and not node.flow_style and node.value:
-        return _last_line(node.value[-1][1])
-    return int(node.end_mark.line)
+    return with_section(text, "control", list(control_lines(settings, comment)), "by rig ")

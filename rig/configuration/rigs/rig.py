@@ -31,6 +31,7 @@ from rig.io import (
     HomingSettings,
     LoopSettings,
     TransducerCalibration,
+    Wiring,
     today,
 )
 from rig.plant import Model, SensorParameters
@@ -48,6 +49,7 @@ from .valves import (
     read_bypass_valves,
     read_return_valve,
 )
+from .wiring import read_wiring
 
 GAIN: Final = Physical("V/m", 0.1, 1e4, POSITION_GAIN)
 """Unit and limits of the gain of a position loop."""
@@ -83,6 +85,7 @@ class Rig:
         control: what the position loop adds to gain times error, unless a test has its own.
         calibrations: calibrations of the transducers, by which readings are corrected.
         uncalibrated: measured channels without calibration; () if no channel has one.
+        wiring: how a hardware rig is wired, against the names in its device's register map.
     """
 
     name: str
@@ -105,6 +108,7 @@ class Rig:
     control: ControlSettings = field(default_factory=ControlSettings, metadata=UNLESS_USUAL)
     calibrations: tuple[TransducerCalibration, ...] = field(default=(), metadata=UNLESS_USUAL)
     uncalibrated: tuple[str, ...] = field(default=(), metadata=UNLESS_USUAL)
+    wiring: Wiring = field(default_factory=Wiring, metadata=UNLESS_USUAL)
 
     @property
     def injectable(self) -> tuple[str, ...]:
@@ -138,6 +142,7 @@ class RigFile(Schema):
     drivers: Annotated[Any, Under(driver_files, named=True)] = None
     loop: Annotated[Any, Under(lambda: (options_schema(LoopSettings),))] = None
     homing: Annotated[Any, Under(lambda: (options_schema(HomingSettings),))] = None
+    wiring: Annotated[Any, Under(lambda: (options_schema(Wiring),))] = None
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     calibrations: Annotated[Any, TransducerFiles()] = None
     expired_calibrations: Expired = "warn"
@@ -182,11 +187,13 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     settings = read_options(HomingSettings, homing) if homing is not None else None
     drivers = _read_drivers(root, file, loop, rungs)
     control = read_control(root.get("control"))
+    hardware = file is not None and file.backend == "hardware"
+    wiring = read_wiring(root, hardware)
     measured = _measured(file, drivers) if file is not None else None
     calibrations = read_calibrations(root, measured, homing is not None, day or today())
     if file is None or plant is None or sensors is None or limits is None or loop is None:
         return None
-    if control is None:
+    if control is None or wiring is None:
         return None
     return Rig(
         name=file.name,
@@ -209,6 +216,7 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
         control=control,
         calibrations=calibrations,
         uncalibrated=uncalibrated(calibrations, measured or frozenset()),
+        wiring=wiring,
     )
 
 

@@ -35,7 +35,7 @@ class IoDevice(ABC):
         self._clock = instruments.plant.clock
         self._valve = valve
         self._record = record
-        self._zero = instruments.plant.encoder_counts()
+        self._zero = instruments.encoder_counts()
         self._encoder_fault = self._button = self._tripped = False
         self.estop_closed = True
         self.enabled = False

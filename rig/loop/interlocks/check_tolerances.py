@@ -64,13 +64,15 @@ class Tolerances(NamedTuple):
     confirm_ticks: int
     """Number of ticks within which the device must confirm what it was sent."""
     unhomed_command_V: float  # noqa: N815
-    """Greatest command of either sign for a ram that is not homed."""
+    """Greatest command above null, of either sign, for a ram that is not homed."""
     unhomed_load_pressure_Pa: float  # noqa: N815
     """Greatest load pressure of either sign for a ram that is not homed."""
     conductance: float
     """Conductance of the nominal valve, m^2/(s Pa^0.5) (eq. 2.1)."""
     par: Parameters
     """The nominal plant."""
+    null_V: float = 0.0  # noqa: N815
+    """Command at which the valve is closed, as far as the control knows it."""
     null_m: float = _NULL_TOLERANCE
     """Error that the spool's opening may have."""
     flow_fraction: float = 0.2

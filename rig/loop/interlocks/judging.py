@@ -144,18 +144,20 @@ def allowed_command(command, homed, tol, memory):
     A ram that is not homed goes slowly and pushes gently. A command that would raise the load
     pressure fades to 0 while the load pressure that it makes rises from a quarter to three quarters
     of its limit, and changes its sign beyond that. So a ram at its stroke end stays there with that
-    force, even if the valve's null is off.
+    force, even if the valve's null is off. Commands count from the null that the control knows,
+    but for 0 V, which is what a valve gets that is to be at rest.
     """
-    if homed:
+    if homed or command == 0.0:
         return command
-    command = min(max(command, -tol.unhomed_command_V), tol.unhomed_command_V)
+    null, limit = tol.null_V, tol.unhomed_command_V
+    above = min(max(command - null, -limit), limit)
     load_pressure = memory.values[PRESSURE_1] - memory.values[PRESSURE_2]
-    if not load_pressure * command > 0.0:
-        return command
+    if not load_pressure * above > 0.0:
+        return null + above
     pushed = abs(load_pressure) / tol.unhomed_load_pressure_Pa
     if pushed <= _GENTLE:
-        return command * min((_GENTLE - pushed) / (_GENTLE - _FADING), 1.0)
-    return -_RELIEF * command * min((pushed - _GENTLE) / (1.0 - _GENTLE), 1.0)
+        return null + above * min((_GENTLE - pushed) / (_GENTLE - _FADING), 1.0)
+    return null - _RELIEF * above * min((pushed - _GENTLE) / (1.0 - _GENTLE), 1.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -371,10 +373,11 @@ def _unhomed(command, homed, tol, memory):
     if homed:
         return _NONE, _NONE, NO_CHANNEL
     force = memory.values[PRESSURE_1] - memory.values[PRESSURE_2]
+    above = command - tol.null_V
     # Only a command that raises the load pressure counts: the opposite one relieves trapped oil.
-    pushes = abs(force) > tol.unhomed_load_pressure_Pa and force * command > 0.0
+    pushes = abs(force) > tol.unhomed_load_pressure_Pa and force * above > 0.0
     memory.unconfirmed[_FORCED] = memory.unconfirmed[_FORCED] + 1 if pushes else 0
-    if abs(command) > tol.unhomed_command_V + tol.command_V:
+    if min(abs(command), abs(above)) > tol.unhomed_command_V + tol.command_V:
         return _TRIP, Cause.NOT_HOMED.value, NO_CHANNEL
     if memory.unconfirmed[_FORCED] > tol.confirm_ticks:
         return _TRIP, Cause.HOMING_FORCE.value, PRESSURE_1 if force > 0.0 else PRESSURE_2

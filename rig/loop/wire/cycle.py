@@ -353,7 +353,8 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     """Write command and enabling to the device, and read `memory.inputs` from it, in one exchange.
 
     The counts in `memory` and the words of the board that follow from it are updated, such as that
-    the device has confirmed null after a trip. The inputs are brought to the scale of the rig.
+    the device has confirmed null after a trip. The inputs are brought to the scale of the rig, and
+    the command leaves with the sign of the valve's wiring.
 
     Returns:
         The `ExchangeStatus`, and the time in ns at which the command left, 0 if it did not.
@@ -361,13 +362,14 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     outputs, counts = memory.outputs, memory.counts
     counts[Count.SEQUENCE] += 1
     counts[Count.WRITTEN] += 1
-    outputs[_COMMAND] = command
+    outputs[_COMMAND] = memory.corrections.command_sign[0] * command
     outputs[_VALVE_ENABLE] = enable
     outputs[_HOST_COUNTER] = counts[Count.WRITTEN] % _COUNTER_SPAN
     outputs[_RESET_LAMP] = course.reset_lamp
     outputs[_REARM] = course.rearm
     deadline = monotonic_ns() + pace.timeout_ns
     status, sent = exchange(fd, plan, counts[Count.SEQUENCE], outputs, memory.inputs, deadline)
+    outputs[_COMMAND] = command
     if status >= ExchangeStatus.FOREIGN_WRITE.value:
         _trip(words, Cause.FOREIGN_MASTER.value, NO_CHANNEL, monotonic_ns())
         if status == ExchangeStatus.FOREIGN_WRITE.value:

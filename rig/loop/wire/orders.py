@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, PLAIN, POSITION_GAIN, ControlLaw, Guide, LoopBasis, changeable
 from estimator.filters import FilterMemory
-from rig.io import ChannelLimit, DriverSpec, LoopSettings, TransducerCalibration
+from rig.io import ChannelLimit, DriverSpec, LoopSettings, TransducerCalibration, Wiring
 from rig.loop.interlocks import LimitTable, Tolerances
 from rig.loop.reaction import Reaction
 from rig.loop.realtime import Grant
@@ -138,6 +138,7 @@ class Open:
         tolerances: tolerances of the plausibility checks.
         first: the first segment; the loop is compiled for its filter before it starts.
         calibrations: calibrations of the transducers, by which the inputs are corrected.
+        wiring: how the rig is wired, which is undone in inputs and command.
     """
 
     driver: DriverSpec
@@ -146,6 +147,7 @@ class Open:
     tolerances: Tolerances
     first: Segment
     calibrations: tuple[TransducerCalibration, ...] = ()
+    wiring: Wiring = field(default_factory=Wiring)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,12 @@ from .gap_results import (
     provenance_of as provenance_of,
     rig_plant as rig_plant,
 )
-from .parts import ExperimentStoppedError as ExperimentStoppedError
+from .parts import (
+    ExperimentStoppedError as ExperimentStoppedError,
+    connected_parts as connected_parts,
+    part_campaign as part_campaign,
+    stroke_of as stroke_of,
+)
 from .tuning import (
     Response as Response,
     Tuning as Tuning,

@@ -171,7 +171,8 @@ class LoopProcess:
         self._pace = pace(order.settings, driver.rate_hz)
         judging = interlock(order.limits, order.tolerances)
         self._interlock = judging._replace(log=self._board.passing_log)
-        self._memory = self._memory._replace(corrections=corrections_of(order.calibrations))
+        corrections = corrections_of(order.calibrations, order.wiring)
+        self._memory = self._memory._replace(corrections=corrections)
         self._segments[order.first.number] = order.first
         # This compiles or loads the loop's function before its time matters.
         with telling_of_compiling(lambda name: self._report(f"compiles {name}")):

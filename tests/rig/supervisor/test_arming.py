@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from control import ControlSettings
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.board import Word
 from rig.loop.interlocks.trip import TripError
@@ -32,9 +33,11 @@ class Ram:
     Attributes:
         position_m: where the ram is.
         zero_m: where the encoder reads 0.
+        null_V: command at which it stands.
     """
 
-    def __init__(self, position_m: float = 0.31) -> None:
+    def __init__(self, position_m: float = 0.31, null_V: float = 0.0) -> None:  # noqa: N803
+        self.null_V = null_V
         self.position_m = position_m
         self.zero_m = position_m
         self.pushes_V = 0.0
@@ -44,6 +47,7 @@ class Ram:
         return round((self.position_m - self.zero_m) / COUNT_M) * COUNT_M
 
     def drive(self, command_V: float, elapsed_s: float) -> None:  # noqa: N803
+        command_V -= self.null_V  # noqa: N806
         free = self.position_m + SPEED_PER_V * command_V * elapsed_s
         self.position_m = min(max(free, 0.0), Model().parameters.stroke_max)
         self.pushes_V = 0.0 if self.position_m == free else command_V
@@ -163,6 +167,23 @@ def test_before_it_is_homed_a_ram_is_only_moved_gently_and_no_test_may_run(sessi
     for event in (Event.RUN, Event.POSITION):
         with pytest.raises(IllegalTransition):
             next_state(State.NOT_HOMED, event, Conditions(True, True, homed=False))
+
+
+@pytest.mark.parametrize("null_V", [0.35, -0.35])
+def test_a_ram_whose_null_is_known_is_homed_by_commands_above_it(
+    session: Begin,
+    null_V: float,  # noqa: N803
+) -> None:
+    ram = Ram(null_V=null_V)
+    rig = session(ram, replace(RIG, control=ControlSettings(null=null_V)))
+    # In a hold the gain alone makes up for the null: 7 mm beside where it was sent.
+    assert rig.latest("position_m") == pytest.approx(ram.position_m, abs=2 * COUNT_M)
+
+
+def test_a_rig_whose_signs_are_not_known_is_armed_without_a_gain(session: Begin) -> None:
+    rig = ConnectedRig(Ram())
+    arming.arm(cast(Any, rig), held=False)
+    assert [segment.gain for segment in rig.ordered] == [0.0]
 
 
 def test_every_session_homes_again_and_so_finds_a_zero_that_was_lost(session: Begin) -> None:

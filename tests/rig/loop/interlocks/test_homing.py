@@ -27,7 +27,13 @@ SWITCHED_ON_AT = 0.123
 class HomedRig:
     """A simulated rig under the interlock, homed by looks at 50 Hz at what the loop samples."""
 
-    def __init__(self, settings: HomingSettings = SETTINGS, null_bias_m: float = 1.5e-6) -> None:
+    def __init__(
+        self,
+        settings: HomingSettings = SETTINGS,
+        null_bias_m: float = 1.5e-6,
+        null_V: float = 0.0,  # noqa: N803
+    ) -> None:
+        self.null_V = null_V
         model = Model(parameters=NOMINAL._replace(spool_null_bias=null_bias_m))
         self.rig: SimulatedRig = simulated_rig(model, 1)
         self.rig.state[4] = SWITCHED_ON_AT
@@ -35,7 +41,7 @@ class HomedRig:
         supplied = frozenset({"position_m", "pressure_1_Pa", "pressure_2_Pa"})
         limits = limit_table([ChannelLimit("position_m", 0.005, 0.6)], TICK)
         tol = tolerances(NOMINAL, DATA_SHEET, supplied, TICK, 0.1, settings)
-        self.interlock = interlock(limits, tol)
+        self.interlock = interlock(limits, tol._replace(null_V=null_V))
         self.encoder: Callable[[float], float] = lambda position: position - SWITCHED_ON_AT
         self.worst = (0, 0, -1)
         self.greatest_load_pressure = 0.0
@@ -60,7 +66,8 @@ class HomedRig:
                 self.greatest_load_pressure, abs(float(state[2] - state[3]))
             )
             if tick % LOOKS == 0:
-                command = self.homing.next_command(HomingSample(tick * TICK, *inputs[:3]))
+                sample = HomingSample(tick * TICK, *inputs[:3])
+                command = self.homing.next_command(sample) + self.null_V
                 if self.homing.offset_m is not None:
                     return self.homing.offset_m
             advance(state, allowed, self.rig.parameters, NO_FAULT)
@@ -87,6 +94,14 @@ def test_a_valve_null_off_by_five_micrometres_is_homed_all_the_same(bias: float)
     rig = HomedRig(replace(SETTINGS, command=1.0), bias)
     assert abs(rig.run() - SWITCHED_ON_AT) <= 5 * DATA_SHEET.position_resolution
     assert rig.worst[0] == Action.NONE
+
+
+@pytest.mark.parametrize("bias", [-1.2e-5, 1.2e-5])
+def test_a_null_that_the_control_knows_does_not_count_however_far_it_is_off(bias: float) -> None:
+    rig = HomedRig(SETTINGS, bias, null_V=-bias / NOMINAL.valve_gain)
+    assert abs(rig.run() - SWITCHED_ON_AT) <= 5 * DATA_SHEET.position_resolution
+    assert rig.worst[0] == Action.NONE
+    assert rig.greatest_load_pressure < SETTINGS.load_pressure
 
 
 def test_a_valve_null_that_outdoes_the_command_is_refused() -> None:

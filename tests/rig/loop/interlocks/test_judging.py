@@ -244,6 +244,20 @@ def test_an_unhomed_ram_is_never_pushed_beyond_its_limits(
     assert allowed_command(command, True, TOL, interlock.memory) == command
 
 
+@pytest.mark.parametrize("null_V", [-0.3, 0.3])
+def test_a_command_before_homing_counts_from_a_known_null_but_0_v_stays_0_v(
+    null_V: float,  # noqa: N803
+) -> None:
+    memory, tol = Interlock(homed=False).memory, TOL._replace(null_V=null_V)
+    memory.values[:3] = 0.0, 9e6, 5e6
+    assert allowed_command(0.0, False, tol, memory) == 0.0
+    for wanted in (-0.4, 0.4, -5.0, 5.0):
+        about_0 = allowed_command(wanted, False, TOL, memory)
+        assert allowed_command(wanted + null_V, False, tol, memory) == pytest.approx(
+            about_0 + null_V
+        )
+
+
 def test_an_unknown_channel_or_an_empty_range_makes_no_limit() -> None:
     with pytest.raises(ValueError, match="no such channel"):
         limit_table([ChannelLimit("positon_m", 0.0, 1.0)], TICK)

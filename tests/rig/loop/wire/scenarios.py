@@ -21,6 +21,7 @@ from rig.io.driver import ExchangeStatus
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
+from rig.io.wiring import Wiring
 from rig.loop.board import DECISIONS_KEPT, Board, Word
 from rig.loop.decided import DECIDED, Decided
 from rig.loop.interlocks.check_tolerances import tolerances
@@ -72,6 +73,7 @@ class World:
         other: by tick, signals that another master changes on the device before the loop wakes.
         changes: the changes of control that the loop finds prepared, by their numbers.
         calibrations: calibrations of the transducers.
+        wiring: how the device is wired.
     """
 
     late: dict[int, int] = field(default_factory=dict)
@@ -83,11 +85,13 @@ class World:
     other: dict[int, dict[str, float]] = field(default_factory=dict)
     changes: dict[int, ChangeControl] = field(default_factory=dict)
     calibrations: tuple[TransducerCalibration, ...] = ()
+    wiring: Wiring = field(default_factory=Wiring)
 
     def __post_init__(self) -> None:
         self.now = BEGIN
         self.board = Board.create(len(CHANNELS))
-        self.memory = wire_memory()._replace(corrections=corrections_of(self.calibrations))
+        corrections = corrections_of(self.calibrations, self.wiring)
+        self.memory = wire_memory()._replace(corrections=corrections)
         self.plan = SimpleNamespace()
         self.look = SimpleNamespace()
         self.looks = 0
@@ -299,6 +303,7 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "on time": lambda: World().run(tracking(), 12),
     "after the table": lambda: World().run(tracking(5), 12),
     "calibrated": lambda: World(calibrations=(CALIBRATION,)).run(tracking(), 12),
+    "valve inverted": lambda: World(wiring=Wiring(valve="inverted")).run(tracking(), 12),
     "open loop": lambda: World().run(following(np.full(30, 3.0), open_loop=True, limit=2.0), 8),
     "skip setpoints": lambda: World(
         before={5: lambda board: board.words.__setitem__(Word.SKIP, skip_order(1, 20, 4))}

@@ -114,6 +114,16 @@ def test_a_row_and_its_filter_have_what_the_calibration_makes_of_the_sample(
     assert result["replays"]
 
 
+def test_the_command_leaves_with_the_sign_of_an_inverted_valve_and_all_else_sees_its_own(
+    scenario: Scenario,
+) -> None:
+    right, turned = scenario("on time"), scenario("valve inverted")
+    assert commands(turned) == [-command for command in commands(right)]
+    assert turned["rows"]["command_V"] == right["rows"]["command_V"]
+    assert turned["rows"]["device_command_V"] == right["rows"]["device_command_V"]
+    assert turned["replays"]
+
+
 def test_the_tracking_law_adds_its_null_its_tables_and_its_integral_to_the_same_loop(
     scenario: Scenario,
 ) -> None:
