@@ -172,7 +172,9 @@ def models(draw: st.DrawFn) -> Model:
             values[field] = getattr(NOMINAL, field)
     values["friction_law"] = draw(st.sampled_from(list(FRICTION_LAWS.values())))
     provenance = draw(st.dictionaries(st.text(), PROVENANCE, max_size=4))
-    return Model(draw(st.text(min_size=1)), NOMINAL._replace(**values), tuple(effects), provenance)
+    # No name may hold NUL, which ends a path for the operating system.
+    name = draw(st.text(st.characters(exclude_characters="\0"), min_size=1))
+    return Model(name, NOMINAL._replace(**values), tuple(effects), provenance)
 
 
 @given(model=models())
