@@ -308,9 +308,10 @@ class _RunningTest:
             self._note_verdict()
             is_cut = self._loop.ticks_left and not self._end.came
             if not is_cut:
-                self._watch(self._limits.finish(self._judge.decision, lambda: self._figures))
+                passings = self._limits.finish(self._judge.decision, lambda: self._figures)
                 for each in self._limits_not_judged:
                     self._say_of_limits(self._last_s, str(each))
+                self._watch(passings)
         except (TripError, _InterruptedError) as error:
             kind = "trip" if isinstance(error, TripError) else str(error.status)
             # What stopped the loop may be in no row.
