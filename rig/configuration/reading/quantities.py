@@ -179,38 +179,36 @@ def show_alike(values: Sequence[float], si_unit: str) -> list[str]:
     """Return SI values as texts to be compared: in one unit, and different where they differ.
 
     They have four digits, or as many more as it takes to tell them apart, up to nine. The unit is
-    the one that `show` has for the least of them, or for the greatest if that would have five
-    digits before the point otherwise. Infinity is "without bound", and NaN "not known".
+    the one that `show` has for the least of them; each has its own if the greatest would have five
+    digits before the point in that. Infinity is "without bound", and NaN "not known".
 
     Args:
         values: the values; minus infinity is shown as it is.
         si_unit: their unit; empty for plain numbers.
     """
     sizes = sorted(abs(value) for value in values if math.isfinite(value) and value)
-    unit = _unit_of(sizes[0], si_unit) if sizes else si_unit
-    if sizes and _scaled(sizes[-1], unit, si_unit) >= _MOST_SHOWN:
-        unit = _unit_of(sizes[-1], si_unit)
-    different = len({*values})
+    unit = show(sizes[0], si_unit).partition(" ")[2] if sizes else si_unit
+    if sizes and _in_unit(sizes[-1], unit, si_unit) >= _MOST_SHOWN:
+        return [_unbounded(value) or show(value, si_unit) for value in values]
+    texts: list[str] = []
     for digits in range(4, 10):
-        texts = [_shown(value, unit, si_unit, digits) for value in values]
-        if len({*texts}) == different:
+        texts = [
+            _unbounded(value) or f"{_in_unit(value, unit, si_unit):.{digits}g} {unit}".strip()
+            for value in values
+        ]
+        if len({*texts}) == len({*values}):
             break
     return texts
 
 
-def _unit_of(size: float, si_unit: str) -> str:
-    return show(size, si_unit).partition(" ")[2]
-
-
-def _scaled(value: float, unit: str, si_unit: str) -> float:
+def _in_unit(value: float, unit: str, si_unit: str) -> float:
     return float(Decimal(repr(value)) / unit_factor(unit, si_unit)) if unit else value
 
 
-def _shown(value: float, unit: str, si_unit: str, digits: int) -> str:
+def _unbounded(value: float) -> str:
+    """Return the words for a value that is no finite number; "" for one that is."""
     if math.isnan(value):
         return "not known"
-    if value == math.inf:
-        return "without bound"
-    if value == -math.inf:
-        return f"-inf {unit}".strip()
-    return f"{_scaled(value, unit, si_unit):.{digits}g} {unit}".strip()
+    if math.isinf(value):
+        return "without bound" if value > 0.0 else "-inf"
+    return ""

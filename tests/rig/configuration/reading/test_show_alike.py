@@ -14,8 +14,8 @@ from rig.configuration import show, show_alike
         ((5.1e-3, 5e-3), "m", ["5.1 mm", "5 mm"]),
         ((0.35000004, 0.35), "m", ["0.35000004 m", "0.35 m"]),
         ((0.35, 0.35), "m", ["0.35 m", "0.35 m"]),
-        ((13.8e6, 5.0), "Pa", ["13.8 MPa", "5e-06 MPa"]),
-        ((inf, -inf, nan, 2e-3), "s", ["without bound", "-inf ms", "not known", "2 ms"]),
+        ((13.8e6, 5.0), "Pa", ["13.8 MPa", "5 Pa"]),
+        ((inf, -inf, nan, 2e-3), "s", ["without bound", "-inf", "not known", "2 ms"]),
         ((0.0, 0.0), "m", ["0 m", "0 m"]),
     ],
 )

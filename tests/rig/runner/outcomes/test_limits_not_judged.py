@@ -98,5 +98,5 @@ def test_an_infinite_figure_is_shown_as_it_is() -> None:
         return str(CriterionResult("mine", value, "m", -np.inf, 3.0, value <= 3.0))
 
     assert words(np.inf) == "mine without bound, at most 3 m"
-    assert words(-np.inf) == "mine -inf m, at most 3 m"
+    assert words(-np.inf) == "mine -inf, at most 3 m"
     assert words(np.nan) == "mine not known, at most 3 m"
