@@ -74,5 +74,9 @@ from .sweeps import (
     Sweep as Sweep,
     SweepFilter as SweepFilter,
     SweptMotion as SweptMotion,
+    asked_column as asked_column,
+    figures_judged_twice as figures_judged_twice,
+    limit_label as limit_label,
     load_sweep as load_sweep,
+    met_column as met_column,
 )

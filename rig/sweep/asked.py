@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from control import Constant
 from estimator.leaks import Decision
 from faults import FOLLOWING_ERROR, CampaignTest, Criterion, OwnFigure, TestLimit, Verdict
-from rig.configuration import LATENCY, Sweep, SweptMotion, show
+from rig.configuration import (
+    LATENCY,
+    Sweep,
+    SweptMotion,
+    asked_column,
+    criterion_in_words,
+    figures_judged_twice,
+    limit_label,
+    met_column,
+    show,
+)
 from rig.loop import LANE_READINGS
 from rig.plant import TICK
 from rig.runner.outcomes import Measures
@@ -42,6 +52,8 @@ class Asked(NamedTuple):
     """Limits that a case should keep."""
     quantity: str = "position"
     """Whether the setpoint is a position in m or the valve's command in V."""
+    judged_twice: frozenset[str] = frozenset()
+    """Labels of the figures with several criteria, of which each has a column of its own."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -61,7 +73,8 @@ def asked_of(sweep: Sweep, motion: SweptMotion) -> Asked:
     limits = tuple(
         replace(each, expression=each.expression or own.get(each.watched)) for each in motion.limits
     )
-    return Asked(sweep.own_figures, motion.criteria, limits, motion.quantity)
+    judged_twice = figures_judged_twice(each.criteria for each in sweep.motions)
+    return Asked(sweep.own_figures, motion.criteria, limits, motion.quantity, judged_twice)
 
 
 def readings_kept(asked: Sequence[Asked]) -> tuple[str, ...]:
@@ -70,16 +83,6 @@ def readings_kept(asked: Sequence[Asked]) -> tuple[str, ...]:
     if FOLLOWING_ERROR in wanted:
         wanted.add("position_m")
     return tuple(name for name in LANE_READINGS if name in wanted)
-
-
-def limit_label(limit: TestLimit) -> str:
-    """Return the name under which a limit is counted: what it watches, and in which segment."""
-    return f"{limit.watched} in {limit.during}" if limit.during else limit.watched
-
-
-def column_name(kind: str, label: str) -> str:
-    """Return the name of a column: its kind, and the label of a figure or limit."""
-    return f"{kind}_{label.replace(' ', '_')}"
 
 
 def columns_told(asked: Sequence[Asked]) -> dict[str, tuple[str, str]]:
@@ -91,27 +94,33 @@ def columns_told(asked: Sequence[Asked]) -> dict[str, tuple[str, str]]:
         asked: what is asked of the cases of each motion.
     """
     told: dict[str, tuple[str, str]] = {}
-    criteria = [criterion for each in asked for criterion in each.criteria]
+    criteria = [(each, criterion) for each in asked for criterion in each.criteria]
     limits = [limit for each in asked for limit in each.limits]
     for own in asked[0].own if asked else ():
         if own.expression.is_number:
-            told[column_name("figure", own.name)] = own.unit, f"figure {own.expression.text}"
-    for criterion in criteria:
+            told[asked_column("figure", own.name)] = own.unit, f"figure {own.expression.text}"
+    for _, criterion in criteria:
         about = f"figure {criterion.label}"
-        told[column_name("figure", criterion.label)] = criterion.unit, about
-    for criterion in criteria:
-        about = f"1 if {criterion.label} was as asked, else 0"
-        told[column_name("met", criterion.label)] = "", about
+        told[asked_column("figure", criterion.label)] = criterion.unit, about
+    for each, criterion in criteria:
+        about = f"1 if {_met_words(criterion, each)}, else 0"
+        told[met_column(criterion, each.judged_twice)] = "", about
     for limit in limits:
         for band in limit.bands:
-            about = f"how often the {band.name} band of {limit_label(limit)} was passed"
-            told[column_name(band.name, limit_label(limit))] = "", about
+            about = f"how often the {band.name} band of {limit_label(limit)} was exceeded"
+            told[asked_column(band.name, limit_label(limit))] = "", about
     if limits:
-        told[LIMIT_PASSED] = "", "the first limit passed that calls for more than a warning"
-        told[LIMIT_AT] = "s", "when it was passed, and a test would have ended"
+        told[LIMIT_PASSED] = "", "the first limit exceeded that calls for more than a warning"
+        told[LIMIT_AT] = "s", "when it was exceeded, and a test would have ended"
     if criteria or limits:
-        told[PASSED] = "", "1 if all criteria were met and no such limit was passed, else 0"
+        told[PASSED] = "", "1 if all criteria were met and no such limit was exceeded, else 0"
     return told
+
+
+def _met_words(criterion: Criterion, asked: Asked) -> str:
+    if criterion.label in asked.judged_twice:
+        return f"{criterion_in_words(criterion)}, as asked"
+    return f"{criterion.label} was as asked"
 
 
 class Known(NamedTuple):
@@ -140,7 +149,7 @@ def judged_case(
     """
     channels = _channels(asked, readings, setpoint)
     own = {
-        column_name("figure", each.name): each.expression.of(channels)
+        asked_column("figure", each.name): each.expression.of(channels)
         for each in asked.own
         if each.expression.is_number
     }
@@ -171,15 +180,15 @@ def _criteria_columns(
     if isfinite(known.leak_m3_per_s):
         decision = Decision("", leak_m3_per_s=known.leak_m3_per_s)
     values: dict[str, float] = {}
-    met: dict[str, bool] = {}
+    met: dict[str, float] = {}
     for criterion, result in zip(asked.criteria, measures.results({}, decision), strict=True):
         if criterion.figure in _OF_LEAK and not known.leaky:
             continue
         value = known.latency_s if criterion.figure == LATENCY else result.value
-        label = criterion.label
-        values[column_name("figure", label)] = value
-        met[label] = met.get(label, True) and criterion.low <= value <= criterion.high
-    return values | {column_name("met", label): float(each) for label, each in met.items()}
+        values[asked_column("figure", criterion.label)] = value
+        column = met_column(criterion, asked.judged_twice)
+        met[column] = float(criterion.low <= value <= criterion.high)
+    return values | met
 
 
 def _counted(asked: Asked, crossings: Sequence[Crossing]) -> dict[str, float]:
@@ -188,12 +197,12 @@ def _counted(asked: Asked, crossings: Sequence[Crossing]) -> dict[str, float]:
     for limit in asked.limits:
         for band in limit.bands:
             passed = sum(each.limit is limit and each.band == band.name for each in crossings)
-            counts[column_name(band.name, limit_label(limit))] = float(passed)
+            counts[asked_column(band.name, limit_label(limit))] = float(passed)
     return counts
 
 
 def in_words(crossing: Crossing) -> str:
-    """Return what was passed in words: "following_error_m above 5 mm: ramp_down"."""
+    """Return what was exceeded in words: "following_error_m above 5 mm: ramp_down"."""
     word = "above" if crossing.value > crossing.end else "below"
     end = show(crossing.end, crossing.limit.unit)
     return f"{limit_label(crossing.limit)} {word} {end}: {crossing.action}"

@@ -9,9 +9,16 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from faults import Criterion, TestLimit
-from rig.configuration import Sweep, SweptMotion
+from rig.configuration import (
+    Sweep,
+    SweptMotion,
+    asked_column,
+    figures_judged_twice,
+    limit_label,
+    met_column,
+)
 
-from .asked import LIMIT_AT, PASSED, column_name, limit_label
+from .asked import LIMIT_AT, PASSED
 from .study import Share
 from .table import columns_of
 
@@ -24,19 +31,25 @@ class FigureStudy:
 
     Attributes:
         name: the figure, with its channel and where it is taken.
+        figure: the figure alone.
         unit: SI unit; empty for a plain number.
         cases: number of cases.
-        median, p95: median and 95 % quantile of the finite values, in `unit`; NaN if there are
-            none.
-        greatest: greatest value, in `unit`; infinite if the ram never settled in some case.
+        median, p95: median and 95 % quantile over all these cases, in `unit`, in which infinite
+            values count as the greatest or the least; NaN if there are no cases.
+        greatest: greatest value, in `unit`; NaN if there are no cases.
+        infinite: number of cases in which it is infinite, as the ram never settled.
+        minus_infinite: number of cases in which it is minus infinity.
     """
 
     name: str
+    figure: str
     unit: str
     cases: int
     median: float
     p95: float
     greatest: float
+    infinite: int
+    minus_infinite: int
 
 
 @dataclass(frozen=True)
@@ -61,8 +74,8 @@ class LimitStudy:
     Attributes:
         limit: the limit.
         motion: name of the motion in whose cases it holds; empty for those of all motions.
-        outer: share of the cases that passed the outer band; None without such a band.
-        inner: share of the cases that passed the inner band; None without such a band.
+        outer: share of the cases that exceeded the outer band; None without such a band.
+        inner: share of the cases that exceeded the inner band; None without such a band.
         outer_times, inner_times: how often that was, in all cases together.
     """
 
@@ -79,9 +92,9 @@ class AskedStudy:
     """What came of all that a sweep asks of its cases.
 
     Attributes:
-        passed: share of the cases that met all criteria and passed no limit that calls for more
-            than a warning; None if there are neither criteria nor limits.
-        ended: share of the cases that passed such a limit; None if there are no limits.
+        passed: share of the cases that met all criteria and exceeded no limit that calls for
+            more than a warning; None if there are neither criteria nor limits.
+        ended: share of the cases that exceeded such a limit; None if there are no limits.
         ended_at_s: median of the times when they did, s; None if none did.
         criteria: the criteria, those of the sweep first.
         figures: the sweep's own figures and those of the criteria, each once.
@@ -96,13 +109,18 @@ class AskedStudy:
     limits: tuple[LimitStudy, ...]
 
     def plain(self) -> dict[str, Any]:
-        """Return all as JSON-able values in SI; infinity and NaN become None."""
+        """Return all as JSON-able values in SI; infinity and NaN become None.
+
+        A quantile or greatest value of a figure that is None is infinite, as the counts `infinite`
+        and `minus_infinite` of cases tell, unless the figure is known of no case.
+        """
         found: dict[str, Any] = {
             "figures": [
                 {
                     "figure": each.name, "unit": each.unit, "cases": each.cases,
                     "median": _finite(each.median), "p95": _finite(each.p95),
-                    "greatest": _finite(each.greatest),
+                    "greatest": _finite(each.greatest), "infinite": each.infinite,
+                    "minus_infinite": each.minus_infinite,
                 }
                 for each in self.figures
             ],
@@ -145,13 +163,18 @@ def study_of_asked(sweep: Sweep, table: pa.Table) -> AskedStudy | None:
     limited = LIMIT_AT in column
     at_s = column[LIMIT_AT] if limited else np.empty(0)
     reached = at_s[np.isfinite(at_s)]
+    judged_twice = figures_judged_twice(each.criteria for each in sweep.motions)
     holds = np.isin(motions, [each.name for each in sweep.motions if each.limits])
     return AskedStudy(
         passed=_true(column[PASSED]) if PASSED in column else None,
         ended=Share(int(reached.size), int(holds.sum())) if limited else None,
         ended_at_s=float(np.median(reached)) if reached.size else None,
         criteria=tuple(
-            CriterionStudy(each, motion, _met(each, column, _of(motions, motion)))
+            CriterionStudy(
+                each,
+                motion,
+                _met(each, met_column(each, judged_twice), column, _of(motions, motion)),
+            )
             for each, motion in _each(sweep, "criteria")
         ),
         figures=tuple(_figures(sweep, column)),
@@ -192,22 +215,41 @@ def _asked(motion: SweptMotion, kind: str) -> tuple[Any, ...]:
     return motion.criteria if kind == "criteria" else motion.limits
 
 
-def _met(criterion: Criterion, column: dict[str, Any], here: NDArray[np.bool_]) -> Share:
-    asked = np.isfinite(column[column_name("met", criterion.label)]) & here
-    value = column[column_name("figure", criterion.label)][asked]
+def _met(criterion: Criterion, met: str, column: dict[str, Any], here: NDArray[np.bool_]) -> Share:
+    asked = np.isfinite(column[met]) & here
+    value = column[asked_column("figure", criterion.label)][asked]
     return Share(int(((criterion.low <= value) & (value <= criterion.high)).sum()), value.size)
 
 
 def _figures(sweep: Sweep, column: dict[str, Any]) -> Iterator[FigureStudy]:
-    units = {own.name: own.unit for own in sweep.own_figures if own.expression.is_number}
-    units |= {each.label: each.unit for motion in sweep.motions for each in motion.criteria}
-    for name, unit in units.items():
-        values = column[column_name("figure", name)]
+    known = {
+        own.name: (own.name, own.unit) for own in sweep.own_figures if own.expression.is_number
+    }
+    asked = [criterion for motion in sweep.motions for criterion in motion.criteria]
+    known |= {each.label: (each.figure, each.unit) for each in asked}
+    for name, (figure, unit) in known.items():
+        values = column[asked_column("figure", name)]
         values = values[~np.isnan(values)]
-        finite = values[np.isfinite(values)]
-        median, p95 = np.percentile(finite, [50.0, 95.0]).tolist() if finite.size else [np.nan] * 2
+        median, p95 = _quantiles(values, [50.0, 95.0])
         greatest = float(values.max()) if values.size else float("nan")
-        yield FigureStudy(name, unit, int(values.size), median, p95, greatest)
+        infinite, minus_infinite = int(np.isposinf(values).sum()), int(np.isneginf(values).sum())
+        counts = int(values.size), median, p95, greatest, infinite, minus_infinite
+        yield FigureStudy(name, figure, unit, *counts)
+
+
+def _quantiles(values: Array, percent: list[float]) -> list[float]:
+    """Return percentiles of values (n,), which may be infinite; NaN if there are none.
+
+    Between two finite values a percentile is interpolated. Nothing lies between a value and an
+    infinite one, so that the upper one of the two counts there.
+    """
+    if not values.size:
+        return [float("nan")] * len(percent)
+    with np.errstate(invalid="ignore"):
+        between = np.percentile(values, percent)
+    upper = np.percentile(values, percent, method="higher")
+    found: list[float] = np.where(np.isfinite(between), between, upper).tolist()
+    return found
 
 
 def _limit(
@@ -216,7 +258,7 @@ def _limit(
     shares: dict[str, Share | None] = {"outer": None, "inner": None}
     times = {"outer": 0, "inner": 0}
     for band in limit.bands:
-        counts = column[column_name(band.name, limit_label(limit))][here]
+        counts = column[asked_column(band.name, limit_label(limit))][here]
         known = counts[np.isfinite(counts)]
         shares[band.name], times[band.name] = _true(known), int(known.sum())
     return LimitStudy(

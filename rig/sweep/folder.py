@@ -16,6 +16,7 @@ from rig.configuration import Sweep
 from rig.recording import read_bounded, replace_text
 from rig.runner.run_folder import DirectoryError
 
+from .changes import changes
 from .run_cases import sources
 from .table import read_part, read_table, write_part, write_table
 
@@ -186,9 +187,8 @@ def unfinished_folder(sweep: Sweep, runs: Path) -> Path | None:
 
 def _require_same(path: Path, kept: Mapping[str, Any], found: Mapping[str, Any]) -> None:
     if kept["sha256"] != found["sha256"]:
-        before, now = kept["meaning"], found["meaning"]
-        changed = [key for key in now if before.get(key) != now[key]]
-        line = f"{path}: was begun as another sweep ({', '.join(changed)} changed)"
+        changed = ", ".join(changes(kept["meaning"], found["meaning"]))
+        line = f"{path}: was begun as another sweep ({changed} changed)"
     elif kept["sources"] != found["sources"]:
         line = f"{path}: was begun by another version of this program"
     else:

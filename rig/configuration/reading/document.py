@@ -99,7 +99,11 @@ class Located:
     def shown(self) -> str:
         """The value as text of at most `LONGEST_VALUE` characters, for a message."""
         if isinstance(self.value, dict):
-            return "a mapping"
+            # A distribution such as {uniform: [1 s, 2 s]} is shown whole, since it is one value.
+            text = "".join(
+                f"{{{key}: {of.shown}}}" for key, of in self.items() if isinstance(of.value, list)
+            )
+            return text if len(self.value) == 1 and 0 < len(text) <= LONGEST_VALUE else "a mapping"
         if isinstance(self.value, list):
             text = f"[{', '.join(element.shown for element in self.value)}]"
             return text if len(text) <= LONGEST_VALUE else "a list"

@@ -1,3 +1,9 @@
+from .asked_columns import (
+    asked_column as asked_column,
+    figures_judged_twice as figures_judged_twice,
+    limit_label as limit_label,
+    met_column as met_column,
+)
 from .distributions import Distribution as Distribution
 from .sweep import (
     SweepFile as SweepFile,

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Final
 
 from control import ControlSettings
 from rig.configuration.campaigns import CriterionFile, TestLimitFile
-from rig.configuration.reading import Physical, Schema, Under, options_schema
+from rig.configuration.reading import Name, Physical, Schema, Under, options_schema
 from rig.configuration.rigs import GAIN
 
 from .distributions import Random
@@ -13,7 +13,7 @@ from .distributions import Random
 class EveryMotionFile(Schema):
     """Keys that every motion of a sweep may have."""
 
-    name: str | None = None
+    name: Name | None = None
     share: Annotated[float, Physical("", 1e-6, 1e6, 1.0)] = 1.0
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     position_gain: Annotated[Any, Random(GAIN)] = None

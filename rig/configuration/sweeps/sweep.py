@@ -20,6 +20,7 @@ from rig.configuration.reading import (
     Adjustable,
     Field,
     Located,
+    Name,
     Physical,
     Schema,
     Under,
@@ -59,7 +60,7 @@ _BLOCK_S: Final = 0.5
 class SweepFile(Schema):
     """Keys of a sweep file; the mappings under them have their own schemas."""
 
-    name: str
+    name: Name
     description: str = ""
     rig: str
     model: str = "nominal"
@@ -107,6 +108,7 @@ def read_sweep(root: Located) -> Sweep | None:
     asking = asking_of(root, rig, filter_name, duration_s)
     context = MotionContext(rig, control, duration_s, 0 if file is None else file.seed, asking)
     motions = read_motions(root.get("motions"), context)
+    asking.columns.check()
     if file is not None:
         _check_duration(root, file)
     problems, sha256 = root.sources.problems, root.sources.sha256

@@ -17,6 +17,7 @@ from rig.configuration.campaigns import (
 from rig.configuration.reading import Located, elements_of, read_mapping, show, suggestion
 from rig.configuration.rigs import Rig
 
+from .asked_columns import AskedColumns, watched_key
 from .sweep_plan import LATENCY, SweepFilter, SweptMotion
 
 LONGEST_S: Final = 600.0
@@ -49,6 +50,7 @@ class Asking(NamedTuple):
         filter_name: its filter.
         duration_s: duration of a case, s.
         own: its own figures.
+        columns: the columns of the table that follow, which `of_motion` adds to.
     """
 
     root: Located
@@ -56,6 +58,7 @@ class Asking(NamedTuple):
     filter_name: SweepFilter
     duration_s: float
     own: tuple[OwnFigure, ...]
+    columns: AskedColumns
 
     def of_motion(
         self, item: Located, motion: SweptMotion | None
@@ -70,25 +73,37 @@ class Asking(NamedTuple):
         if motion is not None:
             setpoint = motion.sequence or Constant(0.0, motion.quantity)
             asked = Motion(setpoint, self.duration_s)
-        criteria: list[Criterion] = []
-        limits: list[TestLimit] = []
+        criteria: list[tuple[Located, Criterion]] = []
+        limits: list[tuple[Located, TestLimit]] = []
         for where in (self.root, item):
             criteria += self._criteria(where.get("criteria"), motion, asked)
-            for limit in self._limits(where.get("limits"), asked):
-                if (limit.watched, limit.during) in ((e.watched, e.during) for e in limits):
+            for element, limit in self._limits(where.get("limits"), asked):
+                same = [
+                    known.place.line
+                    for known, other in limits
+                    if (other.watched, other.during) == (limit.watched, limit.during)
+                ]
+                if same:
                     name = "this motion" if motion is None else motion.name
-                    text = f"watches {limit.watched}, as another limit of {name} does"
+                    text = (
+                        f"watches {limit.watched}, as another limit of {name} does, that of line "
+                        f"{same[0]}"
+                    )
                     remedy = "give one limit with an inner and an outer band"
-                    where.refuse(text, remedy, "", "limits")
-                limits.append(limit)
-        return tuple(criteria), tuple(limits)
+                    element.refuse(text, remedy, "", watched_key(element), "limits")
+                else:
+                    limits.append((element, limit))
+        self.columns.criteria.append(criteria)
+        self.columns.limits.append(limits)
+        return tuple(each for _, each in criteria), tuple(each for _, each in limits)
 
     def _criteria(
         self, item: Located | None, motion: SweptMotion | None, asked: Motion | None
-    ) -> list[Criterion]:
+    ) -> list[tuple[Located, Criterion]]:
+        """Return the usable criteria of a list, each with its place; record all problems."""
         if item is None:
             return []
-        found: list[Criterion] = []
+        found: list[tuple[Located, Criterion]] = []
         for element in elements_of(item, "write a list: - {figure: rms_error, at_most: 3 mm}"):
             figure = element.get("figure")
             name = "" if figure is None else str(figure.value)
@@ -100,9 +115,11 @@ class Asking(NamedTuple):
                 limit = f"needs steps of the setpoint, and the motion {motion.name} has none"
                 element.refuse(limit, "give it to a motion with steps", key="figure")
             elif name == LATENCY:
-                found += self._latency(element)
+                found += [(element, each) for each in self._latency(element)]
             else:
-                found += read_criteria(item.with_value([element]), self.own, asked, self.rig)
+                alone = item.with_value([element])
+                read = read_criteria(alone, self.own, asked, self.rig)
+                found += [(element, each) for each in read]
         return found
 
     def _latency(self, item: Located) -> list[Criterion]:
@@ -120,7 +137,10 @@ class Asking(NamedTuple):
             return []
         return [Criterion(LATENCY, ends.get("at_least", -inf), ends.get("at_most", inf), "s")]
 
-    def _limits(self, item: Located | None, asked: Motion | None) -> list[TestLimit]:
+    def _limits(
+        self, item: Located | None, asked: Motion | None
+    ) -> list[tuple[Located, TestLimit]]:
+        """Return the usable limits of a list, each with its place; record all problems."""
         if item is None:
             return []
         remedy = "write a list: - {channel: following_error_m, high: 5 mm, action: warn}"
@@ -131,8 +151,11 @@ class Asking(NamedTuple):
             or self._is_known(element, str(element.find("figure").value), _IN_LIMITS)
             if self._is_channel(element) and _is_judged_all_along(element)
         ]
-        limits = read_test_limits(item.with_value(known), self.own, asked, self.rig)
-        return list(limits)
+        return [
+            (element, limit)
+            for element in known
+            for limit in read_test_limits(item.with_value([element]), self.own, asked, self.rig)
+        ]
 
     def _is_known(self, item: Located, name: str, figures: Listing[str]) -> bool:
         """Return whether a figure is computed of cases; if it is another one, record that."""
@@ -177,11 +200,13 @@ def asking_of(
     """
     item = root.get("figures")
     own: tuple[OwnFigure, ...] = ()
+    columns = AskedColumns()
     if item is not None:
         channels = lane_channels(rig)
         own = read_own_figures(item, rig)
         for figure in own:
             entry = item.find(figure.name)
+            columns.own.append((entry, figure))
             for channel in figure.expression.channels:
                 if channel not in channels:
                     remedy = suggestion(channel, channels, "channels of cases")
@@ -194,7 +219,7 @@ def asking_of(
         limit = f"is above {most}, for which the samples that figures and limits need can be kept"
         remedy = f"let a case last {most} at most, or ask for no figures, criteria and limits"
         root.refuse(limit, remedy, key="duration")
-    return Asking(root, rig, filter_name, duration_s, own)
+    return Asking(root, rig, filter_name, duration_s, own, columns)
 
 
 def _asks(item: Located) -> bool:

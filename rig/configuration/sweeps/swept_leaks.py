@@ -83,6 +83,9 @@ def read_leaks(
     if file is None:
         return None
     _check_places(item, file, rig)
+    sized = ("flow", "coefficient", "onset", "profile")
+    if file.healthy == 1.0 and all(item.get(key) is None for key in sized):
+        return None
     if item.get("profile") is not None:
         for key in ("flow", "coefficient", "onset"):
             if item.get(key) is not None:

@@ -12,7 +12,7 @@ from rig.configuration import (
     limit_in_words,
     show,
 )
-from rig.sweep import AskedStudy, Share
+from rig.sweep import AskedStudy, FigureStudy, Share
 
 from .words import of_share
 
@@ -62,9 +62,9 @@ class AskedRow(NamedTuple):
     motion: str
     """The motion in whose cases it holds."""
     came: str
-    """The share of the cases that met the criterion, or passed the outer band."""
+    """The share of the cases that met the criterion, or exceeded the outer band."""
     inner: str = ""
-    """The share of the cases that passed the inner band of a limit."""
+    """The share of the cases that exceeded the inner band of a limit."""
 
 
 def criteria_in_words(study: AskedStudy) -> list[AskedRow]:
@@ -76,34 +76,51 @@ def criteria_in_words(study: AskedStudy) -> list[AskedRow]:
 
 
 def limits_in_words(study: AskedStudy) -> list[AskedRow]:
-    """Return the limits in words, with the shares of the cases that passed their bands."""
+    """Return the limits in words, with the shares of the cases that exceeded their bands."""
     return [
         AskedRow(
             limit_in_words(each.limit),
             each.motion or "all",
-            _passed(each.outer, each.outer_times),
-            _passed(each.inner, each.inner_times),
+            _exceeded(each.outer, each.outer_times),
+            _exceeded(each.inner, each.inner_times),
         )
         for each in study.limits
     ]
 
 
-def figures_in_words(study: AskedStudy) -> list[tuple[str, int, str, str, str]]:
-    """Return name, number of cases, median, 95 % quantile and greatest value of each figure.
+class FigureWords(NamedTuple):
+    """A figure over the cases of which it is known, in words."""
 
-    A figure that is known of no case is left out.
-    """
+    name: str
+    cases: int
+    infinite: str
+    """In how many of these cases it is infinite, with the words for it; empty if in none."""
+    median: str
+    p95: str
+    """95 % quantile."""
+    greatest: str
+
+
+def figures_in_words(study: AskedStudy) -> list[FigureWords]:
+    """Return each figure in words; one that is known of no case is left out."""
     return [
-        (
+        FigureWords(
             each.name,
             each.cases,
-            _value(each.median, each.unit),
-            _value(each.p95, each.unit),
-            _value(each.greatest, each.unit),
+            ", ".join(_infinite(each)),
+            _value(each.median, each),
+            _value(each.p95, each),
+            _value(each.greatest, each),
         )
         for each in study.figures
         if each.cases
     ]
+
+
+def _infinite(figure: FigureStudy) -> Iterator[str]:
+    for count, value in ((figure.infinite, inf), (figure.minus_infinite, -inf)):
+        if count:
+            yield f"{_value(value, figure)} in {count}"
 
 
 def asked_lines(study: AskedStudy) -> Iterator[str]:
@@ -114,22 +131,29 @@ def asked_lines(study: AskedStudy) -> Iterator[str]:
         yield f"  {row.what}{_where(row)}: met by {row.came}"
     for row in limits_in_words(study):
         inner = f"; inner band: {row.inner}" if row.inner else ""
-        yield f"  limit {row.what}{_where(row)}: passed in {row.came or 'none'}{inner}"
-    for name, cases, median, p95, greatest in figures_in_words(study):
-        yield f"  {name} of {cases} cases: median {median}, 95 % {p95}, greatest {greatest}"
+        yield f"  limit {row.what}{_where(row)}: exceeded in {row.came or 'none'}{inner}"
+    for each in figures_in_words(study):
+        infinite = f" ({each.infinite})" if each.infinite else ""
+        yield (
+            f"  {each.name} of {each.cases} cases{infinite}: median {each.median}, "
+            f"95 % {each.p95}, greatest {each.greatest}"
+        )
 
 
 def _where(row: AskedRow) -> str:
     return "" if row.motion == "all" else f" ({row.motion})"
 
 
-def _passed(share: Share | None, times: int) -> str:
+def _exceeded(share: Share | None, times: int) -> str:
     if share is None:
         return ""
     return of_share(share) + (f", {times} times" if times > share.count else "")
 
 
-def _value(value: float, unit: str) -> str:
+def _value(value: float, figure: FigureStudy) -> str:
+    """Return a value of a figure in words; a settling time that is infinite is "never"."""
     if value == inf:
-        return "never"
-    return show(value, unit) if isfinite(value) else "not known"
+        return "never" if figure.figure == "settling" else "without bound"
+    if value == -inf:
+        return "below any bound"
+    return show(value, figure.unit) if isfinite(value) else "not known"

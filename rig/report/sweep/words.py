@@ -42,6 +42,13 @@ def limit_in_words(curve: PowerCurve) -> str:
     return "not known: beyond the flows that were drawn"
 
 
+def _rate(rate: float | None) -> str:
+    """Return a rate as text; one below 10, as while code is compiled, has two digits."""
+    if rate is None:
+        return "an unknown number of"
+    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
+
+
 def place_in_words(place: str) -> str:
     """Return the name of a fault, or of all leaks together, in words."""
     return "all leaks" if place == "all" else place.replace("_", " ")
@@ -70,7 +77,7 @@ def lines_of(filter_name: str, study: Study, timing: Timing) -> Iterator[str]:
     if timing.cases and rates["of_process_after_start"]:
         yield (
             f"  {timing.cases} cases by {filter_name} on {len(timing.ready_s)} processes: "
-            f"{rates['of_process_after_start']:.0f} rig-seconds per second and process, "
-            f"{rates['of_processor'] or 0.0:.0f} per processor second, after "
+            f"{_rate(rates['of_process_after_start'])} rig-seconds per second and process, "
+            f"{_rate(rates['of_processor'])} per processor second, after "
             f"{timing.start_s:.1f} s of start-up"
         )

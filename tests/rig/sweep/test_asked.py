@@ -76,6 +76,16 @@ def test_every_column_is_told_and_only_readings_that_are_needed_are_kept() -> No
     assert columns_told([Asked()]) == {}
 
 
+def test_two_criteria_of_one_figure_have_a_column_each() -> None:
+    strict, loose = (Criterion("peak_error", -inf, end, "m") for end in (0.05, 0.3))
+    asked = Asked(criteria=(strict, loose), judged_twice=frozenset({"peak_error"}))
+    found = judged_case(asked, {"position_m": POSITION}, SETPOINT, HEALTHY)
+    assert found["met_peak_error_at_most_50_mm"] == 0.0
+    assert found["met_peak_error_at_most_0.3_m"] == 1.0
+    assert found["passed"] == 0.0
+    assert set(columns_told([asked])) == set(found)
+
+
 def test_a_case_in_open_loop_is_judged_by_its_channels() -> None:
     asked = Asked(
         criteria=(Criterion("peak", -inf, 0.5, "m", channel="position_m"),), quantity="command"

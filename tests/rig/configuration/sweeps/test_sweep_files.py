@@ -50,6 +50,36 @@ def test_a_sweep_reads_in_si(tmp_path: Path) -> None:
     assert sweep.ticks == 30_001
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("name: good", 'name: "bad\\a"', "sweep.yaml:1:1 name: bad"),
+        ("name: good", 'name: "two\\nlines"', "has the character \\n, which cannot be shown"),
+        ("name: good", 'name: " "', "is empty; write a name of letters"),
+        ("type: sine,", 'type: sine, name: "a\\e[31m",', "has the character \\x1b"),
+        ("type: sine,", 'type: sine, name: "",', "is empty; write a name of letters"),
+        ("[-15 %, +15 %]", "[+15 %, -15 %]",
+         "bulk_modulus: {uniform: [+15 %, -15 %]} ends before it begins"),
+        ("{normal: [0 m, 2 um]}", "{normal: [0 m, 2 kg]}",
+         "spool_null_bias: {normal: [0 m, 2 kg]} is not a"),
+    ],
+)  # fmt: skip
+def test_names_that_cannot_be_shown_and_wrong_distributions_are_refused_with_their_values(
+    tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    assert says in problems_of(tmp_path, GOOD.replace(old, new, 1))
+
+
+def test_a_sweep_whose_cases_are_all_healthy_needs_no_size_and_onset_of_leaks(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "sweep.yaml"
+    sizes = GOOD[GOOD.index("  flow") : GOOD.index("motions")]
+    file.write_text(GOOD.replace(sizes, "  healthy: 100 %\n"))
+    assert load_sweep(file).leaks is None
+    assert "has no begin" in problems_of(tmp_path, GOOD.replace(sizes, "  healthy: 99 %\n"))
+
+
 def test_check_knows_sweeps_by_file_and_by_name(tmp_path: Path) -> None:
     file = tmp_path / "anything.yaml"
     file.write_text(GOOD)

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.report.sweep.words import limit_in_words
+from rig.report.sweep.words import _rate, limit_in_words
 from rig.sweep.study import study_of
 
 
@@ -48,6 +48,10 @@ def test_sizes_that_separate_completely_are_both_given() -> None:
 )
 def test_why_none_is_known_is_reported(named: list[bool], reported: str) -> None:
     assert words([0.1, 0.2, 0.3], named) == reported
+
+
+def test_a_rate_below_one_is_not_told_as_none() -> None:
+    assert [_rate(each) for each in (0.35, 4.0, 219.4)] == ["0.35", "4", "219"]
 
 
 def test_a_curve_that_leads_beyond_the_flows_drawn_gives_none() -> None:
