@@ -1,5 +1,6 @@
 """The stretches of a test over each of which a figure of it is computed, as they are laid out."""
 
+from itertools import pairwise
 from math import inf
 from typing import Final
 
@@ -28,7 +29,8 @@ def stretches_of(
     A "test" is one stretch without an end, because a test may last for less or longer than planned
     by a tick. A "segment" is one without its blend. A "cycle" is a whole period of a setpoint that
     repeats itself, counted from its begin; a part of one at the end is none. Where "step" is asked
-    for, the result is where steps are looked for: in each of the segments, or in the whole test.
+    for, the result is where steps are looked for, and ends where they do: in each of the segments,
+    with its blend unless `during` is given, or in the whole test if it has none.
 
     Args:
         setpoint: the setpoint of the test.
@@ -45,6 +47,8 @@ def stretches_of(
     if each == "segment" or during:
         is_whole = not isinstance(setpoint, Sequence)
         return () if is_whole else tuple((begin, end) for _, begin, end in pieces)
+    if each == "step" and isinstance(setpoint, Sequence):
+        return tuple(pairwise((*setpoint.starts_s, inf)))
     return ((0.0, inf),)
 
 

@@ -42,6 +42,7 @@ from .reading import (
     read_options as read_options,
     shipped_config_dir as shipped_config_dir,
     show as show,
+    show_alike as show_alike,
     suggestion as suggestion,
 )
 from .rigs import (

@@ -169,6 +169,7 @@ def story(test: TestOutcome) -> str:
         sentences.append(f"Expected was: {label(test.expect)}.")
     sentences += [f"Not met: {each}." for each in test.missed]
     sentences.append(_limits_passed(test))
+    sentences += [f"T{str(each)[1:]}." for each in test.limits_not_judged[:_LIMITS_SHOWN]]
     if changed := "; ".join(str(each) for each in test.control_changes):
         sentences.append(f"Control changed {changed}.")
     if is_after(test.duration_s, test.recorded_s):
@@ -193,7 +194,7 @@ def _limits_passed(test: TestOutcome) -> str:
     ]
     left = len(told) - _LIMITS_SHOWN
     more = f"; and {left} more limits" if left > 0 else ""
-    return f"Limits passed: {'; '.join(told[:_LIMITS_SHOWN])}{more}." if told else ""
+    return f"Limits exceeded: {'; '.join(told[:_LIMITS_SHOWN])}{more}." if told else ""
 
 
 def _injection(injected: Sequence[InjectedFault], recorded_s: float) -> str:

@@ -301,7 +301,7 @@ def trip_error(report: TripReport, path: Path | None) -> TripError:
     """
     remedy = explain(report.first[1], report.concerned).remedy
     where = f" ({path})" if path is not None else ""
-    return TripError(f"tripped: {report.sentence}; {remedy}{where}", path)
+    return TripError(f"tripped: {report.sentence}; {remedy}{where}", path, report.first[1])
 
 
 def _write(path: Path, write: Callable[[Path], object]) -> None:

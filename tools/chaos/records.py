@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.recording import RecordingError, read_recording, recover
 from rig.recording.formats.mcap_reader import read_mcap
-from rig.runner.campaign.campaign_test_run import Phase
+from rig.runner.campaign.setting import Phase
 from rig.runner.outcomes.outcome_record import outcome_of
 from rig.runner.run_folder.journal import JOURNAL, JournalError, read_journal
 from rig.runner.run_folder.resuming import JournalState, standing_of

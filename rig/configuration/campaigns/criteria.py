@@ -22,6 +22,7 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Schema,
+    check_name,
     elements_of,
     read_mapping,
     suggestion,
@@ -99,6 +100,8 @@ def read_own_figures(item: Located | None, rig: Rig | None) -> tuple[OwnFigure, 
 
 
 def _own(name: str, item: Located, rig: Rig | None) -> OwnFigure | None:
+    if not check_name(item, name):
+        return None
     if name in MEASURES or name in _EVERY_TEST or name in channels_of(None):
         item.refuse("has a meaning already", "choose another name", name, name="figures")
         return None

@@ -30,7 +30,13 @@ from rig.recording import unit_of
 
 from .faults import TYPICAL_PRESSURE
 from .following import Following, expected_following
-from .foreseen import figure_warnings, limit_warnings, setpoint_warnings, until_warnings
+from .foreseen import (
+    criterion_warnings,
+    figure_warnings,
+    limit_warnings,
+    setpoint_warnings,
+    until_warnings,
+)
 from .judged_controls import control_warnings, unstable_controls
 from .loop_of_test import motion_key
 
@@ -259,6 +265,7 @@ def _plan(
             *until_warnings(test),
             *limit_warnings(test, rig),
             *figure_warnings(test, rig, campaign.filter_name),
+            *criterion_warnings(test, rig, campaign.filter_name),
         ),
         following=following,
     )

@@ -7,15 +7,32 @@ from collections.abc import Iterator
 from math import inf
 from typing import Final
 
+import numpy as np
+
 from control import FromFile, Sequence, Setpoint
 from estimator.filters import DEFAULT_FILTER
-from faults import FRICTION, WATCHED_FIGURES, CampaignTest, Verdict
+from faults import (
+    FOLLOWING_ERROR,
+    FRICTION,
+    STEP_FIGURES,
+    STEP_M,
+    WATCHED_FIGURES,
+    CampaignTest,
+    Criterion,
+    Verdict,
+)
 from rig.configuration.reading import show
 from rig.configuration.rigs import Rig
+from rig.plant import TICK
 
 _ENDS_EARLY_S: Final = 0.1
 """How long before its test a setpoint file may end without a warning, s. The last row of a file
 with ten rows a second or more comes at most so long before the test's end."""
+_NEVER_BELOW_0: Final = (
+    "rms_error", "peak_error", *STEP_FIGURES, "leak", "bulk_modulus", "residual_pressure_1",
+    "residual_pressure_2",
+)  # fmt: skip
+"""Figures that are never below 0, beside those of the loop's timing."""
 
 
 def setpoint_warnings(test: CampaignTest) -> Iterator[str]:
@@ -92,6 +109,53 @@ def figure_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[
                 f"the limit of {name} is never judged: {filter_name} does not estimate the load, "
                 f"from which friction follows; judge by {DEFAULT_FILTER}"
             )
+
+
+def criterion_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterator[str]:
+    """Yield a warning for each criterion of a test that can never be met.
+
+    Args:
+        test: the test.
+        rig: the rig.
+        filter_name: name of the filter by which the campaign judges.
+    """
+    for each in test.criteria:
+        why = _never_met(each, test, rig, filter_name)
+        if why:
+            yield f"the criterion {each.label} is never met: {why}"
+
+
+def _never_met(each: Criterion, test: CampaignTest, rig: Rig, filter_name: str) -> str:
+    """Return why a criterion of a test can never be met, with a remedy; "" if it can be."""
+    figure = each.figure
+    if each.high < 0.0 and (
+        figure in _NEVER_BELOW_0 or figure.startswith("loop_") or each.channel == FOLLOWING_ERROR
+    ):
+        return f"it is at most {show(each.high, each.unit)}, and never below 0; give 0 or more"
+    if figure == "loop_missed" and each.low > 1.0:
+        return "it is a share of the ticks, at most 1; give less"
+    if figure in STEP_FIGURES and not _has_step(test, each.from_s, each.until_s):
+        return (
+            f"there is no step, a jump of the setpoint by more than {show(STEP_M, 'm')} in a tick, "
+            "where it is taken; leave it out, or ask for rms_error or peak_error"
+        )
+    if figure.startswith("loop_") and figure in WATCHED_FIGURES and rig.backend == "simulated":
+        return (
+            "the loop of a simulated rig runs by no clock; it is known on hardware and on the "
+            "emulated rig"
+        )
+    if figure.startswith(FRICTION) and filter_name != DEFAULT_FILTER:
+        return (
+            f"{filter_name} does not estimate the load, from which friction follows; judge by "
+            f"{DEFAULT_FILTER}"
+        )
+    return ""
+
+
+def _has_step(test: CampaignTest, from_s: float, until_s: float) -> bool:
+    """Return whether the setpoint of a test jumps within a stretch of it, s of the test."""
+    ticks = np.arange(round(from_s / TICK), round(min(until_s, test.duration_s) / TICK))
+    return bool(np.any(np.abs(np.diff(test.setpoint.sample(ticks * TICK))) > STEP_M))
 
 
 def _motions(test: CampaignTest) -> list[tuple[Setpoint, float]]:

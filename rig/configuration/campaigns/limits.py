@@ -43,11 +43,22 @@ rows is what a test in real time can afford."""
 _MOST_STRETCHES: Final = 100
 """Most stretches in which one limit holds, such as the turns of a loop. The loop judges each of
 them in every tick, at some nanoseconds each."""
+_MOST_LIMITS: Final = 100
+"""Most limits of a test."""
+_MOST_LOOK_BACK_S: Final = 500.0
+"""Longest that the limits of a test may look back, s, all their `over` added up.
+
+The supervisor judges every 50 ms. A limit takes it 0.05 ms, and 0.04 ms more for each second of
+`over` (measured on the project's reference machine, with max, rms, percentile and median, see
+decision 25). So the most that is allowed takes 100 x 0.05 ms + 500 x 0.04 ms = 25 ms, which leaves
+half of its time for recording and for the detector."""
 
 _DISTANCES: Final = (FOLLOWING_ERROR, "rms_error", "peak_error")
 """What is watched and is a distance between setpoint and position, so that it is never below 0."""
 _NEVER_BELOW_0: Final = (*_DISTANCES, *STEP_FIGURES)
 """What is watched and is never below 0."""
+_SHARE: Final = "loop_missed"
+"""What is watched and is a part of a whole, from 0 to 1."""
 _INSTANT_S: Final = 1e-9
 """Times in s that are nearer to each other are the same; ticks are 1 ms apart."""
 
@@ -92,7 +103,23 @@ def read_test_limits(
         rig: the rig; None if it is unusable.
     """
     remedy = "write a list: - {channel: following_error_m, high: 5 mm, action: ramp_down}"
-    return tuple(_limits(elements_of(item, remedy), own, motion, rig))
+    elements = elements_of(item, remedy)
+    if item is not None and len(elements) > _MOST_LIMITS:
+        many = f"has {len(elements)} limits, and {_MOST_LIMITS} can be judged in time"
+        item.refuse(many, "leave out those that matter least, or give them to another test", "")
+        return ()
+    limits = tuple(_limits(elements, own, motion, rig))
+    looks_back_s = sum(limit.over_s for limit in limits)
+    if item is not None and looks_back_s > _MOST_LOOK_BACK_S:
+        most = show(_MOST_LOOK_BACK_S, "s")
+        far = (
+            f"looks back over {show(looks_back_s, 's')} in all limits together, and {most} can be "
+            "judged in time"
+        )
+        usual = show(_WINDOW_S.typical or 0.0, "s")
+        remedy = f"give shorter `over` (it is {usual} where it is not given), or fewer figures"
+        item.refuse(far, remedy, "")
+    return limits
 
 
 def _limits(
@@ -243,7 +270,10 @@ def _each(
         return ""
     if watched.only_each not in (None, each):
         of = f"is a figure of a {watched.only_each} alone"
-        item.refuse(of, f"write `each: {watched.only_each}`, or leave it out", watched.name, "each")
+        remedy = f"write `each: {watched.only_each}`, or leave it out"
+        if watched.only_each == "test" and file.during:
+            remedy = "leave `each` and `during` out"
+        item.refuse(of, remedy, watched.name, "each")
         return each
     is_one_number = watched.only_each or watched.is_figure or watched.name in DECIDED_FIGURES
     if not is_one_number:
@@ -260,11 +290,13 @@ def _each(
             limit = f"is given for a figure that has one value for each {each}"
             item.refuse(limit, f"leave `{key}` out", key=key)
     if motion is not None:
-        _check_stretches(item, each, file.during or "", motion)
+        _check_stretches(item, each, file.during or "", motion, watched)
     return each
 
 
-def _check_stretches(item: Located, each: LimitEach, during: str, motion: Motion) -> None:
+def _check_stretches(
+    item: Located, each: LimitEach, during: str, motion: Motion, watched: _Watched
+) -> None:
     """Record a problem if a motion has no stretch over which a limit's figure is computed."""
     setpoint = motion.setpoint
     laid = setpoint, motion.duration_s, during
@@ -272,7 +304,10 @@ def _check_stretches(item: Located, each: LimitEach, during: str, motion: Motion
     key = "each" if item.get("each") is not None else "figure"
     if each == "test" and during:
         limit = f"is known as the test ends, and `during: {during}` holds before"
-        item.refuse(limit, "leave `during` out, or write `each: segment`", key=key)
+        remedy = "leave `during` out, or write `each: segment`"
+        if watched.only_each == "test":
+            remedy = f"leave `during` out: {watched.name} is a figure of a whole test alone"
+        item.refuse(limit, remedy, key=key)
     elif each == "segment" and not stretches_of(*laid, each):
         item.refuse("can never act: the test has no segments", "write `each: test`", key=key)
     elif each == "cycle" and not stretches_of(*laid, each):
@@ -320,8 +355,15 @@ def _is_sound(item: Located, limit: TestLimit) -> bool:
 def _is_crossable(item: Located, limit: TestLimit) -> bool:
     """Return whether a limit is neither always passed nor never; if not, record why.
 
-    A distance is at least 0, so that it is always above an end below 0, and never below one.
+    A distance is at least 0, so that it is always above an end below 0, and never below one. A
+    share is at most 1.
     """
+    if limit.watched == _SHARE:
+        for key in ("low", "high", "inner_low", "inner_high"):
+            if 1.0 < abs(getattr(limit, key)) < inf:
+                beyond = f"is beyond 1, and {_SHARE} is the share of the ticks that were missed"
+                item.refuse(beyond, "give a share, such as 0.1 % for one tick in 1000", key=key)
+                return False
     if limit.watched not in _NEVER_BELOW_0:
         return True
     is_distance = limit.watched in _DISTANCES

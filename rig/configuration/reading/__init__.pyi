@@ -14,6 +14,7 @@ from .fields import (
     Physical as Physical,
     Relative as Relative,
     Written as Written,
+    check_name as check_name,
 )
 from .lookup import (
     FOLDERS as FOLDERS,
@@ -47,6 +48,7 @@ from .quantities import (
     WrongDimensionError as WrongDimensionError,
     read as read,
     show as show,
+    show_alike as show_alike,
     unit_factor as unit_factor,
 )
 from .unit_patterns import known_units as known_units, quantity_pattern as quantity_pattern

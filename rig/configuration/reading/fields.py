@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import AfterValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from .document import Located
 from .quantities import QuantityError, Reading, dimension, read, unit_factor
 from .unit_patterns import any_quantity_pattern, quantity_pattern
 
@@ -243,6 +244,23 @@ def _checked_name(text: str) -> str:
     if not text.strip():
         raise PydanticCustomError("quantity", "no name", {"limit": "is empty", "remedy": remedy})
     return text
+
+
+def check_name(item: Located, text: str) -> bool:
+    """Return whether a key may be a name, by the rule of `Name`; if not, record why.
+
+    Args:
+        item: the entry that has the key, or the mapping that the entry is in.
+        text: the key.
+    """
+    try:
+        _checked_name(text)
+    except PydanticCustomError as error:
+        found = error.context or {}
+        shown = text.encode("unicode_escape").decode()
+        item.refuse(str(found["limit"]), str(found["remedy"]), shown, name="name")
+        return False
+    return True
 
 
 Name = Annotated[str, AfterValidator(_checked_name)]

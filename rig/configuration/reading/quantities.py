@@ -5,6 +5,7 @@ The arithmetic is decimal up to the last step, so that `9.8 um` becomes exactly 
 
 import math
 import re
+from collections.abc import Sequence
 from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -14,6 +15,9 @@ from .unit_registry import unit_registry
 
 if TYPE_CHECKING:
     import pint
+
+_MOST_SHOWN: Final = 1e4
+"""From which on a number has more than four digits before its point."""
 
 
 class Dimension(NamedTuple):
@@ -33,7 +37,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
     "m^2/m": Dimension("an area gradient", "2.075e-2 m^2/m", ("m^2/m", "mm^2/mm")),
     "kg": Dimension("a mass", "10 kg", ("kg", "g", "t")),
     "kg/m^3": Dimension("a density", "847.15 kg/m^3", ("kg/m^3", "g/cm^3")),
-    "s": Dimension("a time", "18 s", ("s", "ms", "min")),
+    "s": Dimension("a time", "18 s", ("s", "ms", "min", "us")),
     "rad": Dimension("an angle", "0.1 rad", ("rad", "deg")),
     "rad/s": Dimension("an angular frequency", "628 rad/s", ("rad/s", "Hz")),
     "Hz": Dimension("a frequency", "0.5 Hz", ("Hz", "mHz", "kHz", "rad/s")),
@@ -169,3 +173,42 @@ def show(value: float, si_unit: str) -> str:
     readable = (pair for pair in scaled if 0.1 <= abs(pair[0]) < 1000.0)
     number, unit = next(readable, scaled[0])
     return f"{number:.4g} {unit}".strip()
+
+
+def show_alike(values: Sequence[float], si_unit: str) -> list[str]:
+    """Return SI values as texts to be compared: in one unit, and different where they differ.
+
+    They have four digits, or as many more as it takes to tell them apart, up to nine. The unit is
+    the one that `show` has for the least of them; each has its own if the greatest would have five
+    digits before the point in that. Infinity is "without bound", and NaN "not known".
+
+    Args:
+        values: the values; minus infinity is shown as it is.
+        si_unit: their unit; empty for plain numbers.
+    """
+    sizes = sorted(abs(value) for value in values if math.isfinite(value) and value)
+    unit = show(sizes[0], si_unit).partition(" ")[2] if sizes else si_unit
+    if sizes and _in_unit(sizes[-1], unit, si_unit) >= _MOST_SHOWN:
+        return [_unbounded(value) or show(value, si_unit) for value in values]
+    texts: list[str] = []
+    for digits in range(4, 10):
+        texts = [
+            _unbounded(value) or f"{_in_unit(value, unit, si_unit):.{digits}g} {unit}".strip()
+            for value in values
+        ]
+        if len({*texts}) == len({*values}):
+            break
+    return texts
+
+
+def _in_unit(value: float, unit: str, si_unit: str) -> float:
+    return float(Decimal(repr(value)) / unit_factor(unit, si_unit)) if unit else value
+
+
+def _unbounded(value: float) -> str:
+    """Return the words for a value that is no finite number; "" for one that is."""
+    if math.isnan(value):
+        return "not known"
+    if math.isinf(value):
+        return "without bound" if value > 0.0 else "-inf"
+    return ""

@@ -34,10 +34,13 @@ class TripError(Exception):
 
     Attributes:
         report: path of the trip report; None if there is none.
+        cause: the cause of a trip; None for what did not trip the rig.
     """
 
-    def __init__(self, message: str, report: Path | None = None) -> None:
-        self.report = report
+    def __init__(
+        self, message: str, report: Path | None = None, cause: Cause | None = None
+    ) -> None:
+        self.report, self.cause = report, cause
         super().__init__(message)
 
 

@@ -1,13 +1,13 @@
 """The tables of a test: its segments, the criteria by which it passes, and its limits."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Final
 
 import numpy as np
 
-from rig.configuration import show
+from rig.configuration import show, show_alike
 from rig.recording import Recording
 from rig.runner.outcomes import LimitPassed, SegmentRun, TestOutcome
 
@@ -45,6 +45,7 @@ class LimitRow:
         first: when it was passed first, since when the value was beyond, and its value; empty if it
             was not passed.
         times: how often it was passed.
+        not_judged: why it was not judged; empty if it was.
     """
 
     of: str
@@ -53,6 +54,7 @@ class LimitRow:
     action: str
     first: str = ""
     times: int = 0
+    not_judged: str = ""
 
 
 def segment_rows(test: TestOutcome, recording: Recording) -> tuple[tuple[SegmentRow, ...], int]:
@@ -92,6 +94,7 @@ def limit_rows(test: TestOutcome, metadata: Mapping[str, Any]) -> tuple[LimitRow
         metadata: metadata of its recording, which lists its limits; those of an older one may not.
     """
     rows = list(_configured(metadata))
+    unjudged = {(each.watched, each.each, each.during): each.why for each in test.limits_not_judged}
     found = []
     for row in rows:
         watched = row["watched"]
@@ -102,7 +105,8 @@ def limit_rows(test: TestOutcome, metadata: Mapping[str, Any]) -> tuple[LimitRow
             and each.each == row["each"]
             and each.limit in (row["low"], row["high"])
         ]
-        found.append(_row("test", row, passed))
+        why = unjudged.get((watched, row["each"], row["during"]), "")
+        found.append(replace(_row("test", row, passed), not_judged=why))
     told = {(row["watched"], row["each"], row["band"]) for row in rows}
     others: dict[tuple[str, str, str, float], list[LimitPassed]] = {}
     for each in test.limits:
@@ -136,12 +140,19 @@ def _configured(metadata: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
                 yield {
                     "watched": limit["watched"], "each": kind, "where": where, "band": band,
                     "low": ends[0], "high": ends[1], "action": action, "unit": limit["unit"],
+                    "during": limit.get("during") or "",
                 }  # fmt: skip
 
 
 def _row(of: str, row: Mapping[str, Any], passed: list[LimitPassed]) -> LimitRow:
     ends = (("below", row["low"]), ("above", row["high"]))
-    band = " or ".join(f"{word} {show(end, row['unit'])}" for word, end in ends if end is not None)
+    # In the unit of the value beside it.
+    beside = [passed[0].value] if passed else []
+    band = " or ".join(
+        f"{word} {show_alike((end, *beside), row['unit'])[0]}"
+        for word, end in ends
+        if end is not None
+    )
     first = ""
     if passed:
         earliest = passed[0]

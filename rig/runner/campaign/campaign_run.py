@@ -51,13 +51,14 @@ from rig.runner.run_folder import (
 from rig.supervisor import Onlooker
 
 from .bench import Bench
-from .campaign_test_run import Phase, Setting, not_run, run_test
+from .campaign_test_run import not_run, run_test
 from .compiled_pieces import Needs
 from .compiling import ON_HARDWARE, SIMULATED, compile_for, load
 from .control_change import RunningControl
 from .control_port import ControlPort
 from .operator_requests import Desk, Request
 from .pacing import Pace, Pacer
+from .setting import Phase, Setting
 from .simulated_bench import SimulatedBench
 from .stopping import StopFlag
 from .suspending import MOST_SUSPENSIONS, Suspenders

@@ -2,20 +2,17 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from math import ceil, inf
 from typing import Any, Final
 
 from estimator.filters import start_memory
-from estimator.leaks import Detector, DetectorFactory, PatternDetector
-from faults import Campaign, CampaignTest, FaultSchedule
-from rig.configuration import Rig
+from estimator.leaks import Detector, PatternDetector
+from faults import CampaignTest, FaultSchedule
 from rig.loop import FULL, Action, Cause, StopRequestedError, TripError, explain
 from rig.plant import TICK
-from rig.runner.counters import RigCounter
 from rig.runner.outcomes import (
     Array,
     AwaitedEnd,
@@ -25,11 +22,10 @@ from rig.runner.outcomes import (
     Figure,
     FrictionWatch,
     HealthyInnovations,
-    HealthyReferences,
+    LimitNotJudged,
     LimitPassed,
     LimitWatch,
     Measures,
-    Observer,
     Reactions,
     SegmentEnds,
     Status,
@@ -39,97 +35,20 @@ from rig.runner.outcomes import (
     metadata_of,
     segments_run,
 )
-from rig.runner.run_folder import FolderKeeper, log_error
+from rig.runner.run_folder import log_error
 
-from .bench import Bench, Timed, Writer
+from .bench import Timed, Writer
 from .injection import Injection
 from .judging import Judge
-from .operator_requests import Desk, Request
-from .pacing import LIVE_TICKS, Pacer
-from .stopping import StopFlag
-from .suspending import Suspenders
+from .operator_requests import Request
+from .pacing import LIVE_TICKS, Lateness
+from .setting import Phase, Setting
 
 CLEANUP_S: Final = 60.0
 """How long cleaning up may take, s. On hardware the ramp and the answers of loop and recorder, each
 with a limit of its own, add up to 35 s."""
 _ROUNDED: Final = 1e-3
 """Part of a tick by which the time of a change may be later than a tick, by rounding."""
-
-
-class Phase(StrEnum):
-    """The phase that a test is in."""
-
-    SETUP = "setup"
-    """The runner makes the detector, the filter and the loop."""
-    POSITIONING = "positioning"
-    """The ram moves to its start position and comes to rest there."""
-    SETTLE = "settle"
-    """If the run is paced, the runner waits for the rest of the settling time."""
-    INJECT = "inject"
-    """The bypass valves move to their first positions, and the faults are scheduled."""
-    MAIN = "main"
-    """The test's motion runs, and is recorded and judged."""
-    CLEANUP = "cleanup"
-    """All faults are removed, the ram is stopped or held, and the recording is closed."""
-
-
-@dataclass(kw_only=True)
-class Setting:
-    """The objects that all tests of one campaign share while they run.
-
-    Attributes:
-        bench: the bench that the tests are run on; its context is entered before the first test.
-        keeper: has the folder of the run, for recordings and tracebacks.
-        counter: counts what the rig does.
-        detector: makes the detector of each test, in place of the filter's own; None for the own.
-        desk: takes the operators' requests.
-        suspenders: the conditions that may hold the campaign.
-        overdue: is called from another thread if cleaning up takes longer than `CLEANUP_S`.
-        present: index of the present test, or of the last one.
-        phase: the phase of this test; None before the first test.
-    """
-
-    campaign: Campaign
-    rig: Rig
-    bench: Bench
-    keeper: FolderKeeper
-    pacer: Pacer
-    observer: Observer
-    stop: StopFlag
-    references: HealthyReferences
-    provenance: Mapping[str, Any]
-    desk: Desk
-    suspenders: Suspenders
-    overdue: Callable[[], None]
-    counter: RigCounter
-    detector: DetectorFactory | None = None
-
-    present: int = 0
-    phase: Phase | None = None
-
-    def cleans_up_too_long(self) -> None:
-        """Write to the journal that cleaning up takes too long, and call `overdue`."""
-        # The test may hang on the disk, so the process is ended even if nothing can be written.
-        try:
-            self.desk.record("overdue")
-        finally:
-            self.overdue()
-
-    def enters(self, phase: Phase, recording: str | None = None) -> None:
-        """Note that the present test enters a phase, and tell this to the desk and the journal.
-
-        Nothing happens if the test is in the phase already.
-
-        Args:
-            phase: the phase.
-            recording: file name of the test's recording in the phase `MAIN`, None in other phases.
-        """
-        if phase is self.phase:
-            return
-        self.phase = phase
-        more = {"recording": recording} if recording else {}
-        self.desk.enters(phase)
-        self.desk.record("phase", test=self.present, phase=phase, durable=False, **more)
 
 
 class _InterruptedError(Exception):
@@ -161,7 +80,7 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
     # It calls from a thread of its own, because this one may hang while it cleans up.
     deadline = threading.Timer(CLEANUP_S, setting.cleans_up_too_long)
     deadline.daemon = True
-    running, status, message = None, Status.ERROR, ""
+    running, status, message, cause = None, Status.ERROR, "", None
     try:
         running = _RunningTest(setting, test, recording, deadline)
         status = running.run()
@@ -173,7 +92,7 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         status = Status.ABORTED
     except TripError as error:
         setting.stop.request("a trip")
-        status, message = Status.TRIPPED, str(error)
+        status, message, cause = Status.TRIPPED, str(error), error.cause
     except Exception as error:
         if isinstance(error, OSError) and error.errno in FULL:
             # On hardware the supervisor trips for a full disk: no further test could be recorded.
@@ -189,8 +108,9 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         message = f"stopped by {setting.stop.reason}"
     wall_s = time.perf_counter() - started
     outcome = replace(
-        not_run(test), status=status, message=message, wall_s=wall_s, on_fault=test.on_fault
-    )
+        not_run(test), status=status, message=message, wall_s=wall_s, on_fault=test.on_fault,
+        fault_tripped=cause is Cause.FAULT_CONFIRMED,
+    )  # fmt: skip
     return outcome if running is None else running.completed(outcome)
 
 
@@ -230,6 +150,7 @@ class _RunningTest:
         channels, self._timeline = self._loop.channels, Timeline()
         self._measures = Measures(test, channels, self._timeline)
         self._limits = LimitWatch(test, channels, setting.rig.ladder, self._timeline)
+        self._lateness = Lateness() if setting.bench.live and self._limits.watches else None
         self._end = AwaitedEnd(test, channels)
         self._segments = SegmentEnds(test, channels, self._timeline)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
@@ -332,6 +253,7 @@ class _RunningTest:
             figures={**figures, **own},
             criteria=self._criteria,
             limits=tuple(self._limits.passed),
+            limits_not_judged=self._limits_not_judged,
             control_changes=tuple(self._changes),
             counted=self._setting.counter.in_test if self._ticks else None,
             segments=segments_run(self._test, self._timeline, self._ticks * TICK),
@@ -344,6 +266,10 @@ class _RunningTest:
         if passed is None or str(passed) in outcome.message:
             return outcome.message
         return f"{passed}; {outcome.message}"
+
+    @property
+    def _limits_not_judged(self) -> tuple[LimitNotJudged, ...]:
+        return self._limits.not_judged(self._ticks * TICK, self._friction.curve)
 
     @property
     def _figures(self) -> dict[str, Figure]:
@@ -382,7 +308,10 @@ class _RunningTest:
             self._note_verdict()
             is_cut = self._loop.ticks_left and not self._end.came
             if not is_cut:
-                self._watch(self._limits.finish(self._judge.decision, lambda: self._figures))
+                passings = self._limits.finish(self._judge.decision, lambda: self._figures)
+                for each in self._limits_not_judged:
+                    self._say_of_limits(self._last_s, str(each))
+                self._watch(passings)
         except (TripError, _InterruptedError) as error:
             kind = "trip" if isinstance(error, TripError) else str(error.status)
             # What stopped the loop may be in no row.
@@ -414,6 +343,8 @@ class _RunningTest:
             self._note_verdict()
         if len(rows):
             self._watch(self._limits.take(rows, self._judge.decision, self._loop.passed()))
+            if self._lateness is not None and (late := self._lateness.take(self._last_s)):
+                self._say_of_limits(self._last_s, late)
             self._end.take(rows, self._judge.decision)
             self._end_segment(rows)
         for note in self._setting.desk.take_notes():
@@ -467,9 +398,13 @@ class _RunningTest:
         for passing in passings:
             # What the loop does about limits of the rig is told by the rig itself.
             if passing.of == "test":
-                self._event(passing.at_s, "limit", str(passing))
-                self._setting.desk.record("limit", what=str(passing), durable=False)
-                self._setting.observer.rig_tells(f"{self._test.name}: {passing}")
+                self._say_of_limits(passing.at_s, str(passing))
+
+    def _say_of_limits(self, time_s: float, text: str) -> None:
+        """Tell recording, journal and observer something about the test's limits."""
+        self._event(time_s, "limit", text)
+        self._setting.desk.record("limit", what=text, durable=False)
+        self._setting.observer.rig_tells(f"{self._test.name}: {text}")
 
     def _end_segment(self, rows: Array) -> None:
         """Let the motion go on with its next segment if what ends the present one has come."""

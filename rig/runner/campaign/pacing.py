@@ -1,6 +1,8 @@
-"""Paces a run by the wall clock, or lets it run as fast as possible."""
+"""Paces a run by the wall clock, or lets it run as fast as possible; tells if judging lags."""
 
 import time
+from collections.abc import Callable
+from math import inf
 from typing import Final, Literal
 
 from .stopping import StopFlag
@@ -12,6 +14,9 @@ LIVE_TICKS: Final = 50
 
 _NAP_S: Final = 0.05
 """Longest sleep, s, so that a request to stop is noticed soon."""
+_LATE_S: Final = 1.0
+"""Delay in s from which limits are judged late: twenty batches, twice the time between two
+decisions of the detector, which take some tenths of a second at most."""
 
 
 class Pacer:
@@ -44,3 +49,41 @@ class Pacer:
             if left <= 0.0:
                 return
             time.sleep(min(left, _NAP_S))
+
+
+class Lateness:
+    """Tells when the samples of a rig that runs by the clock are judged later than they should be.
+
+    The delay of a sample is counted from that of the sample that was judged soonest after it came,
+    which is some hundredths of a second.
+
+    Args:
+        clock: returns the time in s of a clock that is not set.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._least_s = inf
+        self._is_late = False
+
+    def take(self, last_s: float) -> str:
+        """Return in words that samples begin to be judged late, or no longer are; else "".
+
+        They are in time again once the delay is below half of that from which they are late.
+
+        Args:
+            last_s: time of the newest sample that was judged, s of the test.
+        """
+        offset_s = self._clock() - last_s
+        self._least_s = min(self._least_s, offset_s)
+        delay_s = offset_s - self._least_s
+        if not self._is_late and delay_s > _LATE_S:
+            self._is_late = True
+            return (
+                f"limits that the supervisor judges are judged {delay_s:.1f} s late: this machine "
+                "is too slow for them, or busy; give fewer limits of figures, or shorter `over`"
+            )
+        if self._is_late and delay_s < 0.5 * _LATE_S:
+            self._is_late = False
+            return "limits that the supervisor judges are judged in time again"
+        return ""

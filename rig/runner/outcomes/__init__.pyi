@@ -23,7 +23,11 @@ from .in_words import (
     percent as percent,
     reaction as reaction,
 )
-from .limits import LimitPassed as LimitPassed, LimitWatch as LimitWatch
+from .limits import (
+    LimitNotJudged as LimitNotJudged,
+    LimitPassed as LimitPassed,
+    LimitWatch as LimitWatch,
+)
 from .measures import (
     CriterionResult as CriterionResult,
     Measures as Measures,

@@ -13,9 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.friction import FrictionCurve
 from estimator.leaks import Decision
-from faults import DECIDED_FIGURES, FOLLOWING_ERROR, CampaignTest, Expression, TestLimit
-from rig.configuration import show
+from faults import DECIDED_FIGURES, FOLLOWING_ERROR, FRICTION, CampaignTest, Expression, TestLimit
+from rig.configuration import show, show_alike
 from rig.io import ChannelLimit
 from rig.loop import LIMITED, RungPassed, rungs_with_bands
 from rig.plant import TICK
@@ -68,7 +69,7 @@ class LimitPassed:
         A figure of a stretch is "overshoot of the step from 1.000 s 12 % above 10 % at 1.234 s".
         """
         word = "above" if self.value > self.limit else "below"
-        limit = f"{word} {show(self.limit, self.unit)} at {self.at_s:.3f} s"
+        limit = f"{word} {self._words[1]} at {self.at_s:.3f} s"
         of = f" of the {self.each} from {self.since_s:.3f} s" if self.each else ""
         return f"{self.watched}{of} {self.value_words} {limit}: {self.action}"
 
@@ -77,7 +78,34 @@ class LimitPassed:
         """The value in words; a ram that was not settled at the end of a step "did not settle"."""
         if self.value == inf and self.watched == "settling":
             return "did not settle,"
-        return show(self.value, self.unit)
+        return self._words[0]
+
+    @property
+    def _words(self) -> list[str]:
+        return show_alike((self.value, self.limit), self.unit)
+
+
+@dataclass(frozen=True)
+class LimitNotJudged:
+    """A limit of a test that was not judged, so that it cannot have been kept.
+
+    Attributes:
+        watched: name of the channel or figure.
+        why: the reason, as a clause.
+        each: the kind of stretch of which it is a figure; empty for what is judged all the time.
+        during: name of the segment in which it holds; empty for the whole test.
+    """
+
+    watched: str
+    why: str
+    each: str = ""
+    during: str = ""
+
+    def __str__(self) -> str:
+        """Return it in words: "the limit of leak in wave was not judged: ..."."""
+        of = f" of each {self.each}" if self.each else ""
+        where = f" in {self.during}" if self.during else ""
+        return f"the limit of {self.watched}{of}{where} was not judged: {self.why}"
 
 
 @dataclass
@@ -161,6 +189,8 @@ class _Watched:
     expression: Expression | None = None
     stretches: StretchFigure | None = None
     """Computes the figure, if it is one of each stretch of a kind."""
+    is_known: bool = False
+    """Whether a value was known so far, so that the limit was judged."""
 
 
 class LimitWatch:
@@ -176,6 +206,7 @@ class LimitWatch:
         passed: the passings so far, in the order of their times.
         due: the first passing for which the runner must act, with a hold or worse; None so far.
         acts: whether the runner must act on a limit at all, so that batches are to be short.
+        watches: whether there are limits that are judged here.
     """
 
     def __init__(
@@ -193,8 +224,14 @@ class LimitWatch:
         self._timeline = timeline or Timeline()
         self._times_passed: Counter[tuple[object, ...]] = Counter()
         mine = [limit for limit in test.limits if limit.watched not in LIMITED]
-        watched = [self._watching(test, limit, channels) for limit in mine]
-        self._watched = [each for each in watched if each is not None]
+        self._limits = test.limits
+        self._by_place = {
+            place: self._watching(test, limit, channels)
+            for place, limit in enumerate(test.limits)
+            if limit.watched not in LIMITED
+        }
+        self._watched = [each for each in self._by_place.values() if each is not None]
+        self.watches = bool(self._watched)
         acting = (limit for limit in mine if limit.action != "warn")
         self.acts = any(limit.each != "test" for limit in acting)
 
@@ -230,7 +267,7 @@ class LimitWatch:
         found = [self._by_loop(each) for each in by_loop]
         for each in self._watched if len(rows) else ():
             if each.stretches is not None:
-                found += self._judged_stretches(each, each.stretches.take(rows, decision))
+                found += self._judged_stretches(each, each.stretches.take(rows, decision), decision)
                 continue
             here = rows[self._holds(each.limit, rows[:, 0])]
             if len(here):
@@ -254,8 +291,38 @@ class LimitWatch:
         found = []
         for each in self._watched:
             if each.stretches is not None:
-                found += self._judged_stretches(each, each.stretches.finish(decision, known))
+                found += self._judged_stretches(
+                    each, each.stretches.finish(decision, known), decision
+                )
         return self._kept(found)
+
+    def not_judged(
+        self, recorded_s: float, friction: FrictionCurve | None
+    ) -> tuple[LimitNotJudged, ...]:
+        """Return the limits of the test that were not judged so far, in the order of the file.
+
+        Args:
+            recorded_s: how long the test has lasted, s.
+            friction: the friction identified from the motion; None if there is none.
+        """
+        reached_s = self._timeline.laid_s(recorded_s)
+        found = []
+        for place, limit in enumerate(self._limits):
+            watched = self._by_place.get(place)
+            why = ""
+            if not recorded_s:
+                why = "the test did not begin"
+            elif limit.windows_s and reached_s <= limit.windows_s[0][0] + _INSTANT_S:
+                why = f"the segment {limit.during} did not begin"
+            elif place in self._by_place and watched is None:
+                why = f"this rig does not tell {limit.watched}"
+                if limit.watched.startswith("loop_"):
+                    why = "the loop of a simulated rig runs by no clock"
+            elif watched is not None and not watched.is_known:
+                why = _unknown(limit, friction)
+            if why:
+                found.append(LimitNotJudged(limit.watched, why, limit.each, limit.during))
+        return tuple(found)
 
     def _kept(self, found: list[LimitPassed]) -> list[LimitPassed]:
         """Keep passings in the order of their times, and return those that the outcome lists."""
@@ -265,11 +332,12 @@ class LimitWatch:
         return found
 
     def _judged_stretches(
-        self, watched: _Watched, figures: Iterable[FigureKnown]
+        self, watched: _Watched, figures: Iterable[FigureKnown], decision: Decision | None
     ) -> list[LimitPassed]:
         """Return the passings of figures of stretches; note the first to be acted on."""
         found = []
         for known in figures:
+            watched.is_known |= _is_known(watched.limit, known.values, decision)
             for band in watched.bands:
                 found += self._noted(band, band.take_stretch(known))
         return found
@@ -286,6 +354,7 @@ class LimitWatch:
         """Return the passings in rows in which a limit holds; note the first to be acted on."""
         found = []
         times, values = self._samples(watched, rows, decision)
+        watched.is_known |= _is_known(watched.limit, values, decision)
         for band in watched.bands:
             found += self._noted(band, band.take(times, values))
         return found
@@ -353,3 +422,27 @@ class LimitWatch:
         """The first passing of a limit of the test that called for more than a warning, if any."""
         ours = (each for each in self.passed if each.of == "test")
         return next((each for each in ours if each.action != "warn"), None)
+
+
+def _is_known(limit: TestLimit, values: Array, decision: Decision | None) -> bool:
+    """Return whether a limit's value is known; a detector that finds no leak knows that too."""
+    if limit.watched == "leak":
+        return decision is not None
+    return not bool(np.isnan(values).all())
+
+
+def _unknown(limit: TestLimit, friction: FrictionCurve | None) -> str:
+    """Return why the value of a limit was not known in a test that has begun."""
+    if limit.watched.startswith(FRICTION):
+        estimates = {} if friction is None else friction.estimates
+        known = estimates.get(limit.watched) or estimates.get(limit.watched.removeprefix(FRICTION))
+        if known is not None and known.needs:
+            return f"the motion did not show it; it needs {known.needs}"
+        return "it was not known at the end of the test"
+    if limit.each:
+        none = "began" if limit.each == "step" else "was completed"
+        return f"no {limit.each} {none} in which it was known"
+    if limit.over_s:
+        over = show(limit.over_s, "s")
+        return f"it was not known at any time, as `over` {over} had not passed or readings lacked"
+    return "it was not known at any time"

@@ -1,15 +1,16 @@
 """Measures the figures that a test's criteria ask for, and judges whether the criteria are met."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence as Listing
 from dataclasses import dataclass
 from math import inf, isfinite, nan
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from control import Sequence
 from estimator.leaks import Decision
 from faults import FOLLOWING_ERROR, STEP_M, CampaignTest, Criterion
-from rig.configuration import show
+from rig.configuration import show_alike
 from rig.plant import TICK
 
 from .figures import Array, Figure
@@ -17,6 +18,9 @@ from .timeline import Timeline
 
 _SETTLED: Final = 0.05
 """Part of a step within which the ram must stay to have settled: the usual 5 %."""
+
+_COMES: Final = ("settling", "until ")
+"""What the names of figures begin with that are times, infinite for what never came."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +48,21 @@ class CriterionResult:
 
     @property
     def value_words(self) -> str:
-        """The figure in words: "7.1 mm"; "never" for what did not come."""
-        if self.value == inf:
+        """The figure in words: "7.1 mm"; "never" for what did not come or settle."""
+        if self.value == inf and self.figure.startswith(_COMES):
             return "never"
-        return show(self.value, self.unit) if isfinite(self.value) else "not known"
+        return self._words[0]
 
     @property
     def limit_words(self) -> str:
         """The limits in words: "at least 1 mm and at most 3 mm"."""
-        ends = (("at least", self.low), ("at most", self.high))
-        return " and ".join(f"{word} {show(end, self.unit)}" for word, end in ends if isfinite(end))
+        _, least, most = self._words
+        ends = (("at least", self.low, least), ("at most", self.high, most))
+        return " and ".join(f"{word} {text}" for word, end, text in ends if isfinite(end))
+
+    @property
+    def _words(self) -> list[str]:
+        return show_alike((self.value, self.low, self.high), self.unit)
 
 
 class Rows:
@@ -65,7 +74,7 @@ class Rows:
             they are needed: `following_error_m` follows from setpoint and position.
     """
 
-    def __init__(self, channels: Sequence[str], wanted: Sequence[str]) -> None:
+    def __init__(self, channels: Listing[str], wanted: Listing[str]) -> None:
         self._channels = tuple(channels)
         self._wanted = tuple(dict.fromkeys(("time_s", *wanted)))
         needed = [*self._wanted]
@@ -109,7 +118,7 @@ class Measures:
     """
 
     def __init__(
-        self, test: CampaignTest, channels: Sequence[str], timeline: Timeline | None = None
+        self, test: CampaignTest, channels: Listing[str], timeline: Timeline | None = None
     ) -> None:
         self._test = test
         self._timeline = timeline or Timeline()
@@ -173,9 +182,9 @@ class Measures:
         if criterion.figure in own:
             return float(own[criterion.figure].expression.of(columns))
         if criterion.figure == "overshoot":
-            return max((overshoot for overshoot, _ in step_answers(columns)), default=nan)
+            return max((overshoot for overshoot, _ in self._steps(columns)), default=nan)
         if criterion.figure == "settling":
-            return max((settled_s for _, settled_s in step_answers(columns)), default=nan)
+            return max((settled_s for _, settled_s in self._steps(columns)), default=nan)
         usual = "position_m" if criterion.figure in ("peak", "valley") else FOLLOWING_ERROR
         samples = columns[criterion.channel or usual]
         samples = samples[np.isfinite(samples)]
@@ -190,18 +199,32 @@ class Measures:
                 return float(samples.min())
         return nan
 
+    def _steps(self, columns: Mapping[str, Array]) -> list[tuple[float, float]]:
+        """Return the answers to the steps in some samples, each of which ends with its segment."""
+        setpoint = self._test.setpoint
+        starts_s = setpoint.starts_s[1:] if isinstance(setpoint, Sequence) else ()
+        return step_answers(columns, [self._timeline.test_s(start) for start in starts_s])
 
-def step_answers(columns: Mapping[str, Array]) -> list[tuple[float, float]]:
+
+def step_answers(
+    columns: Mapping[str, Array], borders_s: Listing[float] = ()
+) -> list[tuple[float, float]]:
     """Return (overshoot, settling time in s) of every step of the setpoint in some samples.
 
     The samples are those of `setpoint_m`, `position_m` and `time_s`, each (n,).
 
     The overshoot is a part of the step; the settling time is infinite if the ram was not within 5 %
-    of the step when it ended. A step lasts until the setpoint moves again, or to the last sample.
+    of the step when it ended. A step lasts until the setpoint moves again, or to a border between
+    segments, at the times `borders_s` in their order, or to the last sample.
     """
     follower = StepFollower()
-    parts = follower.take(*(columns[each] for each in ("time_s", "setpoint_m", "position_m")))
-    ended = [part for part in (*parts, follower.finish()) if part is not None and part.is_over]
+    samples = [columns[each] for each in ("time_s", "setpoint_m", "position_m")]
+    # The first sample of a segment counts to it, however its time was rounded.
+    places = np.searchsorted(samples[0], np.array(borders_s) - 1e-6)
+    parts: list[StepPart | None] = []
+    for piece in zip(*(np.split(each, places) for each in samples), strict=True):
+        parts += [*follower.take(*piece), follower.finish()]
+    ended = [part for part in parts if part is not None and part.is_over]
     return [(float(part.overshoot[-1]), float(part.settling_s[-1])) for part in ended]
 
 

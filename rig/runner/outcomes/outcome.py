@@ -14,7 +14,7 @@ from rig.runner.counters import Counted
 
 from .calibrations import CalibrationUsed
 from .figures import Figure
-from .limits import LimitPassed
+from .limits import LimitNotJudged, LimitPassed
 from .measures import CriterionResult
 from .reactions import FaultAction
 from .segments import SegmentRun
@@ -69,7 +69,7 @@ class Attempt:
     Attributes:
         number: number of the attempt, counted from 1.
         status: how the attempt ended.
-        phase: the phase in which it ended, as `Phase` in `rig.runner.campaign.campaign_test_run`;
+        phase: the phase in which it ended, as `Phase` in `rig.runner.campaign.setting`;
             empty if it ran to its end.
         message: why it ended.
         at: when it was begun, UTC, ISO 8601.
@@ -147,6 +147,9 @@ class TestOutcome:
         criteria: what came of the criteria by which the test passes beside its verdict.
         segments: the segments that were begun, with the times at which they took place.
         control_changes: changes of the control by operators while the test ran.
+        limits_not_judged: the test's limits that were not judged, each with the reason.
+        fault_tripped: whether a confirmed fault tripped the rig, as `on_fault` asks; None in the
+            journal of an earlier version, which does not tell.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -175,6 +178,8 @@ class TestOutcome:
     counted: Counted | None = None
     segments: tuple[SegmentRun, ...] = ()
     control_changes: tuple[ControlChanged, ...] = ()
+    limits_not_judged: tuple[LimitNotJudged, ...] = ()
+    fault_tripped: bool | None = None
 
     @property
     def missed(self) -> tuple[CriterionResult, ...]:
@@ -186,10 +191,10 @@ class TestOutcome:
         """Whether the test counts, so that it is not run again when its campaign is resumed.
 
         It counts if it passed, failed, crashed or was skipped; a tripped test counts only if it was
-        configured to trip on a fault.
+        configured to trip on a fault, and a fault tripped it.
         """
         if self.status is Status.TRIPPED:
-            return self.on_fault is OnFault.TRIP
+            return self.on_fault is OnFault.TRIP and self.fault_tripped is not False
         return self.status in (Status.PASSED, Status.FAILED, Status.ERROR, Status.SKIPPED)
 
     @property

@@ -156,7 +156,9 @@ def _collecting(
 ) -> Callable[[], _Gathered]:
     """Return what makes an empty collection of the samples of a stretch."""
     if limit.watched in STEP_FIGURES:
-        return lambda: _OfSteps(limit.watched, channels)
+        # Where segments follow each other, a jump between two of them is a step of the later one.
+        following = None if limit.during else StepFollower()
+        return lambda: _OfSteps(limit.watched, channels, following or StepFollower())
     if expression is not None:
         return lambda: _OfSamples(expression, channels)
     return lambda: _OfTheTest(limit.watched)
@@ -202,10 +204,10 @@ class _OfTheTest:
 class _OfSteps:
     """Overshoot or settling time of each step within a stretch."""
 
-    def __init__(self, figure: str, channels: Sequence[str]) -> None:
+    def __init__(self, figure: str, channels: Sequence[str], follower: StepFollower) -> None:
         self._figure = figure
         self._channels = channels
-        self._follower = StepFollower()
+        self._follower = follower
 
     def take(self, rows: Array) -> Iterator[FigureKnown]:
         new = Rows(self._channels, _STEP_CHANNELS)

@@ -63,6 +63,7 @@ def _test(test: TestOutcome) -> dict[str, Any]:
             "figures",
             "criteria",
             "limits",
+            "limits_not_judged",
             "counted",
             "segments",
             "control_changes",

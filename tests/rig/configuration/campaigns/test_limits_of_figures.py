@@ -65,6 +65,8 @@ def test_every_figure_of_a_criterion_may_be_a_limit(tmp_path: Path) -> None:
         ("channel: position_m, high: 0.5 m, each: cycle", "has a value at each sample, and is"),
         ("figure: rms_error, high: 1 mm, each: turn", "choose one of step, cycle, segment, test"),
         ("figure: rms_error, high: 1 V, each: test", "is not a length"),
+        ("figure: loop_missed, high: 5", "is beyond 1, and loop_missed is the share of the ticks"),
+        ("figure: loop_missed, low: 200 %", "give a share, such as 0.1 % for one tick in 1000"),
     ],
 )
 def test_what_can_never_act_is_refused_with_line_and_remedy(
@@ -89,6 +91,16 @@ def test_stretches_that_the_segments_do_not_have_are_refused(
     (problem,) = problems_of_segments(tmp_path, f"figure: peak_error, high: 1 mm, {keys}")
     assert said in problem
     assert problem.startswith("campaign.yaml:11")
+
+
+@pytest.mark.parametrize("each", ["", ", each: segment", ", each: test"])
+def test_friction_during_a_segment_is_refused_with_the_remedy_that_helps(
+    tmp_path: Path, each: str
+) -> None:
+    keys = f"figure: friction_coulomb, high: 900 N, during: a{each}"
+    for problem in problems_of_segments(tmp_path, keys):
+        assert "write `each: segment`" not in problem
+        assert "`during` out" in problem
 
 
 def test_an_overshoot_is_never_below_0(tmp_path: Path) -> None:

@@ -53,3 +53,18 @@ def test_a_name_that_cannot_be_shown_is_refused(
 def test_a_name_may_have_spaces_and_letters_of_any_language(tmp_path: Path) -> None:
     names = dict.fromkeys(LINES, "'Prüfung 3\xa0mm, 第一'")
     assert load(tmp_path, written(**names)).tests[0].name == names["TEST"].strip("'")
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [(r'"a\nb"', r"a\nb has the character \n"), (r'"\e[31m"', r"\x1b"), ('""', "is empty")],
+)
+def test_a_name_of_an_own_figure_that_cannot_be_shown_is_refused(
+    tmp_path: Path, name: str, limit: str
+) -> None:
+    text = written() + f"    figures:\n      {name}: {{expression: max(position_m), unit: m}}\n"
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+    (problem,) = (str(each).replace(f"{tmp_path}/", "") for each in caught.value.problems)
+    assert problem.startswith("campaign.yaml:9:7 name: ")
+    assert limit in problem

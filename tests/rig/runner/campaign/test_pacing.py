@@ -4,7 +4,7 @@ from contextlib import contextmanager
 import pytest
 from hypothesis import given, strategies as st
 
-from rig.runner.campaign.pacing import Pacer
+from rig.runner.campaign.pacing import Lateness, Pacer
 from rig.runner.campaign.stopping import StopFlag
 
 
@@ -68,3 +68,22 @@ def test_a_wait_ends_when_a_stop_is_requested() -> None:
         Pacer("real", stop).wait_until(1e9)
     assert len(clock.naps) == 1
     assert clock.naps[0] <= 0.05
+
+
+def test_limits_that_are_judged_late_are_said_once_and_again_when_they_are_in_time() -> None:
+    now = [100.0]
+    lateness = Lateness(lambda: now[0])
+    said = []
+    for wall_s, last_s in (
+        (0.06, 0.05),
+        (0.5, 0.1),
+        (2.0, 0.9),
+        (3.0, 1.5),
+        (3.1, 2.8),
+        (3.2, 3.1),
+    ):
+        now[0] = 100.0 + wall_s
+        said.append(lateness.take(last_s))
+    assert said[2].startswith("limits that the supervisor judges are judged 1.1 s late")
+    assert said[4] == "limits that the supervisor judges are judged in time again"
+    assert [bool(each) for each in said] == [False, False, True, False, True, False]

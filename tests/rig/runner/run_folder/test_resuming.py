@@ -15,7 +15,7 @@ from rig.configuration.rigs.rig import Rig
 from rig.recording import read_recording
 from rig.runner import Observer, Status, StopFlag, run_campaign
 from rig.runner.outcomes.outcome import TestOutcome
-from rig.runner.outcomes.outcome_record import record_of
+from rig.runner.outcomes.outcome_record import outcome_of, record_of
 from rig.runner.run_folder.journal import JOURNAL, Journal, JournalError, read_journal
 from rig.runner.run_folder.resuming import standing_of, unfinished_run
 
@@ -238,11 +238,21 @@ def test_every_phase_of_a_test_is_in_the_journal_in_order(
 
 
 def test_a_test_that_trips_on_purpose_is_finished_and_others_that_trip_are_not() -> None:
-    def tripped(on_fault: OnFault) -> TestOutcome:
-        return TestOutcome("t", "healthy", Status.TRIPPED, 1, 5.0, on_fault=on_fault)
+    def tripped(on_fault: OnFault, by_fault: bool | None = True) -> TestOutcome:
+        return TestOutcome(
+            "t", "healthy", Status.TRIPPED, 1, 5.0, on_fault=on_fault, fault_tripped=by_fault
+        )
 
     assert tripped(OnFault.TRIP).is_finished
     assert not tripped(OnFault.HOLD).is_finished
+    assert not tripped(OnFault.TRIP, by_fault=False).is_finished
+
+
+def test_a_trip_in_the_journal_of_an_earlier_version_counts_as_it_did() -> None:
+    outcome = TestOutcome("t", "healthy", Status.TRIPPED, 1, 5.0, on_fault=OnFault.TRIP)
+    record = record_of(outcome)
+    del record["fault_tripped"], record["limits_not_judged"]
+    assert outcome_of(record).is_finished
 
 
 def test_the_newest_unfinished_run_of_a_campaign_is_found(
