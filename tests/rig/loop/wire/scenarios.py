@@ -334,6 +334,9 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "stopped for long": lambda: World(late={5: 150 * MS}).run(
         tracking(400), 160, SETTINGS, replays=False
     ),
+    "device silent for long": lambda: World(
+        status=dict.fromkeys(range(5, 999), ExchangeStatus.TIMEOUT)
+    ).run(tracking(400), 160, SETTINGS, replays=False),
     "stopped while another trips": lambda: World(
         late={5: 30 * MS}, before={5: say(Word.FIELD_TRIP, Cause.BYPASS_STUCK)}
     ).run(tracking(400), 50, SETTINGS, replays=False),

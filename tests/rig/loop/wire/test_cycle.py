@@ -267,6 +267,14 @@ def test_a_loop_that_was_stopped_sends_no_command_before_it_looked_at_the_trips(
     assert set(commands(result)[5:]) == {0.0}
 
 
+def test_a_device_that_is_silent_while_ticks_are_missed_is_no_pause_of_the_loop(
+    scenario: Scenario,
+) -> None:
+    result = scenario("device silent for long")
+    assert result["words"]["MISSED"] > 0
+    assert result["words"]["LOOP_TRIP"] == Cause.STALE_SAMPLE
+
+
 def test_a_tick_without_reply_is_a_row_without_readings_and_an_error_counted(
     scenario: Scenario,
 ) -> None:
