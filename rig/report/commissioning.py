@@ -34,7 +34,7 @@ def commissioning_page(
     """
     return rendered(
         "commissioning.html.j2",
-        "commissioning.js",
+        "motions.js",
         rig=rig,
         started=started,
         findings=findings,

@@ -30,7 +30,7 @@ def tuning_page(
     """
     return rendered(
         "tuning.html.j2",
-        "tuning.js",
+        "motions.js",
         tuning=tuning,
         started=started,
         rows=list(margin_rows(tuning)),
@@ -115,5 +115,6 @@ def _figure(response: Response, error: bool) -> dict[str, Any]:
         traces.append(line(name, role, time_s, MM * (asked - found if error else found)))
     return {
         "title": f"{response.name}, {'error' if error else 'position'}",
+        "unit": "mm",
         "traces": [each.plotly for each in traces],
     }

@@ -13,15 +13,9 @@ import click
 from rig.cli.application import EXIT_STOPPED, Problems
 from rig.cli.campaigns import MotionProgress
 from rig.cli.rig_failures import failures_reported
+from rig.cli.rig_output import RIG_OUT, refuse_output, refuse_shipped
 from rig.cli.screen import Screen
-from rig.configuration import (
-    NotAsMeantError,
-    Rig,
-    find_rig,
-    load_model,
-    load_rig,
-    shipped_config_dir,
-)
+from rig.configuration import NotAsMeantError, Rig, find_rig, load_model, load_rig
 from rig.loop import TripError
 from rig.recording import replace_text
 from rig.report.commissioning import commissioning_page, finding_rows
@@ -90,12 +84,7 @@ class Terminal:
     multiple=True,
     help="Leave a step out; may be repeated. They take 9 and 4 minutes.",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Write the rig to this new file, and leave RIG as it is.",
-)
+@RIG_OUT
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),
@@ -130,12 +119,7 @@ def command(
         rig = load_rig(rig_reference)
     with problems.collected():
         assumed = load_model(model)
-    if out is not None and out.exists():
-        problems.add(f"--out: {out} exists; name a new file")
-    if out is not None and out.suffix not in (".yaml", ".yml"):
-        problems.add(f"--out: {out} does not end in .yaml, as the path of a rig file does")
-    if out is not None and not out.parent.is_dir():
-        problems.add(f"--out: {out.parent} is no folder; make it first")
+    refuse_output(problems, out)
     if as_json and not yes:
         problems.add("--json: nobody can be asked; give --yes too")
     if not yes and not sys.stdin.isatty():
@@ -149,13 +133,10 @@ def command(
         problems.add(
             f"{rig.name}: cannot be commissioned; give a rig with `backend: hardware` and `homing`"
         )
-    file = find_rig(rig_reference)
-    if out is None and file.is_relative_to(shipped_config_dir()):
-        problems.add(
-            f"{rig_reference}: is a shipped rig; give --out FILE, or copy it: rig init DIR"
-        )
+    refuse_shipped(problems, rig_reference, out)
     if problems.found:
         return problems.report()
+    file = find_rig(rig_reference)
     begun = datetime.now(UTC)
     directory = folder or default_directory(f"commission-{rig.name}", begun)
     make_empty(directory)

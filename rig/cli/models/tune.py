@@ -11,6 +11,7 @@ import click
 
 from rig.cli.application import Problems
 from rig.cli.option_types import paced
+from rig.cli.rig_output import RIG_OUT, refuse_output, refuse_shipped
 from rig.configuration import (
     NotAsMeantError,
     Rig,
@@ -19,7 +20,6 @@ from rig.configuration import (
     load_model,
     load_rig,
     rewrite_rig,
-    shipped_config_dir,
     with_control,
 )
 from rig.io import today
@@ -49,12 +49,7 @@ EXIT_UNSAFE: Final = 1
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 @paced("Of the experiment: at")
 @click.option("--dry-run", is_flag=True, help="Show the experiment's motions, and move nothing.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Write the tuned rig to this new file, and leave RIG as it is.",
-)
+@RIG_OUT
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),
@@ -87,22 +82,15 @@ def command(
         rig = load_rig(rig_reference)
     with problems.collected():
         assumed = load_model(model)
-    if out is not None and out.exists():
-        problems.add(f"--out: {out} exists; name a new file")
-    if out is not None and out.suffix not in (".yaml", ".yml"):
-        problems.add(f"--out: {out} does not end in .yaml, as the path of a rig file does")
-    if out is not None and not out.parent.is_dir():
-        problems.add(f"--out: {out.parent} is no folder; make it first")
+    refuse_output(problems, out)
     if problems.found:
-        return problems.report()
-    file = find_rig(rig_reference)
-    if out is None and not dry_run and file.is_relative_to(shipped_config_dir()):
-        problems.add(
-            f"{rig_reference}: is a shipped rig; give --out FILE, or copy it: rig init DIR"
-        )
         return problems.report()
     if dry_run:
         return _show_motions(rig, assumed)
+    refuse_shipped(problems, rig_reference, out)
+    if problems.found:
+        return problems.report()
+    file = find_rig(rig_reference)
     begun = datetime.now(UTC)
     directory = folder or default_directory(f"tune-{rig.name}", begun)
     with experiment(rig, pace, directory, as_json=as_json) as (screen, stop, progress):

@@ -221,7 +221,7 @@ def _cause_at_wakeup(words, counts, now, missed, pace):
     if pace.overrun == Overrun.TRIP and missed >= pace.trip_after:
         return Cause.OVERRUN.value
     if missed > 0 and now - counts[Count.SAMPLED_NS] > pace.stale_ns:
-        # Ticks are missed while the loop waits for a reply, too; its own pause is between two ticks.
+        # The loop also misses ticks while it waits for a reply; its own pause is between two ticks.
         paused = now - words[Word.LOOP_BEAT] > 2 * pace.period_ns
         return Cause.OVERRUN.value if paused else Cause.STALE_SAMPLE.value
     return Cause.NONE.value

@@ -15,7 +15,7 @@
     document.querySelectorAll(".plot").forEach((plot, index) => {
       const traces = figures[index].traces.map((trace) => ({
         ...trace, line: { ...trace.line, color: colour(trace.meta.role) },
-        hovertemplate: "%{x:.3f} s, %{y:.4~g}",
+        hovertemplate: "%{x:.3f} s, %{y:.4~g} " + figures[index].unit,
       }));
       Plotly.react(plot, traces, {
         margin: { l: 56, r: 12, t: 30, b: 40 }, hovermode: "closest",
