@@ -52,7 +52,7 @@ class Openings:
 
 @njit(cache=True, error_model="numpy")
 def smoothed(likelihoods, turns):
-    """Return the probabilities of the states of all blocks by all blocks, (n, 3).
+    """Return the probabilities of the states of each block, given all blocks, (n, 3).
 
     Args:
         likelihoods: of each block in each state, float64 (n, 3), in any unit that may differ from
