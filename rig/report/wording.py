@@ -188,10 +188,7 @@ def _limits_passed(test: TestOutcome) -> str:
         which = each.of, each.watched, each.each, each.band, each.limit
         first.setdefault(which, str(each))
         times[which] += 1
-    told = [
-        text + (f", and {times[which] - 1} times more" if times[which] > 1 else "")
-        for which, text in first.items()
-    ]
+    told = [text + _more(times[which] - 1) for which, text in first.items()]
     left = len(told) - _LIMITS_SHOWN
     more = f"; and {left} more limits" if left > 0 else ""
     return f"Limits exceeded: {'; '.join(told[:_LIMITS_SHOWN])}{more}." if told else ""
@@ -382,3 +379,10 @@ def _load(load: Mapping[str, Any]) -> str:
     except (KeyError, TypeError, ValueError):
         return "as recorded in the metadata"
     return f"spring of {stiffness:.3g} N/m, met at {contact * 1e3:g} mm"
+
+
+def _more(times: int) -> str:
+    """Return the words for how many times more something happened; "" for none."""
+    if times == 0:
+        return ""
+    return ", and once more" if times == 1 else f", and {times} times more"
