@@ -11,11 +11,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from estimator.leaks import Decision
+from estimator.leaks import Decision, Found
 from rig.loop import TIMING, in_short
 from rig.plant import LEAKS, LITRE_PER_MINUTE, Parameters
 from rig.recording import Recording
-from rig.runner.outcomes import CampaignOutcome, InjectedFault, Status, TestOutcome, in_passing
+from rig.runner.outcomes import (
+    CampaignOutcome,
+    InjectedFault,
+    Status,
+    TestOutcome,
+    comes_and_goes,
+    others_found,
+)
 
 _LABELS: Final = {
     "external_leakage_1": "external leak 1",
@@ -161,8 +168,8 @@ the 0.1 s to which times are shown."""
 def story(test: TestOutcome) -> str:
     """Return what was injected and found in a test, and how the loop reacted, in sentences."""
     sentences = [_injection(test.injected, test.recorded_s), _finding(test)]
-    if test.decision is not None and (passing := in_passing(test.decision, test.found)):
-        sentences.append(f"Found in passing: {'; '.join(passing)}.")
+    if test.decision is not None:
+        sentences += _besides(test.decision, test.found)
     sentences.append(_reacting(test))
     verdict = None if test.decision is None else test.decision.verdict
     if test.status is Status.FAILED and verdict != test.expect:
@@ -178,6 +185,16 @@ def story(test: TestOutcome) -> str:
         ended = f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s"
         sentences.append(f"{ended}{most}.")
     return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _besides(decision: Decision, found: Sequence[Found]) -> Iterator[str]:
+    """Yield sentences on the course of the verdict's fault, and on other faults that were found."""
+    if decision.returns is not None:
+        yield f"It {comes_and_goes(decision.returns)}."
+    if decision.ended_s is not None:
+        yield f"It was gone again at {decision.ended_s:.1f} s."
+    if others := others_found(decision, found):
+        yield f"Found in passing: {'; '.join(others)}."
 
 
 def _limits_passed(test: TestOutcome) -> str:

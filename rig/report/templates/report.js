@@ -52,25 +52,36 @@
     ...(first ? { label: { text: span.text, textposition: "bottom center", font: { color: colour("accent"), size: 12 } } } : {}),
   }));
 
-  // Labels of times that are near each other stand one above the other.
-  const labels = (figures, colour) => {
-    const span = figures.end - figures.start;
-    return figures.marks.map((mark, row) => {
-      const late = mark.time - figures.start > 0.8 * span;
-      return {
-        xref: "x", yref: "paper", x: mark.time, y: 1, yanchor: "bottom", yshift: 1 + 14 * row,
-        xanchor: late ? "right" : "left", xshift: late ? -3 : 3, showarrow: false, text: mark.text,
-        font: { size: 11.5, color: colour(mark.kind === "injected" || mark.kind === "removed" ? "ink" : "found") },
-      };
+  // Labels of times that are near each other stand one above the other, each in the lowest row that has room for it.
+  // Those for which no row is left are in the list above the plots only.
+  const ROWS = 6;
+  const placed = (figures, width) => {
+    const ends = [];
+    return figures.marks.flatMap((mark) => {
+      const at = width * (mark.time - figures.start) / (figures.end - figures.start);
+      const late = at > 0.8 * width, size = 6.2 * mark.text.length + 10;
+      const from = late ? at - size : at;
+      let row = ends.findIndex((end) => end <= from);
+      if (row < 0) row = ends.length;
+      if (row >= ROWS) return [];
+      ends[row] = from + size;
+      return [{ mark, row, late }];
     });
   };
 
-  const layout = (panel, figures, first, colour) => {
+  const labels = (all, colour) => all.map(({ mark, row, late }) => ({
+    xref: "x", yref: "paper", x: mark.time, y: 1, yanchor: "bottom", yshift: 1 + 14 * row,
+    xanchor: late ? "right" : "left", xshift: late ? -3 : 3, showarrow: false, text: mark.text,
+    font: { size: 11.5, color: colour(mark.kind === "injected" || mark.kind === "removed" ? "ink" : "found") },
+  }));
+
+  const layout = (panel, figures, first, colour, width) => {
     const axis = {
       gridcolor: colour("line"), zerolinecolor: colour("line"), linecolor: colour("line"),
       tickfont: { color: colour("quiet"), size: 11 },
     };
-    const marked = first ? figures.marks.length : 0;
+    const labelled = first ? placed(figures, width) : [];
+    const marked = Math.max(0, ...labelled.map(({ row }) => row + 1));
     return {
       margin: { ...MARGIN, t: MARGIN.t + 14 * marked + (marked ? 4 : 0) },
       showlegend: false, autosize: true, hovermode: "x unified",
@@ -90,7 +101,7 @@
         ...(panel.limits ? { range: panel.limits } : {}),
       },
       shapes: panel.across ? [] : [...unrecorded(figures, colour), ...reactions(figures, first, colour), ...figures.marks.map((mark) => vertical(mark, colour))],
-      annotations: first ? labels(figures, colour) : [],
+      annotations: labels(labelled, colour),
     };
   };
 
@@ -126,7 +137,7 @@
         trace.visible = keys[number].getAttribute("aria-pressed") === "true";
         return finished(trace, panel.unit, colour);
       });
-      const arranged = layout(panel, figures, index === 0, colour);
+      const arranged = layout(panel, figures, index === 0, colour, plot.clientWidth - MARGIN.l - MARGIN.r);
       if (root.dataset.paper) Object.assign(arranged, PAPER);
       Plotly.react(plot, traces, arranged, CONFIG);
       if (drawn) return;

@@ -19,7 +19,9 @@ from .friction import (
 )
 from .in_words import (
     chance as chance,
+    comes_and_goes as comes_and_goes,
     in_passing as in_passing,
+    others_found as others_found,
     percent as percent,
     reaction as reaction,
 )

@@ -40,6 +40,15 @@ def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
         clauses.append(comes_and_goes(decision.returns))
     if decision.ended_s is not None:
         clauses.append(f"gone again at {decision.ended_s:.1f} s")
+    return clauses + others_found(decision, found)
+
+
+def others_found(decision: Decision, found: Sequence[Found]) -> list[str]:
+    """Return a clause for each confirmed fault besides the verdict's, with its times.
+
+    The arguments are those of `in_passing`.
+    """
+    clauses = []
     for each in found:
         held = each.decision
         if not each.confirmed or is_of(decision, replace(held, ended_s=each.ended_s)):

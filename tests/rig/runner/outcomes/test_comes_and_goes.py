@@ -8,7 +8,8 @@ import pytest
 from estimator.intermittent import Company, Episode, Intermittent
 from estimator.leaks import Decision
 from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.runner.outcomes import in_passing
+from rig.report.wording import story
+from rig.runner.outcomes import Status, TestOutcome, in_passing
 from rig.runner.run_folder import returns_of
 
 FLOW = 0.2 * LITRE_PER_MINUTE
@@ -40,6 +41,15 @@ def test_it_is_told_in_words_how_often_and_with_what_it_opens(
     found = replace(FOUND, goes_with=goes_with)
     (clause,) = in_passing(replace(DECISION, returns=found), ())
     assert clause == f"comes and goes, open 20 % of the time (17 to 23 %), 8 times{words}"
+
+
+def test_the_report_tells_it_of_the_leak_itself_and_other_faults_apart() -> None:
+    ended = replace(DECISION, ended_s=88.0)
+    test = TestOutcome("leak", "healthy", Status.FAILED, 1, 90.0, (), ended, recorded_s=90.0)
+    told = story(test)
+    assert "It comes and goes, open 20 % of the time" in told
+    assert "It was gone again at 88.0 s." in told
+    assert "in passing" not in told
 
 
 def test_json_has_its_openings() -> None:
