@@ -21,7 +21,6 @@ LONGEST = (
     "estimator/gap/prediction/test_another_period.py",
     "rig/console/test_started.py",
     "rig/runner/campaign/test_compiling.py",
-    "chaos/test_kill_and_resume.py",
     "rig/cli/models/test_sweep.py",
     "rig/supervisor/processes/test_loop_process.py",
     "rig/runner/campaign/test_wire_replay.py",
@@ -29,6 +28,7 @@ LONGEST = (
     "rig/console/test_rig_state.py",
     "rig/console/test_page.py",
     "rig/runner/experiments/test_gap_closing.py",
+    "chaos/test_kill_and_resume.py",
     "estimator/leaks/test_detection.py",
     "estimator/leaks/test_leak_statistic.py",
     "estimator/filters/test_registry.py",
@@ -40,6 +40,8 @@ LONGEST = (
 """Test files that take ten seconds or more.
 
 Workers begin with them, so that no worker still runs one of them when the others have finished.
+The first run of a campaign compiles the simulated loop in a process of its own, which waits for no
+other: `test_started` and `test_kill_and_resume` are therefore apart.
 """
 
 

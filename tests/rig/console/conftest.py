@@ -150,7 +150,9 @@ def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
             process.wait(PATIENCE_S)
         finally:
             process.kill()
-            process.communicate()
+            process.wait()
+            assert process.stdout is not None
+            process.stdout.close()
 
 
 def _copy(stream: IO[str], log: list[str]) -> None:
