@@ -54,7 +54,8 @@ class DividedRows:
         self._rows: list[NDArray[np.float64]] = []
         self._log_times: list[NDArray[np.uint64]] = []
         self._shown = 0
-        self._period = -1
+        self._period = -1.0
+        self._then = self._shown, self._period
         self.schemas: Final = [
             Schema(_DETAILS_ID, details_schema(), "protobuf", DETAILS_NAME),
             Schema(_OVERVIEW_ID, overview_schema(division.overview), "protobuf", OVERVIEW_NAME),
@@ -77,14 +78,13 @@ class DividedRows:
         self._log_times.append(log_times)
 
     def chunk(self, first: int, offset: int) -> tuple[bytes, dict[int, NDArray[Any]]]:
-        """Return the messages of all rows that were kept, and their index; keep nothing of them.
+        """Return the messages of all rows that were kept since `clear`, and their index.
 
         Args:
             first: number of the first of these rows in the recording.
             offset: where the messages will stand in the chunk.
         """
         rows, log_times = np.concatenate(self._rows), np.concatenate(self._log_times)
-        self._rows, self._log_times = [], []
         columns = packed(rows[:, self._details_at]) if self._details_at.size else b""
         data = details_message(first, len(rows), columns)
         at = int(log_times[0])
@@ -96,16 +96,20 @@ class DividedRows:
             indexes[_OVERVIEW_ID] = index_entries(overview["log_time"], offsets)
         return message + overview.tobytes(), indexes
 
+    def clear(self) -> None:
+        """Keep nothing of the rows so far, as their chunk is written."""
+        self._rows, self._log_times = [], []
+        self._shown, self._period = self._then
+
     def _overview(self, rows: NDArray[np.float64], log_times: NDArray[np.uint64]) -> NDArray[Any]:
         """Return records of the first row in each period."""
         periods = np.floor((rows[:, 0] + _HALF_TICK_S) / OVERVIEW_PERIOD_S)
         due = np.diff(periods, prepend=self._period) != 0
-        self._period = periods[-1]
         records = self._layout.blank(int(np.count_nonzero(due)), _OVERVIEW_ID)
         # What no float32 can hold is an infinity in the overview.
         with np.errstate(over="ignore"):
             self._layout.set_values(records, rows[due][:, self._overview_at])
         records["log_time"] = records["publish_time"] = log_times[due]
         records["sequence"] = np.arange(self._shown, self._shown + len(records))
-        self._shown += len(records)
+        self._then = self._shown + len(records), periods[-1]
         return records

@@ -206,6 +206,8 @@ class McapWriter(AbstractContextManager["McapWriter"]):
         self._stream.write_chunk(b"".join([content, *encoded]), indexes)
         self._pending = 0
         self._pending_events = []
+        if self._beside is not None:
+            self._beside.clear()
 
 
 def write_mcap(
