@@ -77,8 +77,9 @@ def _varying(column: FloatArray) -> bytes:
     missing = np.isnan(column)
     known = np.where(missing, 0.0, column)
     for unit, size in _UNITS.items():
-        scaled = np.rint(known / size)
-        # An infinity is not below the limit either.
+        # What grows to an infinity is not below the limit either.
+        with np.errstate(over="ignore"):
+            scaled = np.rint(known / size)
         if not np.abs(scaled).max() < _LARGEST:
             continue
         whole = scaled.astype(np.int64)

@@ -15,7 +15,7 @@ TICKS = np.arange(N)
 
 AWKWARD = st.one_of(
     st.floats(width=64),
-    st.sampled_from([-0.0, 0.0, np.nan, np.inf, -np.inf, 2.0**53, -(2.0**53), 5e-324]),
+    st.sampled_from([-0.0, 0.0, np.nan, np.inf, -np.inf, 2.0**53, -(2.0**53), 5e-324, 1.7e308]),
     st.integers(-(2**53), 2**53).map(float),
     st.integers(-(10**12), 10**12).map(lambda k: k * 1e-9),
     st.integers(-(10**9), 10**9).map(lambda k: k * 1e-3),
