@@ -7,6 +7,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
+AUDIT := $(VENV)-audit
 PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-input
 UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
 # uv takes a fifth of pip's time. It reads none of pip's settings, so that it may reach no package index where pip does:
@@ -14,7 +15,7 @@ UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
 install = $(UV) $(1) 2>/dev/null || $(PIP) $(1)
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
 
-.PHONY: help demo test test-long check lint format types imports rooms bench bench-loop chaos gate reference trials lock clean
+.PHONY: help demo test test-long check lint format types imports rooms bench bench-loop chaos gate reference trials audit lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -74,15 +75,19 @@ reference: $(INSTALLED) ## make the reference of `make gate` anew, to be looked 
 	@$(BIN)/rig run quickstart --pace fast --out runs/reference
 	@$(BIN)/python -m tools.reference_run runs/reference .ci/reference/quickstart
 
+audit: $(INSTALLED) $(AUDIT)/.installed ## look for known vulnerabilities, judge licences, write the bill of materials to dist
+	@$(AUDIT)/bin/python -m tools.audit
+
 lock: ## resolve the dependencies of pyproject.toml anew into the locks (needs uv)
 	@command -v uv >/dev/null || { \
 	    echo "make lock needs uv (https://docs.astral.sh/uv); nothing else does." >&2; exit 1; }
 	$(LOCK) --group install -o requirements-install-lock.txt
 	$(LOCK) --group build pyproject.toml -o requirements-lock.txt
+	$(LOCK) --group audit -o requirements-audit-lock.txt
 	$(LOCK) --group dev --constraint requirements-lock.txt pyproject.toml -o requirements-dev-lock.txt
 
 clean: ## remove .venv, caches and runs/demo
-	rm -rf $(VENV) runs/demo dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(AUDIT) runs/demo dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamp comes last, so that an interrupted installation starts over from an empty .venv; wheels
@@ -110,4 +115,11 @@ $(INSTALLED_DEV): $(INSTALLED) requirements-dev-lock.txt
 	@echo "Adding what development needs (once) ..."
 	@rm -f $@
 	@$(call install,--only-binary :all: --require-hashes -r requirements-dev-lock.txt)
+	@touch $@
+
+# An environment of its own, so that what audits is not audited, and slows no other target.
+$(AUDIT)/.installed: requirements-audit-lock.txt
+	@echo "Installing what audits into $(AUDIT) (once) ..."
+	@$(PYTHON) -m venv --clear $(AUDIT)
+	@$(AUDIT)/bin/python -m pip install -qq --disable-pip-version-check --no-input --only-binary :all: --require-hashes -r requirements-audit-lock.txt
 	@touch $@

@@ -6,9 +6,12 @@ compiled sources cannot be out of date. The key covers drivers of other packages
 compiles the exchange of a fast driver into its own code.
 """
 
+import errno
 import os
 import shutil
+import stat
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
@@ -91,24 +94,57 @@ def use_compile_cache() -> None:
     """Make numba use the cache folder of the present sources, unless NUMBA_CACHE_DIR is set.
 
     NUMBA_CACHE_DIR is set to the folder, which is in the user's cache directory (XDG_CACHE_HOME,
-    else ~/.cache) and is made if missing. If it cannot be made, numba chooses a folder by itself.
-    When it is made, only the 12 folders that were used last are kept.
+    else ~/.cache) and is made if missing. Where that may not be written to, it is in a folder of
+    this user's own in the system's folder for temporary files; where not even there, numba chooses
+    by itself. When it is made, only the 12 folders that were used last are kept.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
-    home = cache_home() / "hydraulic-rig"
-    folder = home / "-".join(filter(None, (source_key(Path(__file__).parents[1]), drivers_key())))
-    try:
-        if folder.is_dir():
-            os.utime(folder)
-        else:
-            folder.mkdir(parents=True)
-            _drop_old(home)
-    except OSError:
+    name = "-".join(filter(None, (source_key(Path(__file__).parents[1]), drivers_key())))
+    folder = None
+    for home in (lambda: cache_home() / "hydraulic-rig", _own_temporary_folder):
+        with suppress(OSError):
+            folder = _writable_folder(home(), name)
+            break
+    if folder is None:
         return
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+
+
+def _writable_folder(home: Path, name: str) -> Path:
+    """Return a folder in `home`, which is made if missing, as the one that was used last.
+
+    Raises:
+        OSError: it cannot be made, or not be written to.
+    """
+    folder = home / name
+    if folder.is_dir():
+        os.utime(folder)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(errno.EACCES, "may not be written to", str(folder))
+    else:
+        folder.mkdir(parents=True)
+        _drop_old(home)
+    return folder
+
+
+def _own_temporary_folder() -> Path:
+    """Return a folder for temporary files that nobody but this user may write to.
+
+    What is cached is run. So a folder that somebody else has put there is not taken.
+
+    Raises:
+        OSError: there is none, and none can be made.
+    """
+    folder = Path(tempfile.gettempdir()) / f"hydraulic-rig-{os.getuid()}"
+    folder.mkdir(mode=stat.S_IRWXU, exist_ok=True)
+    state = folder.lstat()
+    others = stat.S_IRWXG | stat.S_IRWXO
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & others:
+        raise PermissionError(errno.EACCES, "is not this user's alone", str(folder))
+    return folder
 
 
 def marks_folder() -> Path | None:

@@ -5,7 +5,12 @@ from .errors import (
     RecordingProblem as RecordingProblem,
 )
 from .exporting import export as export
-from .formats import McapWriter as McapWriter, read_mcap as read_mcap, write_csv as write_csv
+from .formats import (
+    McapWriter as McapWriter,
+    division_of as division_of,
+    read_mcap as read_mcap,
+    write_csv as write_csv,
+)
 from .reading import (
     EXTENSIONS as EXTENSIONS,
     Column as Column,

@@ -164,7 +164,7 @@ def _checked(
     if problems:
         raise RecordingError(problems)
     channels = {"time_s": table.columns["time_s"]} | table.columns
-    recording = Recording(channels, table.metadata, table.events, name)
+    recording = Recording(channels, table.metadata, table.events, name, replayed=table.replayed)
     return _with_sidecar(recording) if extension in (".csv", ".csv.gz") else recording
 
 

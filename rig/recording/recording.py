@@ -51,7 +51,9 @@ class Recording:
     `channels` maps names to float64 arrays of shape (n,), in the unit of the name's suffix, with
     `time_s` first. command_V of row k acts from time_s[k] to time_s[k + 1]. A missing sample is
     NaN. `source` is the path that the recording was read from; empty if it was not. `sampling` says
-    how the rows of a file became the samples, if it was read by `read_measured`.
+    how the rows of a file became the samples, if it was read by `read_measured`. `replayed` names
+    the channels that the file leaves out as a replay makes them again, bit for bit: what the test's
+    filter estimated (`rig.runner.outcomes.with_estimates` adds them).
 
     Raises:
         ValueError: a channel is not float64 of shape (n,), or the first is not `time_s`.
@@ -62,6 +64,7 @@ class Recording:
     events: list[Event] = field(default_factory=list)
     source: str = ""
     sampling: "Sampling | None" = None
+    replayed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if next(iter(self.channels), None) != "time_s":
@@ -142,6 +145,7 @@ class Table:
         line_of: returns the line, or the row's number, of row k (from 0), for messages.
         metadata: metadata of the recording.
         events: events of the recording.
+        replayed: channels that the file leaves out, as in `Recording`.
     """
 
     path: str
@@ -151,6 +155,7 @@ class Table:
     line_of: Callable[[int], int] = row_number
     metadata: dict[str, Any] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
+    replayed: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

@@ -30,6 +30,10 @@ _KINDS: Final[dict[int, Any]] = {
 """Kinds of records that a recording needs besides messages, by their first byte in the file."""
 
 
+_HALF_TICK_S: Final = 0.5e-3
+"""Half the time between two samples, s."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecoverySummary:
     """A summary of how much of a damaged file was saved, and what was lost.
@@ -99,12 +103,34 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
     if dropped:
         lost.append(f"{dropped} readable samples on the other side of a gap")
     channels = formats.columns_of(collector.channels, stretches[best])
+    if collector.division is not None:
+        channels |= _replayed(collector, channels["time_s"])
     metadata = collector.metadata | {"recovered": {"from": Path(source).name, "lost": lost}}
     with replacing(Path(target)) as partial:
-        formats.write_mcap(partial, channels, metadata, collector.events)
+        formats.write_mcap(partial, channels, metadata, collector.events, collector.division)
     kept, (first_s, last_s) = sizes[best], channels["time_s"][[0, -1]].tolist()
     events = len(collector.events)
     return RecoverySummary(source, target, kept, dropped, first_s, last_s, events, tuple(lost))
+
+
+def _replayed(
+    collector: formats.SampleCollector, time_s: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return what the overview tells of the channels that a replay makes again, for viewers.
+
+    They are channels of shape (n,), as `time_s`, and NaN where the overview has no row.
+    """
+    division = collector.division
+    assert division is not None
+    channels = {name: np.full(len(time_s), np.nan) for name in division.replayed}
+    start_ns = int(collector.metadata.get("start_ns", 0))
+    for log_times, rows in collector.overview:
+        since_s = (log_times.astype(np.int64) - start_ns) * 1e-9
+        at = np.searchsorted(time_s, since_s - _HALF_TICK_S)
+        here = (at < len(time_s)) & (np.abs(time_s[at % len(time_s)] - since_s) < _HALF_TICK_S)
+        for name, values in zip(channels, rows.T, strict=False):
+            channels[name][at[here]] = values[here]
+    return channels
 
 
 def _path_problems(source: str, target: str) -> list[RecordingProblem]:
@@ -144,6 +170,8 @@ def _readable(
         raise  # what can be read takes too much memory
     except formats.DAMAGE:
         lost.append(f"everything after byte {position} of {size}: cut off or unreadable")
+    if collector.unmatched:
+        lost.append(f"{collector.unmatched} samples, as their details are missing")
     if not collector.channels:
         raise formats.ForeignSchemaError("no samples of rig before the end or the first damage")
     bounds = [0, *_breaks(collector.blocks), len(collector.blocks)]
@@ -173,13 +201,13 @@ def _records(file: IO[bytes]) -> Iterator[McapRecord]:
 
 
 def _take_chunk(chunk: Chunk, collector: formats.SampleCollector, lost: list[str]) -> None:
-    blocks, events = len(collector.blocks), len(collector.events)
+    standing = collector.standing()
     try:
         collector.take_chunk(chunk)
     except RecordingError:
         raise
     except formats.DAMAGE as error:
-        del collector.blocks[blocks:], collector.events[events:]
+        collector.back_to(standing)
         start, end = chunk.message_start_time * 1e-9, chunk.message_end_time * 1e-9
         lost.append(f"a chunk of log time {start:.9g} s to {end:.9g} s: {error}")
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from estimator.leaks import Decision, Found
 from rig.loop import TIMING, in_short
-from rig.plant import LEAKS, LITRE_PER_MINUTE, Parameters
+from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.recording import Recording
 from rig.runner.outcomes import (
     CampaignOutcome,
@@ -311,20 +311,6 @@ def _named(named: Sequence[TestOutcome], faulty: int) -> str:
         return f"{len(named)} of {faulty} faults were named right{after}."
     which = f"All {faulty} faults were" if faulty > 1 else "The fault was"
     return f"{which} named right{after}."
-
-
-def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
-    """Return the parameters that the filter assumed, from the key `model` of the metadata.
-
-    A parameter of an effect that is newer than the recording gets the value at which the effect is
-    absent. The result is None if no parameters can be read.
-    """
-    try:
-        recorded = dict(metadata["model"]["parameters"])
-        known = {name: float(recorded[name]) for name in Parameters._fields if name in recorded}
-    except (KeyError, TypeError, ValueError):
-        return None
-    return Parameters(**known) if "piston_area" in known else None
 
 
 def conditions_of(metadata: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

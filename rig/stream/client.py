@@ -38,6 +38,7 @@ from .messages import (
 )
 from .sessions import UnreachableError, check_files, subscriber_session
 from .settings import CommandName, Endpoint, Operator, StreamSettings
+from .steady_clock import SteadyClock
 from .view import RigView, Snapshot, Window
 from .voice import MAC, reader_s_voice_of
 
@@ -114,6 +115,7 @@ class StreamClient:
         self._survives = Surviving("following the stream", on_failure or _to_stderr)
         self._views: dict[str, RigView] = {}
         self._lock = threading.RLock()
+        self._clock = SteadyClock()
         self._closing = threading.Event()
         self._connect = tuple(connect)
         self._session: zenoh.Session | None = None
@@ -176,7 +178,7 @@ class StreamClient:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
         """
         with self._lock:
-            return self._view(rig).snapshot(time.time_ns())
+            return self._view(rig).snapshot(self._clock.now_ns())
 
     def window(self, last_s: float, names: tuple[str, ...] = (), rig: str | None = None) -> Window:
         """Return a rig's stored samples of the last seconds of rig time, in whole batches.
@@ -238,7 +240,7 @@ class StreamClient:
         """
         with self._lock:
             view = self._view(rig)
-            is_proven = view.snapshot(time.time_ns()).proven
+            is_proven = view.snapshot(self._clock.now_ns()).proven
             payload = self._sender.sign(view.rig, view.session, command, text, test)
         if self._session is None:
             return Answer(False, "no answer: there is no connection yet")
@@ -367,8 +369,8 @@ class StreamClient:
             content, is_proven = self._heard(sample)
             with self._lock:
                 view = self._view_of(rig)
-                view.admit(content, time.time_ns(), is_proven=is_proven)
-                (view.take_past if is_past else view.take)(kind, content, time.time_ns())
+                view.admit(content, self._clock.now_ns(), is_proven=is_proven)
+                (view.take_past if is_past else view.take)(kind, content, self._clock.now_ns())
         except MessageError as error:
             if known is not None:
                 with self._lock:

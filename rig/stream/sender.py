@@ -14,6 +14,7 @@ import zenoh
 from rig.surviving import Surviving
 
 from .messages import KEPT, LASTING, VERSION, alive_key, key
+from .steady_clock import SteadyClock
 from .voice import Voice, said
 
 QUESTIONS_KEPT: Final = 64
@@ -57,6 +58,7 @@ class StreamSender:
         self._lasting: dict[str, bytes] = {}
         self._kept: dict[str, deque[tuple[int, bytes]]] = {kind: deque() for kind in KEPT}
         self._lock = threading.Lock()
+        self._clock = SteadyClock()
         self._questions: queue.Queue[zenoh.Query | None] = queue.Queue(QUESTIONS_KEPT)
         self._survives = Surviving("answering late joiners", on_failure)
         self._answering = threading.Thread(target=self._answer, name="history", daemon=True)
@@ -73,14 +75,19 @@ class StreamSender:
         """
         sequence = self.sequences.get(kind, -1) + 1
         self.sequences[kind] = sequence
-        now_ns = time.time_ns()
-        header = {"version": VERSION, "session": self.name, "sequence": sequence, "sent_ns": now_ns}
+        header = {
+            "version": VERSION,
+            "session": self.name,
+            "sequence": sequence,
+            "sent_ns": time.time_ns(),
+        }
         payload = said({**header, **content}, key(self._rig, kind), self._voice)
         with self._lock:
             if kind in LASTING:
                 self._lasting[kind] = payload
             elif kind in self._kept:
                 kept = self._kept[kind]
+                now_ns = self._clock.now_ns()
                 kept.append((now_ns, payload))
                 oldest_ns = now_ns - self._history_ns
                 while (kind == "samples" and kept[0][0] < oldest_ns) or len(kept) > MESSAGES_KEPT:
@@ -137,7 +144,7 @@ class StreamSender:
         with suppress(ValueError):
             last_s = float(query.parameters.get("last") or "nan")
             if last_s >= 0.0:
-                since_ns = time.time_ns() - round(1e9 * min(last_s, 1e6))
+                since_ns = self._clock.now_ns() - round(1e9 * min(last_s, 1e6))
         with self._lock:
             found = {kind: [payload] for kind, payload in self._lasting.items()}
             for kind, kept in self._kept.items():

@@ -47,7 +47,7 @@ class Gap:
     """A gap: messages or rows that did not arrive.
 
     Attributes:
-        at_ns: wall clock of the reader when the gap was noticed, ns since 1970.
+        at_ns: time of the reader's `SteadyClock` when the gap was noticed, ns since 1970.
         kind: kind of the missing messages, or `rows` for rows of samples.
         missing: number of missing messages, or rows.
     """
@@ -196,7 +196,7 @@ class RigView:
 
         Args:
             content: content of the message, from `unpack`.
-            received_ns: wall clock at its arrival, ns since 1970.
+            received_ns: time of its arrival by the reader's `SteadyClock`, ns since 1970.
             is_proven: whether the rig has signed it.
 
         Raises:
@@ -242,7 +242,7 @@ class RigView:
         Args:
             kind: kind of the message.
             content: its content, from `unpack`.
-            received_ns: wall clock at its arrival, ns since 1970.
+            received_ns: time of its arrival by the reader's `SteadyClock`, ns since 1970.
 
         Raises:
             MessageError: the content is not valid for its kind; nothing of it is used.
@@ -272,7 +272,7 @@ class RigView:
         Args:
             kind: kind of the message.
             content: its content, from `unpack`.
-            received_ns: wall clock at its arrival, ns since 1970.
+            received_ns: time of its arrival by the reader's `SteadyClock`, ns since 1970.
 
         Raises:
             MessageError: the content is not valid for its kind; nothing of it is used.
@@ -295,7 +295,7 @@ class RigView:
         """Return what is known of the rig from all messages so far.
 
         Args:
-            now_ns: the present time on the wall clock that gave `received_ns`, ns since 1970. The
+            now_ns: the present time of the clock that gave `received_ns`, ns since 1970. The
                 age of the last message, whether the rig is alive, and the rate follow from it; a
                 past time does not bring back what was known then.
         """

@@ -12,7 +12,14 @@ from typing import Any, Final
 import click
 
 from rig.cli.screen import Screen
-from rig.recording import EXTENSIONS, RecordingError, RecordingProblem, read_recording, replace_text
+from rig.recording import (
+    EXTENSIONS,
+    Recording,
+    RecordingError,
+    RecordingProblem,
+    read_recording,
+    replace_text,
+)
 from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
@@ -260,21 +267,31 @@ def _verify(run: Run) -> None:
         others = [recording.with_name(f"{recording.stem}{end}") for end in EXTENSIONS]
         exports = [path for path in others if path != recording and path.is_file()]
         exported += len(exports)
-        original = None
+        original: Recording | None = None
         for path in (recording, *exports):
             try:
-                content = read_recording(path, required=()).content_hash()
+                content = read_recording(path, required=())
             except RecordingError as error:
                 problems += error.problems
                 continue
             if path == recording:
                 original = content
-            elif original not in (None, content):
+            elif original is not None and not _alike(original, content):
                 value = f"has other names or values than {recording.name}"
                 problems.append(RecordingProblem(str(path), "file", value, "export it again"))
     if problems:
         raise RecordingError(problems)
     click.echo(f"{len(run.recordings)} recordings and {exported} exports are undamaged")
+
+
+def _alike(recording: Recording, export: Recording) -> bool:
+    """Return whether an export has the values of its recording, and perhaps what a replay adds."""
+    if set(recording.replayed) & set(export.channels):
+        # Only a replay needs the compiler.
+        from rig.runner.outcomes import with_estimates
+
+        recording = with_estimates(recording)
+    return recording.content_hash() == export.content_hash()
 
 
 def _is_wanted(run: Run, wanted: Mapping[str, Any]) -> bool:

@@ -27,6 +27,7 @@ _FORMATS: Final = ("mf4", "parquet", "csv", "csv.gz", "mcap")
 def command(source: str, out: str, extension: str | None) -> int:
     """Write RECORDING to OUT: .mf4, .csv, .csv.gz, .parquet or .mcap, lossless; OUT is replaced.
 
+    What the filter estimated in every sample is in OUT too: a replay makes it again, bit for bit.
     With the folder of a RUN, every recording of its tests is written to the folder OUT. Units,
     metadata and events are written too: inside MF4, Parquet and MCAP, beside a CSV in OUT.json. MF4
     needs asammdf: pip install 'hydraulic-rig[mf4]'. Parquet, MCAP and CSV.gz have checksums, by
@@ -37,7 +38,7 @@ def command(source: str, out: str, extension: str | None) -> int:
     if extension is not None and not out.lower().endswith(f".{extension}"):
         limit = f"does not end with .{extension}"
         raise RecordingError.of_file(out, "", "leave --format out", limit)
-    _export(read_recording(source, required=()), out)
+    _export(_whole(read_recording(source, required=())), out)
     return 0
 
 
@@ -54,7 +55,7 @@ def _export_run(run: Path, out: Path, extension: str) -> int:
     problems: list[RecordingProblem] = []
     for recording in recordings:
         try:
-            content = read_recording(recording, required=())
+            content = _whole(read_recording(recording, required=()))
         except RecordingError as error:
             # A recording that a kill has cut off does not prevent the export of the others.
             problems += error.problems
@@ -63,6 +64,16 @@ def _export_run(run: Path, out: Path, extension: str) -> int:
     if problems:
         raise RecordingError(problems)
     return 0
+
+
+def _whole(content: Recording) -> Recording:
+    """Return a recording with the filter's estimates, which recordings of tests leave out."""
+    if not content.replayed:
+        return content
+    # Only a replay needs the compiler.
+    from rig.runner.outcomes import with_estimates
+
+    return with_estimates(content)
 
 
 def _export(content: Recording, out: str) -> None:

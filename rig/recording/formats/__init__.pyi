@@ -1,4 +1,5 @@
 from .csv_file import read_csv as read_csv, write_csv as write_csv
+from .division import Division as Division, division_of as division_of
 from .mcap_reader import (
     DAMAGE as DAMAGE,
     ForeignSchemaError as ForeignSchemaError,

@@ -17,7 +17,9 @@ from rig.recording.recording import Event
 from rig.recording.targets import metadata_texts, target_problems
 from rig.recording.units import unit_of
 
-from .mcap_stream import McapStream, index_entries, serialised
+from .divided_rows import DividedRows
+from .division import Division
+from .mcap_stream import COMPRESSION_LEVEL, DIVIDED_LEVEL, McapStream, index_entries, serialised
 from .sample_layout import MESSAGE_NAME, SampleLayout, sample_schema
 
 SAMPLES_TOPIC: Final = "rig/samples"
@@ -43,15 +45,20 @@ class McapWriter(AbstractContextManager["McapWriter"]):
     """A context manager that writes samples and events of one recording to an MCAP file.
 
     Samples are messages of topic `rig/samples` (protobuf, one double per channel), events of topic
-    `rig/events` (JSON). The metadata is a Metadata record `rig` at the start, with one JSON text
-    per key. Every CHUNK_SAMPLES samples, and at `flush()`, all data so far is handed to the
-    operating system, so that it survives the death of this process (but not a power cut).
+    `rig/events` (JSON). With a `division`, messages of `rig/samples` have its signals only; its
+    details follow packed, one message of `rig/details` a chunk, and all channels but the signals
+    have 50 rows a second, as float32, on `rig/overview`. The metadata is a Metadata record `rig` at
+    the start, with one JSON text per key. Every CHUNK_SAMPLES samples, and at `flush()`, all data
+    so far is handed to the operating system, so that it survives the death of this process (but not
+    a power cut).
 
     Args:
         path: the file to make.
         channels: names of the channels, which are protobuf identifiers; the first is `time_s`.
         metadata: values that JSON can hold; they are stored exactly. The value of key "start_ns" is
             also taken as the log time of time_s = 0, ns since an epoch; it is 0 without that key.
+        division: how the channels are divided; if not given, every channel has its double in the
+            message of each sample.
 
     Raises:
         RecordingError: the file exists or its folder does not, or a channel name or metadata
@@ -63,6 +70,7 @@ class McapWriter(AbstractContextManager["McapWriter"]):
         path: str | PathLike[str],
         channels: Sequence[str],
         metadata: Mapping[str, Any] | None = None,
+        division: Division | None = None,
     ) -> None:
         self.path: Final = fspath(path)
         given = metadata or {}
@@ -73,26 +81,33 @@ class McapWriter(AbstractContextManager["McapWriter"]):
             raise RecordingError(problems)
 
         self._start_ns = int(given.get("start_ns", 0))
-        self._layout = SampleLayout(channels)
+        self._channels = tuple(channels)
+        divided = division is not None and bool(division.overview)
+        signals = division.signals if division is not None and divided else self._channels
+        self._beside = DividedRows(self._channels, division) if division and divided else None
+        self._layout = SampleLayout(signals)
         self._records = self._layout.blank(CHUNK_SAMPLES, _SAMPLES_ID)
         self._pending = 0
         self._pending_events: list[Message] = []
         names = {
-            "channels": json.dumps(list(channels)),
-            "units": json.dumps({name: unit_of(name) for name in channels}),
+            "channels": json.dumps(list(signals)),
+            "units": json.dumps({name: unit_of(name) for name in signals}),
         }
         event_schema = json.dumps(_EVENT_SCHEMA).encode()
         self._stream = McapStream(
             Path(self.path),
             [
-                Schema(_SAMPLES_ID, sample_schema(channels), "protobuf", MESSAGE_NAME),
+                Schema(_SAMPLES_ID, sample_schema(signals), "protobuf", MESSAGE_NAME),
                 Schema(_EVENTS_ID, event_schema, "jsonschema", "rig.Event"),
+                *(self._beside.schemas if self._beside else ()),
             ],
             [
                 Channel(_SAMPLES_ID, SAMPLES_TOPIC, "protobuf", names, schema_id=_SAMPLES_ID),
                 Channel(_EVENTS_ID, EVENTS_TOPIC, "json", {}, schema_id=_EVENTS_ID),
+                *(self._beside.topics if self._beside else ()),
             ],
             Metadata(name=METADATA_NAME, metadata=texts),
+            DIVIDED_LEVEL if self._beside else COMPRESSION_LEVEL,
         )
 
     def __exit__(self, *_: object) -> None:
@@ -106,18 +121,22 @@ class McapWriter(AbstractContextManager["McapWriter"]):
                 `start_ns`; then no row is added.
         """
         rows = np.asarray(rows, dtype=np.float64)
-        if rows.ndim != 2 or rows.shape[1] != len(self._layout.channels):
+        if rows.ndim != 2 or rows.shape[1] != len(self._channels):
             raise ValueError(
                 f"{self.path}: rows of shape {rows.shape}, must be (n, "
-                f"{len(self._layout.channels)}) for {', '.join(self._layout.channels)}"
+                f"{len(self._channels)}) for {', '.join(self._channels)}"
             )
         log_times = self._log_times(rows[:, 0])
         done = 0
         while done < len(rows):
             count = min(len(rows) - done, CHUNK_SAMPLES - self._pending)
             records = self._records[self._pending : self._pending + count]
-            self._layout.set_values(records, rows[done : done + count])
-            records["log_time"] = records["publish_time"] = log_times[done : done + count]
+            some, times = rows[done : done + count], log_times[done : done + count]
+            if self._beside is not None:
+                self._beside.take(some, times)
+                some = some[:, self._beside.signals]
+            self._layout.set_values(records, some)
+            records["log_time"] = records["publish_time"] = times
             first = self._stream.counts[_SAMPLES_ID] + self._pending
             records["sequence"] = np.arange(first, first + count)
             self._pending += count
@@ -170,17 +189,25 @@ class McapWriter(AbstractContextManager["McapWriter"]):
         samples = self._records[: self._pending]
         events = self._pending_events
         indexes = {}
+        content = samples.tobytes()
         if len(samples):
             offsets = np.arange(len(samples)) * self._layout.dtype.itemsize
             indexes[_SAMPLES_ID] = index_entries(samples["log_time"], offsets)
+            if self._beside is not None:
+                first = self._stream.counts[_SAMPLES_ID]
+                beside, of_them = self._beside.chunk(first, len(content))
+                content += beside
+                indexes |= of_them
         encoded = [serialised([event]) for event in events]
         if events:
-            lengths = [samples.nbytes, *(len(record) for record in encoded[:-1])]
+            lengths = [len(content), *(len(record) for record in encoded[:-1])]
             times = np.array([event.log_time for event in events], dtype=np.uint64)
             indexes[_EVENTS_ID] = index_entries(times, np.cumsum(lengths))
-        self._stream.write_chunk(b"".join([samples.tobytes(), *encoded]), indexes)
+        self._stream.write_chunk(b"".join([content, *encoded]), indexes)
         self._pending = 0
         self._pending_events = []
+        if self._beside is not None:
+            self._beside.clear()
 
 
 def write_mcap(
@@ -188,15 +215,18 @@ def write_mcap(
     channels: Mapping[str, NDArray[np.float64]],
     metadata: Mapping[str, Any],
     events: Sequence[Event],
+    division: Division | None = None,
 ) -> None:
     """Write a whole recording (channels of shape (n,), SI) to a new MCAP file.
+
+    `division` is as with `McapWriter`.
 
     Raises:
         RecordingError: the file exists or its folder does not, or a channel name or metadata cannot
             be written.
         ValueError: a time is not finite, or negative by more than `metadata["start_ns"]`.
     """
-    with McapWriter(path, list(channels), metadata) as writer:
+    with McapWriter(path, list(channels), metadata, division) as writer:
         for event in events:
             writer.event(*event)
         writer.write(np.column_stack(list(channels.values())))

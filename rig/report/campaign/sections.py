@@ -13,15 +13,15 @@ from rig.recording import Event, Recording, RecordingError, read_recording, reco
 from rig.report.accounts import AccountHistory, account_history
 from rig.report.friction import friction
 from rig.report.panel import POINTS, Panel, TestData
-from rig.report.wording import (
+from rig.report.wording import conditions_of, is_after, label, loop_conditions, story
+from rig.runner.outcomes import (
+    CampaignOutcome,
+    Status,
+    TestOutcome,
+    account_detector_of,
     assumed_parameters,
-    conditions_of,
-    is_after,
-    label,
-    loop_conditions,
-    story,
+    with_estimates,
 )
-from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
 
 from .leaks import compensation, evidence, leak_flows, missing_flow, probability
 from .signals import command, innovation, motion, pressures
@@ -189,6 +189,7 @@ def _points(tests: int) -> int:
 def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tuple[str, ...]]:
     """Return the readable part of a test's recording, and notes on what cannot be read.
 
+    What the filter estimated is made again where the recording leaves it out.
     The recording is None if there is none, or if nothing of it can be read.
     """
     if test.recording is None:
@@ -196,7 +197,7 @@ def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tu
         return None, () if test.status is Status.NOT_RUN else (missing,)
     path = directory / test.recording
     try:
-        return read_recording(path, required=("time_s",)), ()
+        return with_estimates(read_recording(path, required=("time_s",))), ()
     except RecordingError as error:
         problems = "; ".join(f"{p.field}: {p.value}" for p in error.problems)
     note = f"The recording {test.recording} cannot be read ({problems})."
@@ -207,7 +208,7 @@ def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tu
         except (RecordingError, OSError):
             return None, (note,)
     shown = f"{kept.first_time_s:.1f} s to {kept.last_time_s:.1f} s"
-    return recording, (f"{note} Shown is what could be recovered, {shown}.",)
+    return with_estimates(recording), (f"{note} Shown is what could be recovered, {shown}.",)
 
 
 def not_reached(metadata: Mapping[str, Any], last_s: float) -> Iterator[str]:

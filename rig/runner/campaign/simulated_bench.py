@@ -31,7 +31,7 @@ from rig.loop import (
     rungs_of,
 )
 from rig.plant import TICK, Model
-from rig.recording import McapWriter
+from rig.recording import McapWriter, division_of
 from rig.runner.outcomes import Array
 from rig.supervisor import (
     News,
@@ -262,7 +262,8 @@ class SimulatedBench:
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> McapWriter:
         """Return the writer of a test's new recording; the time of day is added to the metadata."""
-        return McapWriter(path, channels, {**metadata, "start_ns": time.time_ns()})
+        described = {**metadata, "start_ns": time.time_ns()}
+        return McapWriter(path, channels, described, division_of(channels))
 
 
 def interlock_of(

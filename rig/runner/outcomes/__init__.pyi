@@ -58,10 +58,12 @@ from .outcome_record import (
 from .reactions import DecisionRows as DecisionRows, Reactions as Reactions
 from .recorded import (
     account_detector_of as account_detector_of,
+    assumed_parameters as assumed_parameters,
     detector_of as detector_of,
     metadata_of as metadata_of,
     sensors_of as sensors_of,
     spring_of as spring_of,
+    with_estimates as with_estimates,
 )
 from .segments import SegmentRun as SegmentRun, segments_run as segments_run
 from .software_state import (

@@ -7,11 +7,12 @@ the same decisions as the run.
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from estimator.filters import DEFAULT_FILTER
+from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS
 from estimator.friction import Spring
 from estimator.leaks import (
     Detector,
@@ -20,12 +21,13 @@ from estimator.leaks import (
     PatternDetector,
     baseline_of,
     content_of,
+    filter_recording,
 )
 from faults import Campaign, CampaignTest
 from rig.configuration import Rig, plain
 from rig.loop import VERDICT_CODES
-from rig.plant import DATA_SHEET, Model, SensorParameters
-from rig.recording import Recording, unit_of
+from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters
+from rig.recording import REPLAY_CHANNELS, Recording, unit_of
 
 from .calibrations import calibrations_applied
 from .software_state import model_sha256
@@ -79,6 +81,45 @@ def metadata_of(
         "provenance": plain(provenance),
         **calibrations_applied(rig),
     }
+
+
+def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
+    """Return the parameters that the filter assumed, from the key `model` of the metadata.
+
+    A parameter of an effect that is newer than the recording gets the value at which the effect is
+    absent. The result is None if no parameters can be read.
+    """
+    try:
+        recorded = dict(metadata["model"]["parameters"])
+        known = {name: float(recorded[name]) for name in Parameters._fields if name in recorded}
+    except (KeyError, TypeError, ValueError):
+        return None
+    return Parameters(**known) if "piston_area" in known else None
+
+
+def with_estimates(recording: Recording) -> Recording:
+    """Return a recording with the channels that its file leaves out, as the test's loop had them.
+
+    They are what the filter estimated; it runs over the recording again, and comes to the same bits
+    if the recording begins where the test did. A recording from which nothing was left out, or
+    whose metadata do not name filter and model, is returned as it is.
+
+    Args:
+        recording: a recording as it was read, of a campaign's test.
+    """
+    parameters = assumed_parameters(recording.metadata)
+    saved = recording.metadata.get("detector")
+    chosen = FILTERS.get(str(saved.get("filter"))) if isinstance(saved, Mapping) else None
+    lacking = [name for name in REPLAY_CHANNELS if name not in recording]
+    if not recording.replayed or parameters is None or chosen is None or lacking:
+        return recording
+    model = Model(parameters=parameters)
+    run = filter_recording(recording, model, chosen.name, sensors_of(recording))
+    states = {f"est_{name}": run.state(name) for name in chosen.states}
+    made = states | dict(zip(OUTPUTS, run.outputs.T, strict=True))
+    again = {name: np.ascontiguousarray(made[name]) for name in recording.replayed if name in made}
+    left = tuple(name for name in recording.replayed if name not in made)
+    return replace(recording, channels=recording.channels | again, replayed=left)
 
 
 def sensors_of(recording: Recording) -> SensorParameters:

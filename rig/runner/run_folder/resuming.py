@@ -26,6 +26,7 @@ from rig.runner.outcomes import (
     TestOutcome,
     model_sha256,
     outcome_of,
+    with_estimates,
 )
 
 from .directory import attempt_path
@@ -376,7 +377,7 @@ def learn_again(
         if outcome.status not in (Status.PASSED, Status.FAILED):
             continue
         try:
-            recording = read_recording(folder / recordings[index])
+            recording = with_estimates(read_recording(folder / recordings[index]))
             innovations = [recording[name] for name in _INNOVATIONS]
         except (RecordingError, KeyError):
             continue

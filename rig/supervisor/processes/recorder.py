@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.loop import Board, RingReader, Word, explain
-from rig.recording import McapWriter
+from rig.recording import McapWriter, division_of
 
 from .child import child_ends, obeyed_next
 from .health import trips_of
@@ -120,7 +120,7 @@ class Recorder:
         self._segment, self._written, self._due = order.segment, 0, -1
         self._segment_column = order.channels.index("segment")
         metadata = {**order.metadata, "start_ns": order.start_ns}
-        self._writer = McapWriter(order.path, order.channels, metadata)
+        self._writer = McapWriter(order.path, order.channels, metadata, division_of(order.channels))
         # A file that is cut off right after this has at least the metadata of its test.
         self._writer.flush()
         self._pipe.send(order.segment)

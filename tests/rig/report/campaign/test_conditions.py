@@ -4,7 +4,8 @@ import pytest
 
 from rig.configuration.campaigns.campaign import plain
 from rig.plant import Model, Parameters
-from rig.report.wording import assumed_parameters, conditions_of
+from rig.report.wording import conditions_of
+from rig.runner.outcomes.recorded import assumed_parameters
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,18 @@ from rig.plant import Model
 from rig.plant.sensors import DATA_SHEET
 from rig.recording import Recording, export, read_recording
 from rig.runner import TestOutcome, run_campaign
-from rig.runner.outcomes.recorded import detector_of, sensors_of
+from rig.runner.campaign import simulated_bench
+from rig.runner.outcomes.recorded import detector_of, sensors_of, with_estimates
 
 MakeTest = Callable[..., CampaignTest]
 MakeCampaign = Callable[..., Campaign]
+
+
+@pytest.fixture
+def undivided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have runs record what their filter estimated in every sample, as it was then."""
+    monkeypatch.setattr(simulated_bench, "division_of", lambda channels: None)
+
 
 COARSE = DATA_SHEET._replace(position_resolution=1e-4, pressure_noise=5e4)
 
@@ -50,6 +58,7 @@ def assert_same(recording: Recording, outcome: TestOutcome, campaign: Campaign) 
     assert result.detected_at_s == outcome.detected_at_s
 
 
+@pytest.mark.usefixtures("undivided")
 @pytest.mark.parametrize(
     "filter_name",
     ["product", "thesis-6", pytest.param("thesis-7", marks=pytest.mark.long)],
@@ -70,6 +79,7 @@ def test_a_replay_comes_to_the_estimates_and_decisions_of_the_run_bit_for_bit(
         assert_same(read_recording(tmp_path / str(test.recording)), test, campaign)
 
 
+@pytest.mark.usefixtures("undivided")
 @pytest.mark.parametrize(
     "setpoint",
     [Sine(0.3, 0.2, 0.5, 0.1, "position"), Sine(0.0, 2.0, 0.5, 1.0, "command")],
@@ -83,6 +93,7 @@ def test_a_replay_does_so_where_the_rig_has_no_spool_sensor(
     assert_same(read_recording(tmp_path / "healthy.mcap"), outcome.tests[0], campaign)
 
 
+@pytest.mark.usefixtures("undivided")
 @pytest.mark.parametrize("ticks", [3000, 3217])
 def test_a_replay_does_so_for_a_test_that_ends_between_two_blocks(
     tmp_path: Path, rig: Rig, make_test: MakeTest, make_campaign: MakeCampaign, ticks: int
@@ -94,6 +105,7 @@ def test_a_replay_does_so_for_a_test_that_ends_between_two_blocks(
     assert_same(recording, outcome.tests[0], campaign)
 
 
+@pytest.mark.usefixtures("undivided")
 def test_a_recording_that_went_through_parquet_replays_the_same(
     tmp_path: Path, rig: Rig, make_test: MakeTest, leaking: MakeTest, make_campaign: MakeCampaign
 ) -> None:
@@ -103,6 +115,7 @@ def test_a_recording_that_went_through_parquet_replays_the_same(
     assert_same(read_recording(tmp_path / "leak.parquet"), outcome.tests[1], campaign)
 
 
+@pytest.mark.usefixtures("undivided")
 @pytest.mark.parametrize(
     "filter_name", ["product", pytest.param("thesis-6", marks=pytest.mark.long)]
 )
@@ -135,6 +148,26 @@ def recording(
     return read_recording(tmp_path / "external_leakage_1.mcap")
 
 
+def test_a_replay_makes_all_that_a_recording_leaves_out_again_bit_for_bit(
+    tmp_path: Path,
+    rig: Rig,
+    make_test: MakeTest,
+    make_campaign: MakeCampaign,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    campaign = make_campaign(make_test(duration_s=4.0))
+    run_campaign(campaign, replace(rig, sensors=COARSE), tmp_path / "divided")
+    monkeypatch.setattr(simulated_bench, "division_of", lambda channels: None)
+    run_campaign(campaign, replace(rig, sensors=COARSE), tmp_path / "undivided")
+    divided, undivided = (tmp_path / folder / "healthy.mcap" for folder in ("divided", "undivided"))
+    assert divided.stat().st_size < 0.5 * undivided.stat().st_size
+    recording, whole = read_recording(divided), read_recording(undivided)
+    assert "est_pressure_1_Pa" not in recording
+    assert "innovation_pressure_1_Pa" in recording.replayed
+    assert with_estimates(recording).content_hash() == whole.content_hash()
+    assert with_estimates(whole) is whole
+
+
 def test_the_metadata_tells_the_whole_test_in_json(recording: Recording) -> None:
     metadata = recording.metadata
     assert json.loads(json.dumps(metadata)) == metadata
@@ -147,7 +180,7 @@ def test_the_metadata_tells_the_whole_test_in_json(recording: Recording) -> None
     assert metadata["rig"]["plant"]["parameters"]["piston_area"] == 6.33e-4
     assert metadata["detector"]["filter"] == "product"
     assert metadata["units"]["flow_1_m3_per_s"] == "m^3/s"
-    assert set(metadata["units"]) == set(recording.channels)
+    assert set(metadata["units"]) == {*recording.channels, *recording.replayed}
     assert {"rig", "python", "numpy", "numba", "mcap"} <= set(metadata["provenance"]["versions"])
 
 
