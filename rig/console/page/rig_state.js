@@ -9,7 +9,7 @@ const STARTING = {
   disarmed: ["Disarmed", "Connected; the valve is at null and disabled."],
   arming: ["Arming", "The pump is loaded; then press reset at the rig, while its lamp is lit."],
   "not homed": ["Not homed", "The valve is enabled; the ram rests until it is homed."],
-  homing: ["Homing", "The ram looks for its stroke end, slowly."],
+  homing: ["Homing", "The ram moves slowly; where it is, is not known before it has met its stroke end."],
   "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
 };
 
