@@ -174,7 +174,10 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
     campaign = snapshot.campaign
     if not campaign:
         return {}
-    names = ("status", "name", "description", "rig", "model", "filter", "directory", "reason")
+    names = (
+        "status", "name", "activity", "asked_by", "description", "rig", "model", "filter",
+        "directory", "reason",
+    )  # fmt: skip
     held = campaign.get("held")
     return {
         **_texts(campaign, *names),

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rig.cli.campaigns.run import stream_of
+from rig.cli.live_stream import stream_of
 from rig.control_socket import ask
 from rig.stream.client import StreamClient
 from tools.chaos.stage import COMPILE_S, ROOT, Stage

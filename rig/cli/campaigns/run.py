@@ -2,24 +2,23 @@
 
 import os
 import time
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 
 import click
 
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
+from rig.cli.live_stream import STREAMED, obeyed_by, stream_of, streamed
 from rig.cli.option_types import paced
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
-from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_campaign, load_stream
+from rig.configuration import load_campaign
 from rig.io import DriverError
 from rig.reserves import remedy_for
 from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
-from rig.runner.campaign import LONGEST_TEXT, Desk, Pace, RefusedError, Request
+from rig.runner.campaign import Desk, Pace
 from rig.runner.run_folder import begun_in, default_directory, log_error, unfinished_run
-from rig.stream import StreamSettings
 
 from .progress import HEADINGS, CampaignProgress, cells_of, summary
 
@@ -41,13 +40,7 @@ from .progress import HEADINGS, CampaignProgress, cells_of, summary
     help="Go on with the run in --out (else the newest unfinished one below runs): no test that "
     "it finished is run again. CAMPAIGN may then be the run's folder itself.",
 )
-@click.option(
-    "--stream",
-    "profile",
-    metavar="PROFILE",
-    help="Live stream by this profile, a file or a shipped name, or off. Default: loopback at the "
-    "wall clock, off otherwise.",
-)
+@STREAMED
 def command(
     campaign: str,
     rig_reference: str | None,
@@ -87,7 +80,7 @@ def command(
     progress = CampaignProgress(screen, paced=paced)
     stream: AbstractContextManager[Observer] = nullcontext(progress)
     if settings is not None:
-        stream = _streamed(progress, settings, rig, directory, desk, paced=paced)
+        stream = streamed(progress, settings, rig, directory, obeyed_by(desk), paced=paced)
     with stop_on_signals(stop):
         started = time.perf_counter()
         with ending(EXIT_BAD_INPUT, DriverError), progress, stream as observer:
@@ -140,59 +133,3 @@ def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
         log = log_error(directory, "report")
         click.echo(f"rig: no report: {one_line(error)}; traceback in {log}", err=True)
         return None
-
-
-def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
-    """Return the settings of a run's stream; None if the run has no stream.
-
-    Args:
-        profile: path or name of a profile, or "off". Without one, a run has the default profile if
-            it is paced, and no stream otherwise.
-        paced: whether the run goes at the wall clock.
-
-    Raises:
-        ConfigError: the profile, or a certificate, password or key file of it, cannot be used.
-    """
-    profile = profile or (DEFAULT if paced else OFF)
-    if profile == OFF:
-        return None
-    settings = load_stream(profile)
-    from rig.stream import KeyFileError, StreamError, check_files, credentials_of
-
-    try:
-        check_files(settings)
-        for operator in settings.operators:
-            credentials_of(operator)
-    except (KeyFileError, StreamError) as error:
-        raise ConfigError([Problem(profile, 0, 0, "stream", "", str(error), "")]) from None
-    return settings
-
-
-@contextmanager
-def _streamed(
-    observer: Observer, settings: StreamSettings, rig: Rig, out: Path, desk: Desk, *, paced: bool
-) -> Iterator[Observer]:
-    """Give the block an observer that tells `observer` and the live stream what a run does.
-
-    The stream is opened here, sends what it is told, and ends with the block. Its commands go to
-    the desk.
-    """
-    from rig.runner.campaign import StreamedRun
-    from rig.stream import Command, rig_id
-    from rig.supervisor import LOG, Stream
-
-    def obey(command: Command) -> str:
-        """Hand a command to the desk; return why it is refused, or "" if it is obeyed."""
-        request = Request.PAUSE if command.name == "hold" else Request(command.name)
-        try:
-            desk.ask(request, command.by, command.text[:LONGEST_TEXT], command.test)
-        except RefusedError as error:
-            return str(error)
-        return ""
-
-    stream = Stream(settings, rig_id(rig.name), out / LOG, observer.rig_tells, obey)
-    run = StreamedRun(stream, observer, simulated=rig.backend == "simulated", live=paced)
-    try:
-        yield run
-    finally:
-        run.ends()

@@ -14,6 +14,7 @@ from estimator.filters import DEFAULT_FILTER
 from faults import Measurement, NeedleCalibration, to_litres_per_minute
 from rig.channels import BYPASSES
 from rig.cli.application import EXIT_BAD_INPUT, ending
+from rig.cli.live_stream import STREAMED, session_streamed, stream_of
 from rig.cli.rig_failures import failures_reported
 from rig.cli.screen import Screen
 from rig.configuration import dump_calibration, load_model, load_rig
@@ -63,8 +64,14 @@ def command() -> None:
     metavar="FILE",
     help="A new file for the table. Default: calibrations/RIG-TIME.yaml.",
 )
+@STREAMED
 def valves(
-    reference: str, asked: tuple[str, ...], points: int, model: str, out: Path | None
+    reference: str,
+    asked: tuple[str, ...],
+    points: int,
+    model: str,
+    out: Path | None,
+    profile: str | None,
 ) -> int:
     """Measure needle opening against leakage coefficient with the flow meters.
 
@@ -81,6 +88,7 @@ def valves(
     for file in (path, raw):
         if file.exists():
             raise click.BadParameter(f"{file} exists; name a new file", param_hint="--out")
+    settings = stream_of(profile, paced=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     screen, stop = Screen(), StopFlag()
 
@@ -94,7 +102,6 @@ def valves(
         )
 
     openings = [round(float(opening), 4) for opening in np.linspace(0.0, 1.0, points)]
-    connected = ConnectedRig(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
     lost = f"\nno calibration; what was measured: {raw}"
     with (
         ending(EXIT_BAD_INPUT, RequestError, after=lost),
@@ -102,11 +109,17 @@ def valves(
         stop_on_signals(stop),
     ):
         compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
-        with Session(connected):
-            needles = calibrate(
-                Strokes(connected), wanted, openings, assumed.parameters.return_pressure,
-                started.date(), on_measured,
-            )  # fmt: skip
+        activity = "calibrating the bypass valves"
+        with session_streamed(settings, rig, path.parent, stop, activity, screen.print) as (
+            say,
+            onlooker,
+        ):
+            connected = ConnectedRig(rig, DEFAULT_FILTER, assumed, path.parent, stop, say, onlooker)
+            with Session(connected):
+                needles = calibrate(
+                    Strokes(connected), wanted, openings, assumed.parameters.return_pressure,
+                    started.date(), on_measured,
+                )  # fmt: skip
     dump_calibration(path, rig.name, started.date(), needles)
     right = ("opening", "coefficient", "± standard error", "up - down")
     title = f"Coefficients in {_UNIT}"

@@ -3,7 +3,8 @@
 import json
 import select
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -12,6 +13,7 @@ import click
 
 from rig.cli.application import EXIT_STOPPED, Problems
 from rig.cli.campaigns import MotionProgress
+from rig.cli.live_stream import STREAMED, motion_streamed, session_streamed, stream_of
 from rig.cli.rig_failures import failures_reported
 from rig.cli.rig_output import RIG_OUT, refuse_output, refuse_shipped
 from rig.cli.screen import Screen
@@ -19,7 +21,7 @@ from rig.configuration import NotAsMeantError, Rig, find_rig, load_model, load_r
 from rig.loop import TripError
 from rig.recording import replace_text
 from rig.report.commissioning import commissioning_page, finding_rows
-from rig.runner import StopFlag, stop_on_signals
+from rig.runner import Observer, StopFlag, stop_on_signals
 from rig.runner.commissioning import (
     SCHEMA,
     SKIPPABLE,
@@ -27,6 +29,7 @@ from rig.runner.commissioning import (
     DeclinedError,
     NotFoundError,
     Operator,
+    Seen,
     Yes,
     findings_figures,
     write_rig_file,
@@ -91,6 +94,7 @@ class Terminal:
     metavar="DIR",
     help="A new or empty folder for page and recordings; runs/commission-RIG-TIME if not given.",
 )
+@STREAMED
 @click.option("--json", "as_json", is_flag=True, help="One object instead of tables; needs --yes.")
 def command(
     rig_reference: str,
@@ -99,6 +103,7 @@ def command(
     skip: tuple[str, ...],
     out: Path | None,
     folder: Path | None,
+    profile: str | None,
     as_json: bool,
 ) -> int:
     """Commission RIG, the file of a new rig: find how it is wired and what it is like.
@@ -119,6 +124,8 @@ def command(
         rig = load_rig(rig_reference)
     with problems.collected():
         assumed = load_model(model)
+    with problems.collected():
+        settings = stream_of(profile, paced=True)
     refuse_output(problems, out)
     if as_json and not yes:
         problems.add("--json: nobody can be asked; give --yes too")
@@ -144,10 +151,23 @@ def command(
     screen.quiet = as_json
     operator: Operator = Yes() if yes else Terminal(screen)
     with stop_on_signals(stop), failures_reported():
+
+        @contextmanager
+        def watched(part: str) -> Iterator[Observer]:
+            activity = f"commissioning: {part}"
+            with (
+                MotionProgress(screen, paced=True) as progress,
+                motion_streamed(progress, settings, rig, directory, stop, activity) as observer,
+            ):
+                yield observer
+
+        def seen(part: str) -> AbstractContextManager[Seen]:
+            activity = f"commissioning: {part}"
+            return session_streamed(settings, rig, directory, stop, activity, _say(screen))
+
         work = Commissioning(
             rig, assumed, directory, operator,
-            skip=skip, say=_say(screen), stop=stop,
-            watched=lambda: MotionProgress(screen, paced=True),
+            skip=skip, say=_say(screen), stop=stop, watched=watched, seen=seen,
         )  # fmt: skip
         ended, code = "", 0
         written: list[str] = []

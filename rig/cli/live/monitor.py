@@ -191,10 +191,13 @@ def _life(snapshot: Snapshot) -> str:
 
 def _progress(snapshot: Snapshot) -> Text:
     progress, campaign = snapshot.progress, snapshot.campaign
+    asker = campaign.get("asked_by", "")
+    by = f", asked for by {asker}" if asker else ""
+    name = campaign.get("activity") or campaign.get("name", "")
     if not progress:
-        return Text("no campaign")
+        return Text(f"{name} {campaign.get('status', '')}{by}" if name else "no campaign")
     return Text(
-        f"{campaign.get('name', '')} {campaign.get('status', '')}: "
+        f"{name} {campaign.get('status', '')}{by}: "
         f"test {_number(progress.get('number'), 'g')} of {_number(progress.get('count'), 'g')}, "
         f"{progress.get('name', '')}, {_number(progress.get('time_s'), '.1f')} of "
         f"{_number(progress.get('duration_s'), 'g')} s"

@@ -8,10 +8,11 @@ import click
 
 from faults import Campaign
 from rig.cli.campaigns import MotionProgress
+from rig.cli.live_stream import motion_streamed, stream_of
 from rig.cli.rig_failures import failures_reported, require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import Rig, plan_campaign
-from rig.runner import StopFlag, stop_on_signals
+from rig.runner import Observer, StopFlag, stop_on_signals
 from rig.runner.campaign import Pace
 from rig.runner.experiments import ExperimentStoppedError
 from rig.runner.run_folder import make_empty
@@ -36,35 +37,41 @@ def print_motions(campaign: Campaign, rig: Rig, indent: str = "") -> None:
 
 @contextmanager
 def experiment(
-    rig: Rig, pace: Pace | None, folder: Path, *, as_json: bool
-) -> Iterator[tuple[Screen, StopFlag, MotionProgress]]:
-    """Give screen, stop flag and progress to the block, which runs an experiment.
+    rig: Rig, pace: Pace | None, folder: Path, profile: str | None, activity: str, *, as_json: bool
+) -> Iterator[tuple[Screen, StopFlag, Observer]]:
+    """Give screen, stop flag and observer to the block, which runs an experiment.
 
-    The folder is made before. While the block runs, Ctrl-C and signals to end request a stop on the
-    flag. If the block fails in one of the ways below, the command ends.
+    The folder is made before. While the block runs, Ctrl-C, signals to end and operators on the
+    live stream request a stop on the flag. The observer shows the progress here and on the stream.
+    If the block fails in one of the ways below, the command ends.
 
     Args:
         rig: the rig on which the experiment is run.
         pace: the pace that the user asks for; None for the rig's own.
         folder: folder for the experiment's recordings, which must be new or empty.
+        profile: profile of the live stream, as the user gives it.
+        activity: what is done with the rig, such as "tuning", for those who watch it.
         as_json: whether the screen stays silent, so that only the JSON goes to standard output.
 
     Raises:
+        ConfigError: the profile of the stream cannot be used.
         DirectoryError: the folder cannot be used.
         click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed
             or the rig tripped. The message is on stderr already; the error has the exit code. Other
             errors pass unchanged.
     """
     require_possible_pace(rig, pace)
+    paced = (pace or rig.pace) == "real" or rig.backend == "hardware"
+    settings = stream_of(profile, paced=paced)
     make_empty(folder)
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     screen.quiet = as_json
-    paced = (pace or rig.pace) == "real" or rig.backend == "hardware"
     with stop_on_signals(stop), MotionProgress(screen, paced=paced) as progress:
+        seen = motion_streamed(progress, settings, rig, folder, stop, activity, paced=paced)
         try:
-            with failures_reported():
-                yield screen, stop, progress
+            with failures_reported(), seen as observer:
+                yield screen, stop, observer
         except ExperimentStoppedError as error:
             click.echo(f"rig: {error}; what was recorded is in {folder}", err=True)
             raise click.exceptions.Exit(error.exit_code) from error

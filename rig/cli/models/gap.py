@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import click
 
+from rig.cli.live_stream import STREAMED
 from rig.cli.option_types import paced
 
 HOLDOUT: Final = "--holdout"
@@ -38,6 +39,7 @@ class ManyHeldOut(click.Command):
 @click.option("--live", is_flag=True, help="Make the recordings on a rig, and settle what is open.")
 @click.option("--rig", metavar="RIG", help="Of --live: the rig.")
 @paced("Of --live: at")
+@STREAMED
 @click.option(
     "--rounds",
     type=click.IntRange(1, 20),

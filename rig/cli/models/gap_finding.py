@@ -80,6 +80,7 @@ class Asked:
     live: bool
     rig: str | None
     pace: Pace | None
+    profile: str | None
     rounds: int | None
     dry_run: bool
     model: str
@@ -120,8 +121,9 @@ def found_by(asked: Asked) -> int:
     else:
         if not asked.recordings or not asked.holdout:
             problems.add("give recordings to fit to, and some to judge with after --holdout")
-        if asked.rig or asked.pace or asked.dry_run or asked.rounds:
-            problems.add("--rig, --pace, --rounds, --dry-run: are of motions on a rig; give --live")
+        if any((asked.rig, asked.pace, asked.profile, asked.dry_run, asked.rounds)):
+            named = "--rig, --pace, --stream, --rounds, --dry-run"
+            problems.add(f"{named}: are of motions on a rig; give --live")
     out = asked.out
     if out is None:
         problems.add("--out: name a folder for what is found")
@@ -397,6 +399,7 @@ def _close_on_rig(rig: Rig, given: Model, asked: Asked, out: Path, wanted: Wante
         wanted: what the revised model may hold of what is discovered.
 
     Raises:
+        ConfigError: the profile of the live stream cannot be used.
         DirectoryError: the folder cannot be used.
         click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed,
             the rig tripped in a motion, or the search for effects died. The message is on stderr
@@ -405,12 +408,14 @@ def _close_on_rig(rig: Rig, given: Model, asked: Asked, out: Path, wanted: Wante
     seed = int(datetime.now(UTC).timestamp()) % 1_000_000
     before, after = "rig: nothing was found: ", f"; recordings are in {out}"
     with (
-        experiment(rig, asked.pace, out, as_json=asked.as_json) as (_, stop, progress),
+        experiment(
+            rig, asked.pace, out, asked.profile, "gap of the model", as_json=asked.as_json
+        ) as (_, stop, observer),
         ending(EXIT_CRASHED, ApartError, before=before, after=after),
     ):
         return close_gap(
             rig, given, out, rounds=asked.rounds or ROUNDS, wanted=wanted, pace=asked.pace,
-            observer=progress, stop=stop, worker=apart, seed=seed,
+            observer=observer, stop=stop, worker=apart, seed=seed,
         )  # fmt: skip
 
 

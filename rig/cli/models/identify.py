@@ -9,6 +9,7 @@ import click
 
 from estimator.friction import PARAMETERS, Spring, identify_recording
 from rig.cli.application import Problems
+from rig.cli.live_stream import STREAMED
 from rig.cli.option_types import paced
 from rig.cli.screen import Screen
 from rig.configuration import Physical, QuantityError, Rig, dump_model, load_model, load_rig
@@ -62,6 +63,7 @@ def command() -> None:
 @click.argument("recordings", nargs=-1, metavar="[RECORDING...]")
 @click.option("--rig", "rig_reference", metavar="RIG", help="Run the experiment on this rig.")
 @paced("Of the experiment: at")
+@STREAMED
 @click.option("--dry-run", is_flag=True, help="Show the experiment's motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 @click.option("--spring", metavar="STIFFNESS", help="Spring that was there, such as '2e4 N/m'.")
@@ -78,6 +80,7 @@ def friction(
     recordings: tuple[str, ...],
     rig_reference: str | None,
     pace: Pace | None,
+    profile: str | None,
     dry_run: bool,
     model: str,
     spring: str | None,
@@ -102,8 +105,8 @@ def friction(
     problems = Problems()
     if bool(recordings) == (rig_reference is not None):
         problems.add("give either recordings or --rig, whose friction to identify")
-    if rig_reference is None and (pace or dry_run):
-        problems.add("--pace, --dry-run: are of the experiment on a rig; give --rig")
+    if rig_reference is None and (pace or profile or dry_run):
+        problems.add("--pace, --stream, --dry-run: are of the experiment on a rig; give --rig")
     with problems.collected():
         assumed = load_model(model)
     given = _spring(spring, contact, problems)
@@ -114,7 +117,8 @@ def friction(
             return problems.report()
         if dry_run:
             return _show_motions(rig, assumed)
-        return _run_on_rig(rig, assumed, given or model_spring(assumed), pace, out, as_json=as_json)
+        spring_there = given or model_spring(assumed)
+        return _run_on_rig(rig, assumed, spring_there, pace, profile, out, as_json=as_json)
     out = out or _PAGE
     if out.is_dir():
         problems.add(f"--out: {out} is a folder; name the page's file")
@@ -219,22 +223,31 @@ def _show_motions(rig: Rig, assumed: Model) -> int:
 
 
 def _run_on_rig(
-    rig: Rig, assumed: Model, spring: Spring, pace: Pace | None, out: Path | None, *, as_json: bool
+    rig: Rig,
+    assumed: Model,
+    spring: Spring,
+    pace: Pace | None,
+    profile: str | None,
+    out: Path | None,
+    *,
+    as_json: bool,
 ) -> int:
     """Run the friction experiment, write and show its results; return the exit code.
 
     The code is 0 if the friction was identified, else `EXIT_NOT_IDENTIFIED`.
 
     Raises:
+        ConfigError: the profile of the live stream cannot be used.
         DirectoryError: the folder of the results cannot be used.
         click.exceptions.Exit: the pace is impossible, the experiment was stopped, a driver failed
             or the rig tripped. The message is on stderr already.
     """
     begun = datetime.now(UTC)
     directory = out or default_directory(f"friction-{rig.name}", begun)
-    with experiment(rig, pace, directory, as_json=as_json) as (screen, stop, progress):
+    watched = experiment(rig, pace, directory, profile, "friction experiment", as_json=as_json)
+    with watched as (screen, stop, observer):
         found = run_friction_experiment(
-            rig, assumed, spring, directory, pace=pace, observer=progress, stop=stop
+            rig, assumed, spring, directory, pace=pace, observer=observer, stop=stop
         )
     figures, started = experiment_figures(found), f"{begun:%Y-%m-%d %H:%M}"
     text = json.dumps(figures, indent=1, allow_nan=False)

@@ -10,6 +10,7 @@ from typing import Final
 import click
 
 from rig.cli.application import Problems
+from rig.cli.live_stream import STREAMED
 from rig.cli.option_types import paced
 from rig.cli.rig_output import RIG_OUT, refuse_output, refuse_shipped
 from rig.configuration import (
@@ -48,6 +49,7 @@ EXIT_UNSAFE: Final = 1
 @click.argument("rig_reference", metavar="RIG")
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 @paced("Of the experiment: at")
+@STREAMED
 @click.option("--dry-run", is_flag=True, help="Show the experiment's motions, and move nothing.")
 @RIG_OUT
 @click.option(
@@ -61,6 +63,7 @@ def command(
     rig_reference: str,
     model: str,
     pace: Pace | None,
+    profile: str | None,
     dry_run: bool,
     out: Path | None,
     folder: Path | None,
@@ -93,8 +96,9 @@ def command(
     file = find_rig(rig_reference)
     begun = datetime.now(UTC)
     directory = folder or default_directory(f"tune-{rig.name}", begun)
-    with experiment(rig, pace, directory, as_json=as_json) as (screen, stop, progress):
-        found = run_tuning(rig, assumed, directory, pace=pace, observer=progress, stop=stop)
+    watched = experiment(rig, pace, directory, profile, "tuning", as_json=as_json)
+    with watched as (screen, stop, observer):
+        found = run_tuning(rig, assumed, directory, pace=pace, observer=observer, stop=stop)
     started = f"{begun:%Y-%m-%d %H:%M}"
     figures = tuning_figures(found)
     replace_text(directory / "tuning.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")

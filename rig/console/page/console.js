@@ -126,7 +126,7 @@ function alive() {
   if (lost) [text, how] = ["no console", "bad"];
   else if (life?.life === "live") [text, how] = [`live, ${life.rate_hz} samples/s`, "good"];
   else if (life?.life === "dead") [text, how] = [`dead for ${lasted(life.age_s)}`, "bad"];
-  else if (life?.life === "ended") [text, how] = [`campaign ended, ${lasted(life.age_s)} ago`, "off"];
+  else if (life?.life === "ended") [text, how] = [`${link.sections.campaign?.activity ? "" : "campaign "}ended, ${lasted(life.age_s)} ago`, "off"];
   if (pill.textContent !== text) pill.textContent = text;
   pill.className = `pill ${how}`;
   const stale = lost || !life || life.life !== "live";
@@ -189,9 +189,11 @@ function actions() {
     start: canStart && launch.offers.length > 0 && !isLive && !views.underWay(link),
     reset: canStart && launch.unfinished.length > 0 && !isLive && !views.underWay(link),
   };
-  for (const name of ["acknowledge", "note", "abort"]) may[name] = isLive;
+  may.abort = isLive;
+  for (const name of ["acknowledge", "note"]) may[name] = isLive && !campaign.activity;
   // What would be refused, or come too late, is not offered.
-  const goesOn = isLive && life.state !== "tripped" && !interlocks?.first_out?.length;
+  // What is done beside campaigns has no tests: it goes on to its end, or is aborted.
+  const goesOn = isLive && !campaign.activity && life.state !== "tripped" && !interlocks?.first_out?.length;
   may.hold = goesOn && !campaign.pausing;
   may.resume = goesOn && campaign.pausing;
   may.skip = goesOn && skippable().length > 0;

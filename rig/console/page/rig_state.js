@@ -9,7 +9,7 @@ const STARTING = {
   disarmed: ["Disarmed", "Connected; the valve is at null and disabled."],
   arming: ["Arming", "The pump is loaded; then press reset at the rig, while its lamp is lit."],
   "not homed": ["Not homed", "The valve is enabled; the ram rests until it is homed."],
-  homing: ["Homing", "The ram looks for its stroke end, slowly."],
+  homing: ["Homing", "The ram moves slowly; where it is, is not known before it has met its stroke end."],
   "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
 };
 
@@ -20,6 +20,10 @@ const of = (tests, ...statuses) => tests.filter((test) => statuses.includes(test
 
 // What waits before the next test: an operator's pause, or conditions that are not met.
 const waits = ({ pausing, held } = {}) => Boolean(pausing) || (held?.length ?? 0) > 0;
+
+// Who asked for what is under way.
+const askedBy = (campaign) => (campaign?.asked_by ? ` Asked for by ${campaign.asked_by}.` : "");
+const capital = (text) => `${text[0].toUpperCase()}${text.slice(1)}`;
 
 // A run that was started here, has ended badly, and never came to be the one that is shown.
 function failedStart({ common, sections }) {
@@ -35,6 +39,10 @@ function ended({ campaign, interlocks }) {
   const count = `${failed.length} of ${tests.length} ${tests.length === 1 ? "test" : "tests"}`;
   const first = interlocks?.first_out?.[0];
   const tripped = of(tests, "tripped")[0];
+  if (campaign.activity && !first && !tripped) {
+    return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
+      : ["good", "Ended", `${capital(campaign.activity)} came to its end.${askedBy(campaign)}`];
+  }
   const begun = tests.some((test) => test.status && test.status !== "not_run");
   const also = failed.length ? ` ${count} failed: ${several(failed)}.` : "";
   if (first) return ["bad", "Tripped", trip(first) + also];
@@ -61,14 +69,19 @@ function live({ life, campaign, progress, interlocks }) {
   const also = failed.length ? ` Failed so far: ${several(failed)}.` : "";
   const runs = of(tests, "running")[0];
   if (life.state === "holding") return ["bad", "Held by the interlock", sentence(interlocks?.sentence)];
-  if (STARTING[life.state]) return ["warn", ...STARTING[life.state]];
+  if (STARTING[life.state]) {
+    const [word, what] = STARTING[life.state];
+    return ["warn", word, `${what}${campaign.activity && campaign.activity !== life.state ? ` ${capital(campaign.activity)}.` : ""}${askedBy(campaign)}`];
+  }
+  if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}.${askedBy(campaign)}`];
   if (!runs && waits(campaign)) {
     const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : "An operator has asked for it; Resume goes on.";
     return ["warn", "Held", `The ram is held between two tests. ${why}${also}`];
   }
-  if (!runs) return ["live", "Between tests", `${campaign.name}.${also}`];
+  if (!runs) return ["live", "Between tests", `${campaign.name}.${also}${askedBy(campaign)}`];
   const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
   if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}`];
+  if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${askedBy(campaign)}`];
   return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}`];
 }
 

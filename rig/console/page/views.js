@@ -145,7 +145,9 @@ export function campaign({ sections }) {
   const status = told.status === "running" && !runs && (told.pausing || told.held?.length) ? "held" : told.status;
   by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, status)}` : "none";
   by("campaign-more").textContent = told.name
-    ? `rig ${told.rig}, model ${told.model}, filter ${told.filter}; begun ${clock(told.begun_ms)}, ${lasted(told.rig_time_s)} of rig time` : "";
+    ? [told.activity !== told.name && told.activity, told.asked_by && `asked for by ${told.asked_by}`,
+      told.model && `rig ${told.rig}, model ${told.model}, filter ${told.filter}`,
+      `begun ${clock(told.begun_ms)}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
 }
 
 export function launch({ common }) {

@@ -10,7 +10,7 @@ from typing import Any, Final
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import Array, Observer, TestOutcome, named
+from rig.runner.outcomes import Array, Observer, Status, TestOutcome, named
 from rig.supervisor import Onlooker, RowFeed, Stream
 
 PROGRESS_S: Final = 0.1
@@ -28,11 +28,25 @@ class StreamedRun(Observer, Onlooker):
         simulated: whether the rig is simulated, so that this observer sends the rows that the
             runner reports. On hardware the stream reads the rows from the loop's ring.
         live: whether the run is paced by the wall clock.
+        activity: what is done with the rig, such as "homing", if it is more or less than a
+            campaign; empty for a campaign.
+        asked_by: name of the user who asked for it; empty if not known.
     """
 
-    def __init__(self, stream: Stream, inner: Observer, *, simulated: bool, live: bool) -> None:
+    def __init__(
+        self,
+        stream: Stream,
+        inner: Observer,
+        *,
+        simulated: bool,
+        live: bool,
+        activity: str = "",
+        asked_by: str = "",
+    ) -> None:
         self.stream = stream
         self._live = live
+        self._activity = activity
+        self._asked_by = asked_by
         self._inner = inner
         self._simulated = simulated
         self._feed: RowFeed | None = None
@@ -47,10 +61,16 @@ class StreamedRun(Observer, Onlooker):
         self._lock = threading.Lock()
         """Locked while the list of tests changes, which operators change from other threads."""
 
-    def ends(self) -> None:
-        """Send the message that the campaign has ended, if it was begun, and close the stream."""
+    def ends(self, failed: str = "") -> None:
+        """Send the message that all has ended, if anything was begun, and close the stream.
+
+        Args:
+            failed: why it ended before its end, if it did not end with a campaign.
+        """
         if self._campaign:
             self._campaign["status"] = "ended"
+            if failed:
+                self._campaign |= {"exit_code": 3, "reason": failed}
             self._list_tests(last=True)
         self.stream.close()
         if self._feed is not None:
@@ -64,6 +84,20 @@ class StreamedRun(Observer, Onlooker):
             channels: names of the rows' columns.
         """
         self.stream.attach(board, channels)
+        if self._activity and not self._campaign:
+            self._campaign = {"name": self._activity, "exit_code": 0, "reason": "", **self._said()}
+            self._list_tests(last=True)
+
+    def _said(self) -> dict[str, Any]:
+        """Return what is said of a campaign and of any other activity when it begins."""
+        return {
+            "status": "running",
+            "activity": self._activity,
+            "asked_by": self._asked_by,
+            "begun_ns": time.time_ns(),
+            "pausing": False,
+            "held": [],
+        }
 
     def came_to(self, state: str) -> None:
         """Send the state that the session on hardware has come to."""
@@ -75,21 +109,18 @@ class StreamedRun(Observer, Onlooker):
         """Send the campaign with all its tests, and the outcomes of the finished ones."""
         self._inner.campaign_begins(campaign, directory, finished)
         self._campaign = {
-            "status": "running",
+            **self._said(),
             **named(campaign, "name", "description", rig="rig_name"),
             "model": campaign.model.name,
             "filter": campaign.filter_name,
             "false_alarms_per_day": campaign.false_alarms_per_day,
             "directory": directory.name,
             "rig_time_s": campaign.rig_time_s,
-            "begun_ns": time.time_ns(),
-            "pausing": False,
-            "held": [],
         }
         self._tests = {
             test.name: {
                 "name": test.name,
-                "expect": str(test.expect),
+                "expect": self._expected(test),
                 "duration_s": test.duration_s,
                 "status": "",
                 "verdict": "",
@@ -199,11 +230,19 @@ class StreamedRun(Observer, Onlooker):
         self._inner.test_event(time_s, kind, text)
         self.stream.event("test", kind, text, time_s)
 
+    def _expected(self, test: CampaignTest | None) -> str:
+        """Return the verdict that is expected of a test; "" of a motion, which has no verdict."""
+        return "" if test is None or self._activity else str(test.expect)
+
     def _note(self, outcome: TestOutcome) -> None:
+        status, verdict = outcome.status, outcome.decision.verdict if outcome.decision else ""
+        if self._activity:
+            # A motion has no verdict that could be wrong.
+            status, verdict = Status.PASSED if status == Status.FAILED else status, ""
         with self._lock:
             self._tests.setdefault(outcome.name, {"name": outcome.name}).update(
-                status=str(outcome.status),
-                verdict=outcome.decision.verdict if outcome.decision else "",
+                status=str(status),
+                verdict=verdict,
                 message=outcome.message,
             )
 
@@ -216,7 +255,7 @@ class StreamedRun(Observer, Onlooker):
                 "number": self._number,
                 "count": len(self._tests),
                 "name": test.name if test else "",
-                "expect": str(test.expect) if test else "",
+                "expect": self._expected(test),
                 "time_s": time_s,
                 "duration_s": test.duration_s if test else 0.0,
                 "verdict": self._decision.verdict if self._decision else "",

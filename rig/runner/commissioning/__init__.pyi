@@ -1,4 +1,4 @@
-from .commissioning import SKIPPABLE as SKIPPABLE, Commissioning as Commissioning
+from .commissioning import SKIPPABLE as SKIPPABLE, Commissioning as Commissioning, Seen as Seen
 from .findings import (
     SCHEMA as SCHEMA,
     Changes as Changes,

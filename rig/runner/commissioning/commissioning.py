@@ -28,7 +28,7 @@ from rig.runner.experiments import (
     stroke_of,
 )
 from rig.runner.outcomes import Observer, model_spring
-from rig.supervisor import Session, UnprovenRig, WatchedRig, checks_for, greatest_null_V
+from rig.supervisor import Onlooker, Session, UnprovenRig, WatchedRig, checks_for, greatest_null_V
 
 from .findings import Changes, Finding, Found
 from .operator import DeclinedError, Operator
@@ -75,6 +75,14 @@ _FRICTION: Final = (
 _BASELINE: Final = "Healthy motion over a third of the stroke, {count} times {seconds:.0f} s"
 
 
+Seen = tuple[Callable[[str], None], Onlooker]
+"""What shows a line to the operator, and what follows the states of a session."""
+
+
+def _unwatched(part: str) -> AbstractContextManager[Observer]:
+    return nullcontext(Observer())
+
+
 class Commissioning:
     """Commissions a rig; what it found stands in its attributes, also if it is ended early.
 
@@ -86,7 +94,10 @@ class Commissioning:
         skip: steps of `SKIPPABLE` that are left out.
         say: shows a line to the operator.
         stop: once a stop is requested on it, the rig is made safe and the command ends.
-        watched: makes what follows the tests of friction and baseline, while they run.
+        watched: is called with words for a part with tests, such as "friction"; makes what
+            follows these while they run.
+        seen: is called with words for any other part; makes the context of its session, which
+            gives what shows a line and what follows the session's states.
 
     Attributes:
         findings: what was looked for, in the order of the steps.
@@ -106,7 +117,8 @@ class Commissioning:
         skip: Collection[str] = (),
         say: Callable[[str], None],
         stop: StopFlag,
-        watched: Callable[[], AbstractContextManager[Observer]] = lambda: nullcontext(Observer()),
+        watched: Callable[[str], AbstractContextManager[Observer]] = _unwatched,
+        seen: Callable[[str], AbstractContextManager[Seen]] | None = None,
     ) -> None:
         self._rig = rig
         self._directory = directory
@@ -115,6 +127,7 @@ class Commissioning:
         self._say = say
         self._stop = stop
         self._watched = watched
+        self._seen = seen or (lambda part: nullcontext((say, Onlooker())))
         self.findings: list[Finding] = []
         self.changes = Changes()
         self.signs: Signs | None = None
@@ -174,19 +187,20 @@ class Commissioning:
         greatest = greatest_null_V(
             checks_for(rig, self.model, frozenset(fast.inputs), 1.0 / rig.loop.rate)
         )
-        connected = UnprovenRig(
-            rig, DEFAULT_FILTER, self.model, self._directory, self._stop, self._say
-        )
-        connected.connect()
-        try:
-            connected.arm()
-            self.signs = Probing(connected, self.model, greatest, self._operator, self._say).run()
-        except NotFoundError as error:
-            subject = "signs of valve, encoder and pressures"
-            self.findings.append(Finding(subject, "", "", "not found", str(error)))
-            raise
-        finally:
-            connected.leave()
+        with self._seen("first motions") as (say, onlooker):
+            connected = UnprovenRig(
+                rig, DEFAULT_FILTER, self.model, self._directory, self._stop, say, onlooker
+            )
+            connected.connect()
+            try:
+                connected.arm()
+                self.signs = Probing(connected, self.model, greatest, self._operator, say).run()
+            except NotFoundError as error:
+                subject = "signs of valve, encoder and pressures"
+                self.findings.append(Finding(subject, "", "", "not found", str(error)))
+                raise
+            finally:
+                connected.leave()
         self._tell_signs(self.signs)
 
     def _tell_signs(self, signs: Signs) -> None:
@@ -221,11 +235,12 @@ class Commissioning:
 
     @contextmanager
     def _session(self, rig: Rig) -> Iterator[WatchedRig]:
-        connected = WatchedRig(
-            rig, DEFAULT_FILTER, self.model, self._directory, self._stop, self._say
-        )
-        with Session(connected):
-            yield connected
+        with self._seen("homing") as (say, onlooker):
+            connected = WatchedRig(
+                rig, DEFAULT_FILTER, self.model, self._directory, self._stop, say, onlooker
+            )
+            with Session(connected):
+                yield connected
 
     def _homed(self, motion: str, rig: Rig, look: Callable[[WatchedRig], T]) -> T:
         """Return what `look` returns of a rig that is armed and homed.
@@ -362,7 +377,7 @@ class Commissioning:
         self._ask(_FRICTION)
         folder = self._directory / "friction"
         folder.mkdir()
-        with self._watched() as observer:
+        with self._watched("friction") as observer:
             found = run_friction_experiment(
                 self.rig, self.model, model_spring(self.model), folder,
                 observer=observer, stop=self._stop,
@@ -397,7 +412,7 @@ class Commissioning:
             )
         campaign = part_campaign("healthy", "Healthy motion.", rig, self.model, tests)
         with (
-            self._watched() as observer,
+            self._watched("baseline") as observer,
             connected_parts(campaign, rig, folder, observer=observer, stop=self._stop) as parts,
         ):
             recordings = list(parts.run(campaign).values())

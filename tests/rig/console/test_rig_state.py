@@ -86,6 +86,29 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     "running": (
         in_state("running"), "live", "Running", "1 of 1: healthy", {"hold", "skip", "retry"}
     ),
+    "homing asked for": (
+        in_state("homing", name="homing", activity="homing", asked_by="Bo", tests=[]), "warn",
+        "Homing", "stroke end. Asked for by Bo.", set(),
+    ),
+    "calibrating": (
+        rig(progress={}, campaign=campaign(
+            name="calibrating", activity="calibrating", asked_by="Bo", tests=[])),
+        "live", "In use", "Calibrating. Asked for by Bo.", set(),
+    ),
+    "tuning": (
+        in_state("running", activity="tuning", asked_by="Bo"), "live", "Running",
+        "Tuning: motion 1 of 1: healthy. Asked for by Bo.", set(),
+    ),
+    "homing stopped": (
+        rig(alive=False, age_s=9.0, campaign=campaign(
+            status="ended", activity="homing", tests=[], exit_code=3, reason="stopped by Ben")),
+        "warn", "Stopped", "Homing ended early: stopped by Ben.", {"start"},
+    ),
+    "homed": (
+        rig(alive=False, age_s=9.0, campaign=campaign(
+            status="ended", activity="homing", asked_by="Bo", tests=[], exit_code=0)),
+        "good", "Ended", "Homing came to its end. Asked for by Bo.", {"start"},
+    ),
     "to be held": (
         in_state("running", pausing=True), "warn", "Running, to be held", "after it",
         {"resume", "skip", "retry"},

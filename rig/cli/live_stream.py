@@ -1,0 +1,197 @@
+"""The live stream of commands that drive a rig: its option, and what is sent and obeyed by it."""
+
+import getpass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
+from rig.runner import Observer, StopFlag
+from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request
+from rig.stream import StreamSettings
+from rig.supervisor import Onlooker
+
+if TYPE_CHECKING:
+    from rig.runner.campaign import StreamedRun
+    from rig.stream import Command
+
+    Obey = Callable[[Command], str]
+    """Takes a command; returns why it is refused, or "" if it is obeyed."""
+
+STREAMED: Final[Callable[[Callable[..., Any]], Callable[..., Any]]] = click.option(
+    "--stream",
+    "profile",
+    metavar="PROFILE",
+    help="Live stream by this profile, a file or a shipped name, or off. Default: loopback at the "
+    "wall clock, off otherwise.",
+)
+"""Decorator that adds the option --stream to a command which drives a rig."""
+
+
+def asked_by() -> str:
+    """Return the name of the user who gave this command; "" if the system does not know it."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return ""
+
+
+def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
+    """Return the settings of a command's stream; None if it has no stream.
+
+    Args:
+        profile: path or name of a profile, or "off". Without one, the default profile is used if
+            the rig is paced, and no stream otherwise.
+        paced: whether the rig goes at the wall clock.
+
+    Raises:
+        ConfigError: the profile, or a certificate, password or key file of it, cannot be used.
+    """
+    profile = profile or (DEFAULT if paced else OFF)
+    if profile == OFF:
+        return None
+    settings = load_stream(profile)
+    from rig.stream import KeyFileError, StreamError, check_files, credentials_of
+
+    try:
+        check_files(settings)
+        for operator in settings.operators:
+            credentials_of(operator)
+    except (KeyFileError, StreamError) as error:
+        raise ConfigError([Problem(profile, 0, 0, "stream", "", str(error), "")]) from None
+    return settings
+
+
+@contextmanager
+def streamed(
+    observer: Observer,
+    settings: StreamSettings,
+    rig: Rig,
+    folder: Path,
+    obey: "Obey",
+    *,
+    paced: bool,
+    activity: str = "",
+) -> Iterator["StreamedRun"]:
+    """Give the block an observer that tells `observer` and the live stream what a command does.
+
+    The stream is opened by the session that the block begins, and ends with the block. If the block
+    fails, viewers learn why.
+
+    Args:
+        observer: is told first.
+        settings: the stream's profile.
+        rig: the rig that is driven.
+        folder: an existing folder, or that of a run, for what the publisher may log.
+        obey: obeys or refuses the stream's commands; it is called from another thread.
+        paced: whether the rig goes at the wall clock.
+        activity: what the command does with the rig, such as "homing"; empty for a campaign.
+    """
+    from rig.runner.campaign import StreamedRun
+    from rig.stream import rig_id
+    from rig.supervisor import LOG, Stream
+
+    stream = Stream(settings, rig_id(rig.name), folder / LOG, observer.rig_tells, obey)
+    simulated = rig.backend == "simulated"
+    run = StreamedRun(
+        stream, observer, simulated=simulated, live=paced, activity=activity, asked_by=asked_by()
+    )
+    failed = ""
+    try:
+        yield run
+    except BaseException as error:
+        failed = str(error) or type(error).__name__
+        raise
+    finally:
+        run.ends(failed)
+
+
+@contextmanager
+def motion_streamed(
+    observer: Observer,
+    settings: StreamSettings | None,
+    rig: Rig,
+    folder: Path,
+    stop: StopFlag,
+    activity: str,
+    *,
+    paced: bool = True,
+) -> Iterator[Observer]:
+    """Give the block an observer as `streamed` does; anybody who may command can stop the command.
+
+    Without settings the block gets `observer` itself. Of the stream's commands only `abort` is
+    obeyed, as there are no tests that could be held or skipped.
+
+    Args:
+        observer: is told first.
+        settings: the stream's profile; None for no stream.
+        rig: the rig that is driven.
+        folder: an existing folder, for what the publisher may log.
+        stop: a stop is requested on it when somebody asks to abort.
+        activity: what the command does with the rig, such as "homing".
+        paced: whether the rig goes at the wall clock.
+    """
+
+    def obey(command: "Command") -> str:
+        if command.name != "abort":
+            return f"{activity} obeys abort only"
+        text = command.text[:LONGEST_TEXT]
+        stop.request(f"{command.by}: {text}" if text else command.by)
+        return ""
+
+    if settings is None:
+        context: Any = nullcontext(observer)
+    else:
+        context = streamed(observer, settings, rig, folder, obey, paced=paced, activity=activity)
+    with context as seen:
+        yield seen
+
+
+class _Said(Observer):
+    """An observer that shows what is told of the rig, and nothing else.
+
+    Args:
+        say: shows a line to the operator.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+
+    def rig_tells(self, text: str) -> None:
+        """Show the line."""
+        self._say(text)
+
+
+@contextmanager
+def session_streamed(
+    settings: StreamSettings | None,
+    rig: Rig,
+    folder: Path,
+    stop: StopFlag,
+    activity: str,
+    say: Callable[[str], None],
+) -> Iterator[tuple[Callable[[str], None], Onlooker]]:
+    """Give the block two arguments of a `ConnectedRig`, so that its session is seen and stopped.
+
+    They are the function that shows a line, here and to who watches the stream, and the onlooker.
+    The arguments are those of `motion_streamed`; `say` shows a line to the operator here.
+    """
+    with motion_streamed(_Said(say), settings, rig, folder, stop, activity) as seen:
+        yield seen.rig_tells, seen if isinstance(seen, Onlooker) else Onlooker()
+
+
+def obeyed_by(desk: Desk) -> "Obey":
+    """Return a function that hands a stream's commands to the desk of a campaign."""
+
+    def obey(command: "Command") -> str:
+        request = Request.PAUSE if command.name == "hold" else Request(command.name)
+        try:
+            desk.ask(request, command.by, command.text[:LONGEST_TEXT], command.test)
+        except RefusedError as error:
+            return str(error)
+        return ""
+
+    return obey
