@@ -55,7 +55,7 @@ def sections(snapshot: Snapshot) -> dict[str, Any]:
         "progress": _progress(snapshot),
         "campaign": _campaign(snapshot),
         "decision": _decision(snapshot),
-        "verdicts": [_verdict(content) for content in snapshot.verdicts[-VERDICTS:]],
+        "verdicts": _verdicts(snapshot),
         "events": [_event(content) for content in snapshot.events[-EVENTS:]],
     }
 
@@ -174,7 +174,8 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
     campaign = snapshot.campaign
     if not campaign:
         return {}
-    names = ("status", "name", "description", "rig", "model", "filter", "directory", "reason")
+    names = ("status", "name", "description", "rig", "model", "filter", "directory", "reason",
+             "begun_by")  # fmt: skip
     held = campaign.get("held")
     return {
         **_texts(campaign, *names),
@@ -207,6 +208,12 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
         **_texts(decision, "suspected"),
         "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
     }
+
+
+def _verdicts(snapshot: Snapshot) -> list[dict[str, Any]]:
+    """Return the newest verdicts of the campaign that is shown, and of no earlier one."""
+    mine = [each for each in snapshot.verdicts if _is_of_this_run(snapshot, each)]
+    return [_verdict(content) for content in mine[-VERDICTS:]]
 
 
 def _is_of_this_run(snapshot: Snapshot, content: Mapping[str, Any]) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
-from rig.cli.option_types import paced
+from rig.cli.option_types import paced, text
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_campaign, load_stream
@@ -18,7 +18,13 @@ from rig.io import DriverError
 from rig.reserves import remedy_for
 from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
 from rig.runner.campaign import LONGEST_TEXT, Desk, Pace, RefusedError, Request
-from rig.runner.run_folder import begun_in, default_directory, log_error, unfinished_run
+from rig.runner.run_folder import (
+    begun_in,
+    default_directory,
+    discard_refused,
+    log_error,
+    unfinished_run,
+)
 from rig.stream import StreamSettings
 
 from .progress import HEADINGS, CampaignProgress, cells_of, summary
@@ -48,6 +54,13 @@ from .progress import HEADINGS, CampaignProgress, cells_of, summary
     help="Live stream by this profile, a file or a shipped name, or off. Default: loopback at the "
     "wall clock, off otherwise.",
 )
+@click.option(
+    "--by",
+    default="",
+    type=text,
+    metavar="NAME",
+    help="Who starts the run, or goes on with it, for its journal, report and page.",
+)
 def command(
     campaign: str,
     rig_reference: str | None,
@@ -55,6 +68,7 @@ def command(
     out: Path | None,
     resume: bool,
     profile: str | None,
+    by: str,
 ) -> int:
     """Run the fault-injection campaign CAMPAIGN, a file or a shipped name.
 
@@ -62,7 +76,7 @@ def command(
     ends the campaign and reports the tests so far; `rig control` asks it for a pause and more. A
     campaign that was stopped or killed goes on with --resume. Exit code: 0 all as expected, 1 a
     test failed or was skipped or no report could be made, 2 bad input or a device that is not
-    there, 3 tripped, not ready, stopped, or its disk full.
+    there or is in use, of which no folder is left, 3 tripped, not ready, stopped, or its disk full.
     """
     given: dict[str, str | None] = {
         "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd()),
@@ -87,10 +101,15 @@ def command(
     progress = CampaignProgress(screen, paced=paced)
     stream: AbstractContextManager[Observer] = nullcontext(progress)
     if settings is not None:
-        stream = _streamed(progress, settings, rig, directory, desk, paced=paced)
+        stream = _streamed(progress, settings, rig, directory, desk, by, paced=paced)
     with stop_on_signals(stop):
         started = time.perf_counter()
-        with ending(EXIT_BAD_INPUT, DriverError), progress, stream as observer:
+        with (
+            ending(EXIT_BAD_INPUT, DriverError),
+            _leaving_nothing(directory),
+            progress,
+            stream as observer,
+        ):
             try:
                 outcome = run_campaign(
                     loaded,
@@ -104,6 +123,7 @@ def command(
                     overdue=_give_up,
                     given=given,
                     desk=desk,
+                    by=by,
                 )
             except OSError as error:
                 state = f"results cannot be written to {directory}: {error.strerror or error}"
@@ -169,8 +189,26 @@ def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
 
 
 @contextmanager
+def _leaving_nothing(directory: Path) -> Iterator[None]:
+    """Leave no folder of a run that a DriverError of the block refuses before anything moved."""
+    existed = directory.exists()
+    try:
+        yield
+    except DriverError:
+        discard_refused(directory, existed=existed)
+        raise
+
+
+@contextmanager
 def _streamed(
-    observer: Observer, settings: StreamSettings, rig: Rig, out: Path, desk: Desk, *, paced: bool
+    observer: Observer,
+    settings: StreamSettings,
+    rig: Rig,
+    out: Path,
+    desk: Desk,
+    by: str,
+    *,
+    paced: bool,
 ) -> Iterator[Observer]:
     """Give the block an observer that tells `observer` and the live stream what a run does.
 
@@ -185,13 +223,15 @@ def _streamed(
         """Hand a command to the desk; return why it is refused, or "" if it is obeyed."""
         request = Request.PAUSE if command.name == "hold" else Request(command.name)
         try:
-            desk.ask(request, command.by, command.text[:LONGEST_TEXT], command.test)
+            said = command.text[:LONGEST_TEXT]
+            desk.ask(request, command.by, said, command.test, command.person)
         except RefusedError as error:
             return str(error)
         return ""
 
     stream = Stream(settings, rig_id(rig.name), out / LOG, observer.rig_tells, obey)
-    run = StreamedRun(stream, observer, simulated=rig.backend == "simulated", live=paced)
+    simulated = rig.backend == "simulated"
+    run = StreamedRun(stream, observer, simulated=simulated, live=paced, by=by)
     try:
         yield run
     finally:

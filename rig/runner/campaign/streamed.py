@@ -28,11 +28,15 @@ class StreamedRun(Observer, Onlooker):
         simulated: whether the rig is simulated, so that this observer sends the rows that the
             runner reports. On hardware the stream reads the rows from the loop's ring.
         live: whether the run is paced by the wall clock.
+        by: name of who started the run, or went on with it; empty if that is not known.
     """
 
-    def __init__(self, stream: Stream, inner: Observer, *, simulated: bool, live: bool) -> None:
+    def __init__(
+        self, stream: Stream, inner: Observer, *, simulated: bool, live: bool, by: str = ""
+    ) -> None:
         self.stream = stream
         self._live = live
+        self._by = by
         self._inner = inner
         self._simulated = simulated
         self._feed: RowFeed | None = None
@@ -83,6 +87,7 @@ class StreamedRun(Observer, Onlooker):
             "directory": directory.name,
             "rig_time_s": campaign.rig_time_s,
             "begun_ns": time.time_ns(),
+            "begun_by": self._by,
             "pausing": False,
             "held": [],
         }
