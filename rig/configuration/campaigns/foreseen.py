@@ -93,8 +93,8 @@ def inconclusive_warnings(test: CampaignTest, model: Model, filter_name: str) ->
         moved, needed = show_alike([travel_m, needed_m], "m")
         yield (
             f"its verdict will be `inconclusive`, so that it fails: the ram moves by {moved} in "
-            f"the later half, and a leak shows from {needed} on; let it move to the end, or shorten "
-            "the test"
+            f"the later half, and a leak shows from {needed} on; let it move to the end, or "
+            "shorten the test"
         )
 
 

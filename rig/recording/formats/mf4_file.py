@@ -63,5 +63,5 @@ def _started(recording: Recording) -> datetime:
     asammdf's own default is the time of the export.
     """
     start_ns = recording.metadata.get("start_ns")
-    known = isinstance(start_ns, int) and 0 < start_ns < _LATEST_NS
-    return datetime.fromtimestamp(1e-9 * start_ns if known else 0.0, UTC)
+    is_known = isinstance(start_ns, int) and 0 < start_ns < _LATEST_NS
+    return datetime.fromtimestamp(1e-9 * float(start_ns or 0) if is_known else 0.0, UTC)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from .journal import JOURNAL, Entry, Journal, JournalError, read_journal
 
@@ -30,7 +31,7 @@ def acknowledge_ended(folder: Path, who: str, text: str = "", person: str = "") 
     try:
         with Journal(folder, resume=True) as journal:
             seen = _wanting_attention(journal.entries)
-            details = {"person": person} if person else {}
+            details: dict[str, Any] = {"person": person} if person else {}
             details |= {"text": text} if text else {}
             journal.write("operator", request="acknowledge", who=who, **details, seen=seen)
     except OSError as error:

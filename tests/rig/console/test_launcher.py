@@ -6,6 +6,7 @@ import socket
 import subprocess
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -108,6 +109,7 @@ def test_an_offer_is_started_in_a_process_and_a_folder_of_its_own(
     (process,) = started
     assert process.arguments[1:5] == ["-m", "rig.cli", "run", str(tmp_path / "leaks.yaml")]
     assert process.arguments[5:7] == ["--rig", "bench.yaml"]
+    assert "--by=Anna" in process.arguments
     assert process.arguments[-4:] == ["--pace", "real", "--stream", "loopback"]
     assert Path(process.arguments[8]).parent == tmp_path / "runs"
     assert process.options["start_new_session"]
@@ -161,9 +163,35 @@ def test_runs_that_were_stopped_or_killed_can_be_gone_on_with(
         journal.write('{"kind": "outc')
     run_of(tmp_path, "nonsense")
     (tmp_path / "runs" / "nonsense" / "journal.jsonl").write_text("[]\n")
-    assert {run["folder"] for run in launcher.unfinished()} == {"stopped", "killed"}
+    assert {run["folder"] for run in launcher.content()["unfinished"]} == {"stopped", "killed"}
     launcher.go_on("stopped", "Anna")
     assert started[0].arguments[4:6] == [str(tmp_path / "runs" / "stopped"), "--resume"]
+
+
+def test_a_run_that_ended_badly_wants_to_be_acknowledged_once_and_can_still_be_gone_on_with(
+    launcher: Launcher, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    end = {"kind": "end", "reason": "a trip", "exit_code": 3}
+    seen = {"kind": "operator", "request": "acknowledge", "who": "root", "person": "Anna"}
+    run_of(tmp_path, "tripped", end)
+    run_of(tmp_path, "seen", end, seen)
+    run_of(tmp_path, "passed", {"kind": "end", "reason": "", "exit_code": 0})
+    content = launcher.content()
+    assert [run["folder"] for run in content["unseen"]] == ["tripped"]
+    assert {run["folder"] for run in content["unfinished"]} == {"tripped", "seen"}
+    asked: list[list[str]] = []
+
+    def run(command: list[str], **_: Any) -> Any:
+        asked.append(command)
+        return SimpleNamespace(returncode=0)
+
+    names = {"run": run, "DEVNULL": None, "SubprocessError": subprocess.SubprocessError}
+    monkeypatch.setattr("rig.console.launcher.subprocess", SimpleNamespace(**names))
+    launcher.acknowledge("tripped", "-- it was me", "Anna")
+    folder = str(tmp_path / "runs" / "tripped")
+    assert asked[0][3:] == ["control", folder, "acknowledge", "--by=Anna", "--", "-- it was me"]
+    with pytest.raises(LaunchRefused, match="wants to be acknowledged"):
+        launcher.acknowledge("passed", "", "Anna")
 
 
 def test_it_is_known_on_which_rig_a_run_is_that_goes_on(
