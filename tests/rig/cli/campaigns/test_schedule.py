@@ -74,7 +74,7 @@ def test_the_list_is_true_after_a_kill_and_in_the_zone_of_the_file(
     schedule.write_text(schedule.read_text() + "timezone: Europe/Helsinki\n")
     folder = tmp_path / "out"
     folder.mkdir()
-    due = {"id": "a", "entry": "now", "campaign": "short.yaml", "rig": None,
+    due: dict[str, Any] = {"id": "a", "entry": "now", "campaign": "short.yaml", "rig": None,
            "due": "2026-11-27T10:00:00+00:00", "attempt": 1, "not_before": None}  # fmt: skip
     with Journal(folder, name="schedule.jsonl") as journal:
         journal.write("added", **due)
