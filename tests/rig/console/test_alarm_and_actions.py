@@ -1,6 +1,7 @@
 """The page calls for somebody when something is wrong, and offers what can be done about it."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from rig.stream.view import Window
 
 from .conftest import WAIT_MS
 from .fakes import RUNNING, until
-from .site import TOKEN, Site
+from .site import TOKEN, Site, site_served
 from .test_rig_state import TRIPPED, ended, launched
 
 expect.set_options(timeout=WAIT_MS)
@@ -19,13 +20,19 @@ PHONE = {"width": 420, "height": 900}
 RUN = {"folder": "out", "campaign": "leaks"}
 
 
-@pytest.fixture
-def page(browser: Browser, site: Site) -> Iterator[Page]:
+@pytest.fixture(scope="module")
+def served(leaving: ExitStack) -> Iterator[Site]:
+    with site_served(leaving) as site:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Browser, served: Site) -> Iterator[Page]:
     """Return the page of somebody who has control, on a phone."""
     context = browser.new_context(viewport=PHONE)  # type: ignore[arg-type]
     context.set_default_timeout(WAIT_MS)
     page = context.new_page()
-    page.goto(site.origin)
+    page.goto(served.origin)
     page.fill("[name=name]", "Anna")
     page.fill("[name=token]", TOKEN)
     page.keyboard.press("Enter")
@@ -36,14 +43,29 @@ def page(browser: Browser, site: Site) -> Iterator[Page]:
     context.close()
 
 
+@pytest.fixture
+def site(served: Site) -> Site:
+    """Return the console of a rig that runs, as at the beginning of each test."""
+    served.client.shots = {"bench": RUNNING}
+    return served
+
+
+@pytest.fixture
+def page(opened: Page, site: Site) -> Page:
+    """Return the page, which shows that the rig runs."""
+    opened.evaluate("scrollTo(0, 0)")
+    expect(opened.locator("#rig-state-word")).to_have_text("Running")
+    return opened
+
+
 def test_a_trip_stands_in_the_tab_s_title_and_sounds_until_it_is_silenced_or_over(
     site: Site, page: Page
 ) -> None:
     expect(page).to_have_title("bench console")
-    assert page.evaluate("rigConsoleAlarm.sounded") == 0
+    sounded = page.evaluate("rigConsoleAlarm.sounded")
     site.client.become("bench", state={"state": "tripped"}, health=TRIPPED)
     expect(page).to_have_title("✕ Tripped - bench console")
-    assert page.evaluate("rigConsoleAlarm.sounded") == 1
+    assert page.evaluate("rigConsoleAlarm.sounded") == sounded + 1
     page.locator("#silence").click()
     expect(page.locator("#silence")).to_be_hidden()
     expect(page).to_have_title("✕ Tripped - bench console")
@@ -71,12 +93,13 @@ def test_on_a_phone_state_verdict_and_campaign_come_before_the_curves(
 
 
 def test_after_a_trip_it_is_acknowledged_and_reset_and_after_a_completed_run_neither(
-    site: Site, page: Page
+    site: Site, page: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     launcher = site.console.launcher
     asked: list[tuple[str, ...]] = []
-    launcher.acknowledge = lambda *given: asked.append(("seen", *given))  # type: ignore[method-assign]
-    launcher.go_on = lambda *given: asked.append(("go on", *given))  # type: ignore[method-assign]
+    monkeypatch.setattr(launcher, "content", launcher.content)
+    monkeypatch.setattr(launcher, "acknowledge", lambda *given: asked.append(("seen", *given)))
+    monkeypatch.setattr(launcher, "go_on", lambda *given: asked.append(("go on", *given)))
     old = {"folder": "old", "campaign": "night"}
 
     def stand(set_up: Callable[[Site], None], **told: Any) -> None:

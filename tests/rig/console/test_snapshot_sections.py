@@ -130,7 +130,7 @@ NONSENSE = st.recursive(
     lambda inner: (
         st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=9), inner, max_size=3)
     ),
-    max_leaves=10,
+    max_leaves=4,
 )  # fmt: skip
 KINDS = ("decision", "health", "campaign", "progress", "state")
 NAMES = st.sampled_from(
