@@ -1,4 +1,4 @@
-"""Whoever has not the token stays outside, however often it is tried."""
+"""Whoever has not the token stays outside; of those inside, one operator at a time has control."""
 
 from hashlib import sha256
 from pathlib import Path
@@ -13,7 +13,9 @@ from rig.console.visitors import (
     LONGEST_NAME,
     MOST_ADDRESSES,
     MOST_VISITORS,
+    ControlHolder,
     LoginRefused,
+    NotInControl,
     Visitor,
     Visitors,
     console_token,
@@ -156,3 +158,48 @@ def test_a_damaged_file_of_logins_holds_none(clock: Clock, tmp_path: Path, text:
     (tmp_path / "logins.json").write_text(text)
     visitors = kept(tmp_path, clock)
     assert visitors.visitor(visitors.log_in(TOKEN, "Anna", "a")) is not None
+
+
+ANNA, BEN = Visitor(1, "Anna", 9.9), Visitor(2, "Ben", 9.9)
+
+
+@pytest.fixture
+def told() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def control(told: list[str]) -> ControlHolder:
+    return ControlHolder(told.append, lambda: 5_000_000)
+
+
+def test_nobody_may_act_before_taking_control(control: ControlHolder) -> None:
+    with pytest.raises(NotInControl, match="nobody has control"):
+        control.require(ANNA)
+    control.take(ANNA)
+    control.require(ANNA)
+
+
+def test_who_has_control_keeps_it_until_it_is_taken_over(
+    control: ControlHolder, told: list[str]
+) -> None:
+    control.take(ANNA)
+    control.take(ANNA)
+    with pytest.raises(NotInControl, match="Anna has control"):
+        control.take(BEN)
+    with pytest.raises(NotInControl, match="Anna has control"):
+        control.require(BEN)
+    control.take(BEN, over=True)
+    with pytest.raises(NotInControl, match="Ben has control"):
+        control.require(ANNA)
+    assert told == ["Anna takes control", "Ben takes over from Anna"]
+    assert control.content() == {"number": 2, "name": "Ben", "since_ms": 5}
+
+
+def test_control_is_given_up_by_who_has_it_only(control: ControlHolder, told: list[str]) -> None:
+    control.take(ANNA)
+    control.release(BEN)
+    control.require(ANNA)
+    control.release(ANNA)
+    assert control.content()["number"] is None
+    assert told[-1] == "Anna gives control up"
