@@ -136,7 +136,9 @@ def _lines(shown: dict[str, Any], schedule: Schedule, path: Path) -> Iterator[st
         at = f"due {when(job['due'])}, attempt {job['attempt']}"
         yield f"waits: {job['entry']}, {at}{_busy(job)}"
     for ended in shown["history"]:
-        where = ended["folder"] or "not begun"
+        # A run that was refused before anything moved has left no folder.
+        is_kept = ended["folder"] and Path(ended["folder"]).is_dir()
+        where = ended["folder"] if is_kept else "nothing was run"
         yield f"{when(ended['at'])} {ended['entry']}: exit code {ended['exit_code']}, {where}"
 
 

@@ -146,9 +146,7 @@ def test_enter_confirms_in_a_list_of_choices_too(site: Site, page: Page) -> None
     until(lambda: site.client.sent == [("skip", "bench", "Anna", "first")], "the order")
 
 
-def test_names_that_are_html_are_shown_as_text_and_widen_no_small_screen(
-    site: Site, page: Page
-) -> None:
+def test_names_that_are_html_are_shown_as_text(site: Site, page: Page) -> None:
     name = "<img src=x onerror=alert(1)>"
     test = {"name": name, "expect": name, "status": name, "verdict": name}
     site.client.become(
