@@ -188,7 +188,16 @@ def test_problems_survive_the_way_to_another_process() -> None:
     assert pickle.loads(pickle.dumps(caught.value)).problems == caught.value.problems
 
 
-def test_a_register_may_be_in_units_of_american_instruments() -> None:
-    assert UNITS["psi"] == ("Pa", pytest.approx(6894.757293168361))
-    assert UNITS["in"] == ("m", 0.0254)
-    assert UNITS["gpm"] == ("m3_per_s", pytest.approx(3.785411784e-3 / 60.0))
+@pytest.mark.parametrize(
+    ("unit", "ending", "factor"),
+    [
+        ("psi", "Pa", 6894.757293168361),
+        ("in", "m", 0.0254),
+        ("gpm", "m3_per_s", 3.785411784e-3 / 60.0),
+    ],
+)
+def test_a_register_may_be_in_units_of_american_instruments(
+    unit: str, ending: str, factor: float
+) -> None:
+    assert UNITS[unit][0] == ending
+    assert UNITS[unit][1] == pytest.approx(factor, rel=1e-12)
