@@ -6,6 +6,7 @@ so that asking is quick.
 
 import json
 import os
+import pwd
 import socket
 import time
 from collections.abc import Iterator
@@ -41,8 +42,26 @@ class EndlessLineError(ValueError):
     """The error of a received line that does not end in time, or is too long."""
 
 
+def name_of(uid: int) -> str:
+    """Return the name of a user of this machine; the number itself if the user has no name."""
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return str(uid)
+
+
+def own_name() -> str:
+    """Return the name of the user of this process."""
+    return name_of(os.getuid())
+
+
 def ask(
-    folder: Path, request: str, text: str = "", test: str = "", wait_s: float = ANSWER_S
+    folder: Path,
+    request: str,
+    text: str = "",
+    test: str = "",
+    wait_s: float = ANSWER_S,
+    person: str = "",
 ) -> dict[str, Any]:
     """Send a request to the campaign that runs in a folder, and return its answer.
 
@@ -56,12 +75,15 @@ def ask(
             empty for none.
         test: name of the test to skip or to retry; empty for the present one.
         wait_s: time in s for which an answer is awaited.
+        person: name of who asks, if this user's programs are used by several people; else empty.
 
     Raises:
         ControlError: no campaign runs there, it belongs to another user, it does not answer in time
             or as a campaign does, or it refused the request.
     """
     content = {"request": str(request), "text": text, "test": test}
+    if person:
+        content["person"] = person
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         client.settimeout(wait_s)
         try:

@@ -38,3 +38,4 @@ from .replaying import (
     replay as replay,
     samples_of as samples_of,
 )
+from .travel import travel_needed as travel_needed

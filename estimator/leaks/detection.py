@@ -9,25 +9,10 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.accounts import (
-    DEAD_ZONE,
-    UNINFORMED,
-    AccountBlock,
-    NuisanceBelief,
-    reference_drop,
-    reference_flow,
-)
+from estimator.accounts import DEAD_ZONE, UNINFORMED, AccountBlock, NuisanceBelief, reference_flow
 from estimator.filters import FilterRun
 from estimator.intermittent import ReturnTest
-from rig.plant import (
-    FAULTS,
-    LEAKS,
-    LITRE_PER_MINUTE,
-    Model,
-    Parameters,
-    chamber_volumes,
-    signed_roots,
-)
+from rig.plant import FAULTS, LEAKS, LITRE_PER_MINUTE, Model, Parameters, signed_roots
 
 from . import leak_verdicts
 from .confirmation import Hold, PresentLeaks
@@ -36,6 +21,7 @@ from .finding import Finding
 from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 from .oil_account import OilAccount, Samples
 from .supply_statistic import SupplyTest
+from .travel import travel_needed
 
 Array = NDArray[np.float64]
 
@@ -381,7 +367,7 @@ class OilAccountDetector:
         if self._test.blocks < MINIMUM_BLOCKS:
             return Decision("inconclusive", threshold=threshold)
         accounted, travel = self._later_half()
-        details = {"travel_m": travel, "travel_needed_m": self._travel_needed()}
+        details = {"travel_m": travel, "travel_needed_m": travel_needed(self._parameters)}
         for prefix, part in (("smallest", 0.5), ("smallest_from_start", 0.0)):
             coefficients = leak_verdicts.smallest_found(self._test, part)
             for leak, coefficient in zip(LEAKS, coefficients, strict=False):
@@ -404,17 +390,6 @@ class OilAccountDetector:
         if mark == sums.marks:
             return 0.0, 0.0
         return sums.seconds(mark) / half_s, sums.travel(mark)
-
-    def _travel_needed(self) -> float:
-        """Return the travel in m that a ram must make before its rig may be called healthy.
-
-        It sweeps as much oil as a chamber stores by compression at half the supply pressure. With
-        less motion a leak can empty its chamber and then no longer shows.
-        """
-        par = self._parameters
-        volume = chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par)[0]
-        stored = volume / par.bulk_modulus * reference_drop(par, "external_leakage_1")
-        return float(stored / par.piston_area)
 
     def _mean_size(self, finding: Finding) -> float:
         """Return the mean absolute flow in m^3/s that a leak has per unit coefficient.

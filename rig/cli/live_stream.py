@@ -31,7 +31,7 @@ STREAMED: Final[Callable[[Callable[..., Any]], Callable[..., Any]]] = click.opti
 """Decorator that adds the option --stream to a command which drives a rig."""
 
 
-def asked_by() -> str:
+def user() -> str:
     """Return the name of the user who gave this command; "" if the system does not know it."""
     try:
         return getpass.getuser()
@@ -74,6 +74,7 @@ def streamed(
     obey: "Obey",
     *,
     paced: bool,
+    by: str,
     activity: str = "",
 ) -> Iterator["StreamedRun"]:
     """Give the block an observer that tells `observer` and the live stream what a command does.
@@ -88,6 +89,7 @@ def streamed(
         folder: an existing folder, or that of a run, for what the publisher may log.
         obey: obeys or refuses the stream's commands; it is called from another thread.
         paced: whether the rig goes at the wall clock.
+        by: who gave the command; empty if that is not known.
         activity: what the command does with the rig, such as "homing"; empty for a campaign.
     """
     from rig.runner.campaign import StreamedRun
@@ -96,9 +98,7 @@ def streamed(
 
     stream = Stream(settings, rig_id(rig.name), folder / LOG, observer.rig_tells, obey)
     simulated = rig.backend == "simulated"
-    run = StreamedRun(
-        stream, observer, simulated=simulated, live=paced, activity=activity, asked_by=asked_by()
-    )
+    run = StreamedRun(stream, observer, simulated=simulated, live=paced, by=by, activity=activity)
     failed = ""
     try:
         yield run
@@ -139,13 +139,16 @@ def motion_streamed(
         if command.name != "abort":
             return f"{activity} obeys abort only"
         text = command.text[:LONGEST_TEXT]
-        stop.request(f"{command.by}: {text}" if text else command.by)
+        who = command.person or command.by
+        stop.request(f"{who}: {text}" if text else who)
         return ""
 
     if settings is None:
         context: Any = nullcontext(observer)
     else:
-        context = streamed(observer, settings, rig, folder, obey, paced=paced, activity=activity)
+        context = streamed(
+            observer, settings, rig, folder, obey, paced=paced, by=user(), activity=activity
+        )
     with context as seen:
         yield seen
 
@@ -189,7 +192,8 @@ def obeyed_by(desk: Desk) -> "Obey":
     def obey(command: "Command") -> str:
         request = Request.PAUSE if command.name == "hold" else Request(command.name)
         try:
-            desk.ask(request, command.by, command.text[:LONGEST_TEXT], command.test)
+            said = command.text[:LONGEST_TEXT]
+            desk.ask(request, command.by, said, command.test, command.person)
         except RefusedError as error:
             return str(error)
         return ""

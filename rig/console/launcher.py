@@ -5,32 +5,29 @@ file beside the run's folder. Only offered campaigns can be started, so that the
 path.
 """
 
-import json
 import re
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 from rig.configuration import ConfigError, Problem, Sources, shipped_config_dir
 from rig.control_socket import ask
 
-JOURNAL: Final = "journal.jsonl"
-MOST_RUNS: Final = 8
-"""Most unfinished runs that are offered; they are the newest ones."""
-TAIL_BYTES: Final = 1 << 20
-"""Bytes at a journal's end that are read to find its last line, and the longest first line."""
+from .past_runs import JOURNAL, ends_of, unfinished_in, unseen_in
+
 LOG_BYTES: Final = 2000
 ASK_S: Final = 1.0
 """Time in s within which a run must accept a stop on its control port; then it is interrupted."""
+ACKNOWLEDGE_S: Final = 30.0
+"""Time in s within which a run's journal must take an acknowledgement, by a program of its own."""
 ASKED: Final = "asked to stop"
 INTERRUPTED: Final = "interrupted"
 ENDING: Final = "ending since the stop before, and interrupted as well"
@@ -182,8 +179,12 @@ class Launcher:
         self._last: Launched | None = None
         """The run that was started last; all earlier ones have ended."""
 
-    def start(self, name: str) -> None:
+    def start(self, name: str, by: str) -> None:
         """Start an offered campaign, by its name, in a new folder; do not wait for its end.
+
+        Args:
+            name: name of the campaign.
+            by: who starts it, for the run's journal.
 
         Raises:
             LaunchRefused: the campaign is not offered, nothing may be started here, another run
@@ -197,10 +198,12 @@ class Launcher:
         folder = self._folder / f"{stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         rig = [] if self._rig is None else ["--rig", self._rig]
         on = Path(self.rig_of(name)).stem
-        self._run(name, folder, on, [offer.reference, *rig, "--out", str(folder)])
+        self._run(name, folder, on, [offer.reference, *rig, "--out", str(folder), f"--by={by}"])
 
-    def go_on(self, name: str) -> None:
-        """Resume one of the `unfinished` runs, which is given by its folder's name.
+    def go_on(self, name: str, by: str) -> None:
+        """Resume one of the runs `unfinished_in` the folder, which is given by its folder's name.
+
+        `by` is who goes on with it, for the run's journal.
 
         If another process is running in the folder, the started one is refused the lock on the
         journal, touches nothing, and ends with exit code 2, which `look` reports.
@@ -210,10 +213,36 @@ class Launcher:
                 that was started here is still going on, or the process cannot be started.
         """
         self._require_idle()
-        if name not in {run["folder"] for run in self.unfinished()}:
+        if name not in {run["folder"] for run in unfinished_in(self._folder)}:
             raise LaunchRefused("there is no such unfinished run")
         folder = self._folder / name
-        self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume"])
+        self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume", f"--by={by}"])
+
+    def acknowledge(self, name: str, text: str, by: str) -> None:
+        """Have a run that has ended keep in its journal that somebody has seen how it ended.
+
+        Args:
+            name: name of the run's folder, one of those `unseen_in` the folder.
+            text: a remark; may be empty.
+            by: who has seen it.
+
+        Raises:
+            LaunchRefused: there is no such run, or its journal cannot be written.
+        """
+        if name not in {run["folder"] for run in unseen_in(self._folder)}:
+            raise LaunchRefused("there is no run of this name that wants to be acknowledged")
+        words = ["control", str(self._folder / name), "acknowledge", f"--by={by}"]
+        command = [sys.executable, "-m", "rig.cli", *words, *(["--", text] if text else [])]
+        try:
+            done = subprocess.run(
+                command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ACKNOWLEDGE_S,
+                check=False,
+            )  # fmt: skip
+        except (OSError, subprocess.SubprocessError) as error:
+            raise LaunchRefused(f"it cannot be recorded: {error}") from None
+        if done.returncode:
+            last = done.stderr.decode(errors="replace").splitlines()[-1:] or ["no reason is given"]
+            raise LaunchRefused(f"it cannot be recorded: {last[0]}")
 
     def rig_of(self, name: str) -> str:
         """Return path or name of the rig on which a campaign would run; "" if it is not offered."""
@@ -222,7 +251,7 @@ class Launcher:
 
     def _rig_of_run(self, folder: Path) -> str:
         """Return the id of a run's rig by the first line of its journal; "" if it is not known."""
-        begun, _ = _first_and_last(folder / JOURNAL)
+        begun = ends_of(folder / JOURNAL).begun
         given = begun.get("given")
         given = given if isinstance(given, dict) else {}
         offer = self.offers.get(str(begun.get("campaign")))
@@ -238,7 +267,7 @@ class Launcher:
         running = self.present()
         return "" if running is None else running.folder.name
 
-    def stop(self, said: str) -> str:
+    def stop(self, said: str, by: str = "") -> str:
         """Stop the run that was started here; return by which way, or "" if none is going on.
 
         Its control port is asked first, so that its journal records who stopped it and why
@@ -248,11 +277,12 @@ class Launcher:
 
         Args:
             said: text for the journal: who stops the run, and why.
+            by: who stops it.
         """
         running = self.present()
         if running is None:
             return ""
-        if not running.asked and _takes_a_stop(running.folder, said):
+        if not running.asked and _takes_a_stop(running.folder, said, by):
             running.asked = True
             return ASKED
         with suppress(ProcessLookupError):
@@ -268,9 +298,9 @@ class Launcher:
                 self._say(f"{running.name} has ended: {_ending(running)}")
 
     def content(self) -> dict[str, Any]:
-        """Return the offers, the unfinished runs and the run started last, as JSON values.
+        """Return the offers, unfinished and unseen runs and the one started last, as JSON values.
 
-        If nothing may be started here, offers and unfinished runs are empty.
+        If nothing may be started here, offers, unfinished and unseen runs are empty.
         """
         allowed = bool(self._profile)
         offers = [
@@ -281,26 +311,10 @@ class Launcher:
         return {
             "allowed": allowed,
             "offers": offers,
-            "unfinished": self.unfinished() if allowed else [],
+            "unfinished": unfinished_in(self._folder) if allowed else [],
+            "unseen": unseen_in(self._folder) if allowed else [],
             "last": None if self._last is None else _content(self._last),
         }
-
-    def unfinished(self) -> list[dict[str, str]]:
-        """Return the newest runs that did not reach their end, by `folder` (name) and `campaign`.
-
-        They were stopped or killed, or are still under way: by their journals these look the same.
-        At most `MOST_RUNS` are returned, the newest first.
-        """
-        journals = sorted(self._folder.glob(f"*/{JOURNAL}"), key=_modified, reverse=True)
-        runs = ((journal.parent.name, *_first_and_last(journal)) for journal in journals[:50])
-        found = (
-            {"folder": folder, "campaign": str(begun["campaign"])[:100]}
-            for folder, begun, last in runs
-            if begun.get("kind") == "begin" and "campaign" in begun
-            # Its journal does not end with an entry `end` without a reason.
-            if last.get("kind") != "end" or last.get("reason")
-        )
-        return list(islice(found, MOST_RUNS))
 
     def _require_idle(self) -> None:
         self.look()
@@ -328,12 +342,13 @@ class Launcher:
         self._last = Launched(name, folder, rig, process, log)
 
 
-def _takes_a_stop(folder: Path, said: str) -> bool:
+def _takes_a_stop(folder: Path, said: str, by: str) -> bool:
     """Ask the run in a folder to stop; return whether it accepts that within `ASK_S`.
 
     Args:
         folder: folder of the run.
         said: text for the journal: who stops the run, and why.
+        by: who stops it.
 
     Returns:
         Whether the run has accepted the stop; False after any error.
@@ -342,7 +357,7 @@ def _takes_a_stop(folder: Path, said: str) -> bool:
 
     def asking() -> None:
         with suppress(Exception):  # after any error the caller sends a signal instead
-            ask(folder, "abort", said, wait_s=ASK_S)
+            ask(folder, "abort", said, wait_s=ASK_S, person=by)
             taken.set()
 
     # It asks in a thread, so that a disk that hangs delays the stop by no more than `ASK_S`.
@@ -377,7 +392,7 @@ def _ending(launched: Launched) -> str:
 
 def _reason(launched: Launched) -> str:
     """Return why a run ended early, by its journal, else by its last output; "" if it did not."""
-    _, end = _first_and_last(launched.folder / JOURNAL)
+    end = ends_of(launched.folder / JOURNAL).last
     if end.get("kind") == "end" and end.get("exit_code") == launched.exit_code:
         return str(end.get("reason") or "")[:LOG_BYTES]
     return " ".join(_last_lines(launched.log)) if launched.exit_code else ""
@@ -393,28 +408,3 @@ def _last_lines(log: Path) -> list[str]:
         lines = file.read().decode(errors="replace").splitlines()
         return [" ".join(line.split()) for line in lines if line.strip()]
     return []
-
-
-def _modified(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0
-
-
-def _first_and_last(journal: Path) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Return the first and the last complete entry of a journal; {} for one that is not there."""
-    with suppress(OSError), journal.open("rb") as file:
-        first = _entry(file.readline(TAIL_BYTES))
-        file.seek(max(0, journal.stat().st_size - TAIL_BYTES))
-        entries = map(_entry, reversed(file.read().splitlines()))
-        return first or {}, next((entry for entry in entries if entry is not None), {})
-    return {}, {}
-
-
-def _entry(line: bytes) -> Mapping[str, Any] | None:
-    """Return the entry in a line of a journal, {} if it is no map; None if the line is no JSON."""
-    with suppress(ValueError):
-        entry = json.loads(line)
-        return entry if isinstance(entry, dict) else {}
-    return None

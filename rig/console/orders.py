@@ -47,7 +47,7 @@ class Order:
             alive; a command is refused, as no rig has this id.
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
-            run to resume; else empty.
+            run to resume, or of the run that has ended and is acknowledged; else empty.
     """
 
     order: str
@@ -138,14 +138,16 @@ class Orders:
         if order.order == "release":
             self._control.release(visitor)
         elif order.order in ("start", "go on"):
-            self._launch(order)
+            self._launch(order, visitor)
+        elif order.order == "acknowledge" and order.name:
+            self._launcher.acknowledge(order.name, order.text, visitor.name)
         else:
             return False
         return True
 
     def _send(self, command: CommandName, order: Order, visitor: Visitor, wait_s: float) -> Answer:
         said = _said(order, visitor)
-        return self._client.send(command, order.rig, said, wait_s, order.name)
+        return self._client.send(command, order.rig, said, wait_s, order.name, person=visitor.name)
 
     def _stop(self, order: Order, visitor: Visitor) -> Answer:
         """Stop the rig that the page shows, and return whether that was done.
@@ -166,14 +168,14 @@ class Orders:
             meant = "" if order.rig else f"on {rig}, the only one that lives"
             # Until the started run's stream is received, the page may show another rig: stop both.
             if running and not self._was_heard(running):
-                done = self._launcher.stop(_said(order, visitor))
+                done = self._launcher.stop(_said(order, visitor), visitor.name)
                 if done:
                     also = f"and what was started here, not heard yet, was {done}"
                     return Answer(True, f"{meant}, {also}" if meant else also)
             if running and self.rig_of_run(running.folder.name) == rig:
                 running.asked = True
             return Answer(True, meant)
-        done = self._launcher.stop(_said(order, visitor))
+        done = self._launcher.stop(_said(order, visitor), visitor.name)
         if not done:
             return answer
         elsewhere = running and (self.rig_of_run(running.folder.name) or running.rig)
@@ -207,12 +209,12 @@ class Orders:
         begun = [each.get("begun_ns") for each in mine]
         return any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
 
-    def _launch(self, order: Order) -> None:
+    def _launch(self, order: Order, visitor: Visitor) -> None:
         alive = self._client.living()
         same = Path(self._launcher.rig_of(order.name)).stem in alive
         if alive and (order.order == "go on" or same):
             raise LaunchRefused(f"{', '.join(alive)} has a campaign running")
         if order.order == "start":
-            self._launcher.start(order.name)
+            self._launcher.start(order.name, visitor.name)
         else:
-            self._launcher.go_on(order.name)
+            self._launcher.go_on(order.name, visitor.name)

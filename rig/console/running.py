@@ -7,6 +7,7 @@ import asyncio
 import signal
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
@@ -16,6 +17,7 @@ from rig.stream import StreamClient
 
 from .address import Address, with_port
 from .launcher import Served
+from .logins import login_file
 from .server import LARGEST_MESSAGE, Console
 
 BACKLOG: Final = 64
@@ -39,6 +41,7 @@ def serve(
     *,
     log: Callable[[str], None],
     ready: Callable[[str], None],
+    secrets: Path | None = None,
 ) -> None:
     """Serve a console until SIGINT or SIGTERM, then return.
 
@@ -51,17 +54,22 @@ def serve(
         address: address at which it listens; port 0 means any free one.
         log: is called with a line on each refusal and on each action of an operator.
         ready: is called with the URL once the port is open.
+        secrets: this user's folder of keys and tokens, in which logins are kept over a restart.
+            Without it, and if the address leaves the port open, they end with the console.
 
     Raises:
         OSError: the address cannot be used, for example because the port is taken.
     """
     listener = listener_of(address)
+    logins = (
+        None if secrets is None or not address.port else login_file(secrets, address.port, token)
+    )
     address = with_port(address, listener.getsockname()[1])
     # uvicorn raises the signal that has ended it again, which must not end this process.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: None)
     with listener:
-        server = server_of(Console(client, token, address, served, log))
+        server = server_of(Console(client, token, address, served, log, logins))
         ready(address.url)
         server.run(sockets=[listener])
 

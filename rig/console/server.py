@@ -25,6 +25,7 @@ from .address import Address
 from .feed import TICK_S, Cursor, Feed
 from .guard import Guard, Refusals, address_of
 from .launcher import Launcher, Served
+from .logins import LoginFile
 from .orders import STOP, MalformedError, Orders, parse
 from .visitors import LIFETIME_S, ControlHolder, LoginRefused, Visitor, Visitors
 
@@ -58,6 +59,7 @@ class Console:
         address: address at which the console is served.
         served: the settings by which campaigns are started.
         log: is called with a line on each refusal and on each action of an operator.
+        logins: keeps the logins over a restart of the console; None if they end with it.
         viewers: visitor -> number of live views that are open.
     """
 
@@ -66,11 +68,12 @@ class Console:
     address: Address
     served: Served
     log: Callable[[str], None]
+    logins: LoginFile | None = None
     viewers: Counter[Visitor] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         self.feed = Feed(self.client)
-        self.visitors = Visitors(self.token)
+        self.visitors = Visitors(self.token, file=self.logins)
         self.control = ControlHolder(self.say)
         self.launcher = Launcher(self.served, self.say)
         self.orders = Orders(self.client, self.control, self.launcher)

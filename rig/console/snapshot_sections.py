@@ -55,7 +55,7 @@ def sections(snapshot: Snapshot) -> dict[str, Any]:
         "progress": _progress(snapshot),
         "campaign": _campaign(snapshot),
         "decision": _decision(snapshot),
-        "verdicts": [_verdict(content) for content in snapshot.verdicts[-VERDICTS:]],
+        "verdicts": _verdicts(snapshot),
         "events": [_event(content) for content in snapshot.events[-EVENTS:]],
     }
 
@@ -175,7 +175,7 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
     if not campaign:
         return {}
     names = (
-        "status", "name", "activity", "asked_by", "description", "rig", "model", "filter",
+        "status", "name", "activity", "begun_by", "description", "rig", "model", "filter",
         "directory", "reason",
     )  # fmt: skip
     held = campaign.get("held")
@@ -210,6 +210,12 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
         **_texts(decision, "suspected"),
         "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
     }
+
+
+def _verdicts(snapshot: Snapshot) -> list[dict[str, Any]]:
+    """Return the newest verdicts of the campaign that is shown, and of no earlier one."""
+    mine = [each for each in snapshot.verdicts if _is_of_this_run(snapshot, each)]
+    return [_verdict(content) for content in mine[-VERDICTS:]]
 
 
 def _is_of_this_run(snapshot: Snapshot, content: Mapping[str, Any]) -> bool:

@@ -15,6 +15,8 @@ from typing import Any, Final
 
 from rig.stream import own_key
 
+from .logins import Login, LoginFile
+
 LIFETIME_S: Final = 12 * 3600.0
 """Time in s after which a login ends: a shift."""
 FAILURES: Final = 5
@@ -71,14 +73,24 @@ class Visitors:
     Args:
         token: the token that a visitor must give at login.
         clock: returns a monotonic time in s.
+        file: keeps the logins over a restart of the console; None if they end with it.
     """
 
-    def __init__(self, token: str, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        token: str,
+        clock: Callable[[], float] = time.monotonic,
+        file: LoginFile | None = None,
+    ) -> None:
         self._token = hashlib.sha256(token.encode()).digest()
         self._clock = clock
+        self._file = file
         self._known: OrderedDict[str, Visitor] = OrderedDict()
+        """Visitors by the digests of their cookies, the oldest login first."""
         self._failures: OrderedDict[str, deque[float]] = OrderedDict()
-        self._count = 0
+        for each in file.read(LIFETIME_S)[-MOST_VISITORS:] if file is not None else ():
+            self._known[each.cookie] = Visitor(each.number, each.name, clock() + each.left_s)
+        self._count = max((visitor.number for visitor in self._known.values()), default=0)
 
     def log_in(self, token: str, name: str, address: str) -> str:
         """Log a visitor in, and return the cookie; spaces around token and name do not count.
@@ -101,19 +113,31 @@ class Visitors:
             raise LoginRefused(f"give a name, of {LONGEST_NAME} characters at most")
         self._count += 1
         cookie = secrets.token_urlsafe(32)
-        self._known[cookie] = Visitor(self._count, name, self._clock() + LIFETIME_S)
+        self._known[_digest(cookie)] = Visitor(self._count, name, self._clock() + LIFETIME_S)
         while len(self._known) > MOST_VISITORS:
             self._known.popitem(last=False)
+        self._keep()
         return cookie
 
     def visitor(self, cookie: str | None) -> Visitor | None:
         """Return the visitor who has this cookie; None if nobody has, or the login has ended."""
-        found = self._known.get(cookie or "")
+        found = self._known.get(_digest(cookie or ""))
         return None if found is None or found.until < self._clock() else found
 
     def log_out(self, cookie: str | None) -> None:
         """End the login with this cookie, if there is one."""
-        self._known.pop(cookie or "", None)
+        if self._known.pop(_digest(cookie or ""), None) is not None:
+            self._keep()
+
+    def _keep(self) -> None:
+        """Write the logins that last to the file, if there is one."""
+        now = self._clock()
+        if self._file is not None:
+            self._file.write(
+                Login(cookie, visitor.number, visitor.name, visitor.until - now)
+                for cookie, visitor in self._known.items()
+                if visitor.until > now
+            )
 
     def _note_failure(self, address: str) -> None:
         """Note a wrong token from an address; after too many, raise `LoginRefused` instead."""
@@ -128,6 +152,11 @@ class Visitors:
         self._failures.move_to_end(address)
         while len(self._failures) > MOST_ADDRESSES:
             self._failures.popitem(last=False)
+
+
+def _digest(cookie: str) -> str:
+    """Return SHA-256 of a cookie in hexadecimal digits."""
+    return hashlib.sha256(cookie.encode(errors="replace")).hexdigest()
 
 
 class NotInControl(Exception):  # noqa: N818 (a refusal, not a failure)

@@ -28,6 +28,7 @@ from .device_lock import (
     LockedError as LockedError,
     connection_of as connection_of,
     exclusive as exclusive,
+    in_use as in_use,
     locked as locked,
 )
 from .driver import (

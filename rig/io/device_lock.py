@@ -67,6 +67,40 @@ def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
         yield
 
 
+def in_use(drivers: Iterable[DriverSpec]) -> str:
+    """Return which device of drivers another program uses, in a sentence; "" if none is in use.
+
+    Nothing is locked: what is free now may be in use a moment later.
+    """
+    for spec in drivers:
+        connection = connection_of(spec.options)
+        owner = "" if connection is None else _owner_of(connection)
+        if owner:
+            return f"{spec.name}: {connection} is in use by the process {owner}"
+    return ""
+
+
+def _owner_of(name: str) -> str:
+    """Return the process id of who has the lock of a name, or "unknown"; "" if nobody has it."""
+    try:
+        fd = os.open(_lock_file(name), os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        return ""
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return os.read(fd, 32).decode(errors="replace").strip() or "unknown"
+    finally:
+        os.close(fd)
+    return ""
+
+
+def _lock_file(name: str) -> Path:
+    """Return the file by which a name is locked."""
+    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+    return Path(tempfile.gettempdir()) / f"rig-device-{digest}.lock"
+
+
 @contextmanager
 def _lock(driver: str, connection: str) -> Iterator[None]:
     with ExitStack() as lock:
@@ -102,8 +136,7 @@ def locked(name: str) -> Iterator[None]:
         LockedError: another program, or another block of this one, has the lock.
         OSError: the lock's file cannot be opened; `filename` is its path.
     """
-    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
-    fd = _opened(Path(tempfile.gettempdir()) / f"rig-device-{digest}.lock")
+    fd = _opened(_lock_file(name))
     try:
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)

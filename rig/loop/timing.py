@@ -84,6 +84,8 @@ class Timing:
         stages: the times of each stage so far, by its name in `STAGES`.
         ticks: number of rows so far.
         missed: number of these rows that are of missed ticks.
+        missed_squares: sum of the squares of the numbers of ticks that were missed in a row: by it
+            the standard error of the number of missed ticks is known (`figures_of`).
     """
 
     def __init__(self, channels: Sequence[str], period_s: float) -> None:
@@ -93,6 +95,8 @@ class Timing:
         self.stages = {name: StageTimes() for name in STAGES}
         self.ticks = 0
         self.missed = 0
+        self.missed_squares = 0
+        self._in_a_row = 0
 
     def take(self, rows: Array) -> None:
         """Count the times in the next rows, float64 (n, channels).
@@ -107,12 +111,33 @@ class Timing:
         for stage, taken in zip(self.stages.values(), times, strict=True):
             stage.take(taken)
         self.ticks += len(rows)
-        self.missed += int(np.count_nonzero(np.isnan(wakeup)))
+        self._count_missed(np.isnan(wakeup))
+
+    def _count_missed(self, missed: NDArray[np.bool_]) -> None:
+        """Count missed ticks, (n,), and the squares of how many were missed in a row.
+
+        Ticks that are missed at the end of one call and at the beginning of the next are one row.
+        """
+        self.missed += int(np.count_nonzero(missed))
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], missed, [False]])))
+        begins, ends = edges[::2].tolist(), edges[1::2].tolist()
+        before = self._in_a_row
+        self._in_a_row = 0
+        for begin, end in zip(begins, ends, strict=True):
+            earlier = before if begin == 0 else 0
+            count = earlier + end - begin
+            # A row of the last call that goes on was counted there as far as it went.
+            self.missed_squares += count**2 - earlier**2
+            if end == len(missed):
+                self._in_a_row = count
 
     def summary(self) -> dict[str, Any]:
         """Return the statistics of all rows so far by stage, as JSON values; times in s."""
         stages = {name: stage.summary() for name, stage in self.stages.items()}
-        return {"ticks": self.ticks, "missed": self.missed, "stages": stages}
+        return {
+            "ticks": self.ticks, "missed": self.missed, "missed_squares": self.missed_squares,
+            "stages": stages,
+        }  # fmt: skip
 
 
 def in_short(summary: Mapping[str, Any]) -> str:

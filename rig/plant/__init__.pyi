@@ -77,11 +77,13 @@ from .memory_laws import (
 from .parameters import (
     BRISTLE as BRISTLE,
     FRICTION_LAWS as FRICTION_LAWS,
+    GALLON_PER_MINUTE as GALLON_PER_MINUTE,
     KARNOPP as KARNOPP,
     LITRE_PER_MINUTE as LITRE_PER_MINUTE,
     MOST_KNOTS as MOST_KNOTS,
     MOST_TABLES as MOST_TABLES,
     NOMINAL as NOMINAL,
+    PSI as PSI,
     Parameters as Parameters,
     Quantity as Quantity,
     quantities as quantities,

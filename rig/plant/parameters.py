@@ -9,6 +9,10 @@ from typing import Annotated, Final, NamedTuple, get_args, get_type_hints
 
 LITRE_PER_MINUTE: Final = 1e-3 / 60.0
 """One L/min in m^3/s; the thesis rounds it to 1.67e-5 (eq. 5.3)."""
+GALLON_PER_MINUTE: Final = 231.0 * 0.0254**3 / 60.0
+"""One US gallon, 231 cubic inches, in a minute, in m^3/s (NIST SP 811, appendix B)."""
+PSI: Final = 4.4482216152605 / 0.0254**2
+"""One pound-force on a square inch in Pa, by the definitions of both (NIST SP 811, appendix B)."""
 
 BRISTLE: Final = 0.0
 KARNOPP: Final = 1.0

@@ -21,6 +21,7 @@ from rig.runner.outcomes import (
     Status,
     TestOutcome,
     comes_and_goes,
+    last_seen,
     others_found,
 )
 
@@ -192,7 +193,8 @@ def _besides(decision: Decision, found: Sequence[Found]) -> Iterator[str]:
     if decision.returns is not None:
         yield f"It {comes_and_goes(decision.returns)}."
     if decision.ended_s is not None:
-        yield f"It was gone again at {decision.ended_s:.1f} s."
+        comes_and_goes_ = decision.returns is not None
+        yield f"It was {last_seen(decision.ended_s, comes_and_goes=comes_and_goes_)}."
     if others := others_found(decision, found):
         yield f"Found in passing: {'; '.join(others)}."
 

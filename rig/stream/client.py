@@ -221,6 +221,7 @@ class StreamClient:
         text: str = "",
         timeout_s: float = ANSWER_S,
         test: str = "",
+        person: str = "",
     ) -> Answer:
         """Send a signed command, wait for the rig's answer and return it.
 
@@ -232,16 +233,34 @@ class StreamClient:
             text: a remark, which is recorded with the command; cut off after 500 characters.
             timeout_s: how long in s to wait for the answer.
             test: name of the test to skip or retry; empty for the present one.
+            person: name of who gives the command, which is recorded; empty if that is not known. A
+                rig of an earlier version, which does not know this field, is sent the command again
+                without it.
 
         Raises:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
             KeyFileError: the operator's key cannot be read or made. It is read only once, for the
                 first command, and not at all if the client was given credentials.
         """
+        answer = self._sent(command, rig, text, timeout_s, test, person)
+        if person and answer.reason.startswith("malformed"):
+            return self._sent(command, rig, text, timeout_s, test, "")
+        return answer
+
+    def _sent(
+        self,
+        command: CommandName,
+        rig: str | None,
+        text: str,
+        timeout_s: float,
+        test: str,
+        person: str,
+    ) -> Answer:
+        """Send a command once; see `send`."""
         with self._lock:
             view = self._view(rig)
             is_proven = view.snapshot(self._clock.now_ns()).proven
-            payload = self._sender.sign(view.rig, view.session, command, text, test)
+            payload = self._sender.sign(view.rig, view.session, command, text, test, person)
         if self._session is None:
             return Answer(False, "no answer: there is no connection yet")
         selector = command_key(view.rig, command)

@@ -45,8 +45,8 @@ _BODY: Final = {
     "rig": str, "session": str, "command": str, "sender": bytes, "sequence": int, "at_ns": int,
     "text": str,
 }  # fmt: skip
-_TEST: Final = {"test": str}
-"""Further keys of the body of a command that names a test."""
+_FURTHER: Final = {"test": str, "person": str}
+"""Further keys of the body of a command that names a test, or who gives it."""
 
 
 class KeyFileError(ValueError):
@@ -76,6 +76,8 @@ class Command:
         text: the sender's remark, in which unprintable characters are spaces.
         number: number of the command among those that passed in this session, from 1 on.
         test: name of the test that the command is about; empty for the present one.
+        person: name of who gave the command, as the sender says; empty if it does not. The sender
+            itself is proven by its signature, the person is not.
     """
 
     name: str
@@ -83,6 +85,7 @@ class Command:
     text: str
     number: int
     test: str = ""
+    person: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,9 @@ class Sender:
         self._sender = secrets.token_bytes(8)
         self._sequence = 0
 
-    def sign(self, rig: str, session: str, command: str, text: str = "", test: str = "") -> bytes:
+    def sign(
+        self, rig: str, session: str, command: str, text: str = "", test: str = "", person: str = ""
+    ) -> bytes:
         """Return the signed payload of a command to a rig.
 
         Args:
@@ -113,6 +118,7 @@ class Sender:
             command: one of `COMMANDS`.
             text: a remark; cut off after `LONGEST_TEXT` characters.
             test: name of the test that it is about; empty for the present one.
+            person: name of who gives it; empty if that is not known.
         """
         self._sequence += 1
         body = {
@@ -126,6 +132,8 @@ class Sender:
         }
         if test:
             body["test"] = test
+        if person:
+            body["person"] = person[:LONGEST_NAME]
         return seal(self._credentials, pack(body))
 
 
@@ -180,12 +188,13 @@ class Gate:
             raise Refused("unauthenticated", "nobody of this name may command", by)
         if not genuine:
             raise Refused("forged", "its signature does not fit", by)
-        body = _mapping(envelope["body"], _BODY, _TEST, by)
+        body = _mapping(envelope["body"], _BODY, _FURTHER, by)
         self._check(name, body, by, allowed)
         self._passed += 1
-        text = str(body["text"])[:LONGEST_TEXT]
-        said = "".join(c if c.isprintable() else " " for c in text)
-        return Command(name, by, said, self._passed, str(body.get("test", ""))[:LONGEST_TEST])
+        said = _printable(str(body["text"])[:LONGEST_TEXT])
+        person = _printable(str(body.get("person", ""))[:LONGEST_NAME]).strip()
+        test = str(body.get("test", ""))[:LONGEST_TEST]
+        return Command(name, by, said, self._passed, test, person)
 
     def _check(self, name: str, body: Mapping[str, Any], by: str, allowed: frozenset[str]) -> None:
         if body["command"] != name or name not in COMMANDS:
@@ -211,6 +220,11 @@ class Gate:
             if len(self._seen) >= SENDERS_KEPT:
                 raise Refused("denied", "too many senders at once", by)
         self._seen[sender] = body["sequence"], now_ns
+
+
+def _printable(text: str) -> str:
+    """Return a text with a space in the place of each character that is not printable."""
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _mapping(

@@ -144,7 +144,7 @@ FIELDS: Final[Mapping[str, Mapping[str, Check]]] = {
     "campaign": {
         "status": is_text, "name": is_text, "description": is_text, "rig": is_text,
         "model": is_text, "filter": is_text, "directory": is_text, "rig_time_s": is_number,
-        "begun_ns": is_number, "tests": lists(_TEST), "activity": is_text, "asked_by": is_text,
+        "begun_ns": is_number, "begun_by": is_text, "tests": lists(_TEST), "activity": is_text,
     },
     "progress": {
         "number": is_number, "count": is_number, "name": is_text, "expect": is_text,

@@ -282,15 +282,14 @@ def kept_trip_report(
 ) -> Path | None:
     """Write a trip report (`write_trip_report`) and return the path of its JSON.
 
-    If it cannot be written, the reason and the report's lines are shown by `say`, and None is
-    returned.
+    If it cannot be written, the reason and the report are shown by `say`, the report as one text
+    of several lines, so that it is one event of the live stream; None is returned then.
     """
     try:
         return write_trip_report(report, directory, path)
     except OSError as error:
         say(f"the trip report cannot be written: {error.strerror}")
-        for line in report.lines():
-            say(line)
+        say("\n".join(report.lines()))
         return None
 
 

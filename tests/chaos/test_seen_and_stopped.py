@@ -54,7 +54,7 @@ def test_a_command_that_moves_the_ram_is_seen_and_stopped_by_another_one(
 
                 stage.wait(moves, "the ram to move", COMPILE_S)
                 campaign = client.snapshot("emulated").campaign
-                assert (campaign["activity"], campaign["asked_by"]) == (activity, getpass.getuser())
+                assert (campaign["activity"], campaign["begun_by"]) == (activity, getpass.getuser())
                 assert not client.send("hold", "emulated").accepted
                 assert client.send("abort", "emulated", "enough").accepted
                 stage.wait(stage.is_safe, "valve at null, bypass shut, pump unloaded", SAFE_S)

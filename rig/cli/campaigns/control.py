@@ -7,8 +7,9 @@ import click
 
 from rig.cli.application import EXIT_BAD_INPUT
 from rig.cli.option_types import text
-from rig.control_socket import ask
+from rig.control_socket import ControlError, ask, own_name
 from rig.runner.campaign import Request
+from rig.runner.run_folder import JOURNAL, acknowledge_ended, is_written
 
 
 @click.command()
@@ -16,7 +17,8 @@ from rig.runner.campaign import Request
 @click.argument("request", type=click.Choice([str(each) for each in Request]))
 @click.argument("text", nargs=-1, type=text)
 @click.option("--test", default="", type=text, metavar="NAME", help="The test to skip or to retry.")
-def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> int:
+@click.option("--by", default="", type=text, metavar="NAME", help="Who asks, for the journal.")
+def command(directory: Path, request: str, text: tuple[str, ...], test: str, by: str) -> int:
     """Ask the campaign that runs in the folder DIR for something.
 
     \b
@@ -28,7 +30,8 @@ def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> 
     note TEXT    keep a text in journal, recording and report
     set KEY=VALUE ...
                  change the control of the present test without a bump
-    acknowledge  record that somebody saw all that wants attention; TEXT may say more
+    acknowledge  record that somebody saw all that wants attention; TEXT may say more. A run
+                 that has ended, such as by a trip, takes this one too
     status       show the state of the campaign, as JSON
 
     KEY is any key of a section `control`, VALUE as a rig file has it: set gain=80V/m
@@ -44,9 +47,21 @@ def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> 
         click.echo(f"--test {test}: goes with skip or retry; leave it out", err=True)
         return EXIT_BAD_INPUT
     between = ", " if request == Request.SET else " "
-    answer = ask(directory, Request(request), between.join(text), test)
+    said = between.join(text)
+    try:
+        answer = ask(directory, Request(request), said, test, person=by)
+    except ControlError:
+        # A run that has ended has no socket, but its journal.
+        if request != Request.ACKNOWLEDGE or not _has_ended(directory):
+            raise
+        answer = {"reply": acknowledge_ended(directory, own_name(), said, by)}
     if "status" in answer:
         click.echo(json.dumps(answer["status"], indent=1, ensure_ascii=False))
     else:
         click.echo(answer["reply"])
     return 0
+
+
+def _has_ended(folder: Path) -> bool:
+    """Return whether a folder holds a run's journal that no process writes any more."""
+    return (folder / JOURNAL).is_file() and not is_written(folder)

@@ -2,7 +2,8 @@
 
 import os
 import time
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import click
 
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
 from rig.cli.live_stream import STREAMED, obeyed_by, stream_of, streamed
-from rig.cli.option_types import paced
+from rig.cli.option_types import paced, text
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import load_campaign
@@ -18,7 +19,13 @@ from rig.io import DriverError
 from rig.reserves import remedy_for
 from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
 from rig.runner.campaign import Desk, Pace
-from rig.runner.run_folder import begun_in, default_directory, log_error, unfinished_run
+from rig.runner.run_folder import (
+    begun_in,
+    default_directory,
+    discard_refused,
+    log_error,
+    unfinished_run,
+)
 
 from .progress import HEADINGS, CampaignProgress, cells_of, summary
 
@@ -41,6 +48,13 @@ from .progress import HEADINGS, CampaignProgress, cells_of, summary
     "it finished is run again. CAMPAIGN may then be the run's folder itself.",
 )
 @STREAMED
+@click.option(
+    "--by",
+    default="",
+    type=text,
+    metavar="NAME",
+    help="Who starts the run, or goes on with it, for its journal, report and page.",
+)
 def command(
     campaign: str,
     rig_reference: str | None,
@@ -48,6 +62,7 @@ def command(
     out: Path | None,
     resume: bool,
     profile: str | None,
+    by: str,
 ) -> int:
     """Run the fault-injection campaign CAMPAIGN, a file or a shipped name.
 
@@ -55,7 +70,7 @@ def command(
     ends the campaign and reports the tests so far; `rig control` asks it for a pause and more. A
     campaign that was stopped or killed goes on with --resume. Exit code: 0 all as expected, 1 a
     test failed or was skipped or no report could be made, 2 bad input or a device that is not
-    there, 3 tripped, not ready, stopped, or its disk full.
+    there or is in use, of which no folder is left, 3 tripped, not ready, stopped, or its disk full.
     """
     given: dict[str, str | None] = {
         "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd()),
@@ -80,10 +95,15 @@ def command(
     progress = CampaignProgress(screen, paced=paced)
     stream: AbstractContextManager[Observer] = nullcontext(progress)
     if settings is not None:
-        stream = streamed(progress, settings, rig, directory, obeyed_by(desk), paced=paced)
+        stream = streamed(progress, settings, rig, directory, obeyed_by(desk), by=by, paced=paced)
     with stop_on_signals(stop):
         started = time.perf_counter()
-        with ending(EXIT_BAD_INPUT, DriverError), progress, stream as observer:
+        with (
+            ending(EXIT_BAD_INPUT, DriverError),
+            _leaving_nothing(directory),
+            progress,
+            stream as observer,
+        ):
             try:
                 outcome = run_campaign(
                     loaded,
@@ -97,6 +117,7 @@ def command(
                     overdue=_give_up,
                     given=given,
                     desk=desk,
+                    by=by,
                 )
             except OSError as error:
                 state = f"results cannot be written to {directory}: {error.strerror or error}"
@@ -133,3 +154,14 @@ def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
         log = log_error(directory, "report")
         click.echo(f"rig: no report: {one_line(error)}; traceback in {log}", err=True)
         return None
+
+
+@contextmanager
+def _leaving_nothing(directory: Path) -> Iterator[None]:
+    """Leave no folder of a run that a DriverError of the block refuses before anything moved."""
+    existed = directory.exists()
+    try:
+        yield
+    except DriverError:
+        discard_refused(directory, existed=existed)
+        raise

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +12,8 @@ from typing import Any
 
 import click
 
-from rig.configuration import Entry, Schedule, load_campaign, load_schedule
+from rig.configuration import ConfigError, Entry, Rig, Schedule, load_campaign, load_schedule
+from rig.io import in_use
 from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
 from rig.runner.run_folder import Journal, RunError, is_written, read_journal, read_run, runs_below
@@ -98,33 +100,66 @@ def resume(schedule: Path) -> int:
 @_path
 @click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
 def list_entries(schedule: Path, as_json: bool) -> int:
-    """Show the next time of every entry, the runs that wait, and the last runs that ended."""
+    """Show the next time of every entry, the runs that wait, and the last runs that ended.
+
+    Times are in the schedule's time zone; those of --json are UTC. It is also shown whether the
+    schedule is running, and whether a run that was begun still goes on.
+    """
     loaded = load_schedule(schedule)
     shown = _document(loaded, _state(loaded))
     if as_json:
         click.echo(json.dumps(shown, ensure_ascii=False))
         return 0
+    for line in _lines(shown, loaded, schedule):
+        click.echo(line)
+    return 0
+
+
+def _lines(shown: dict[str, Any], schedule: Schedule, path: Path) -> Iterator[str]:
+    """Yield a schedule's document as lines for people, with times in the schedule's zone."""
+
+    def when(time: str) -> str:
+        return f"{datetime.fromisoformat(time).astimezone(schedule.zone):%F %T %Z}"
+
+    if not shown["running"]:
+        yield f"not running; rig schedule run {path}"
     if shown["halted"]:
-        click.echo(f"halted: {shown['halted']}; rig schedule resume {schedule}")
+        yield f"halted: {shown['halted']}; rig schedule resume {path}"
     for entry in shown["entries"]:
         missed = f"; missed {entry['missed']}" if entry["missed"] else ""
-        click.echo(f"{entry['name']}: next {entry['next'] or 'never'}, {entry['campaign']}{missed}")
-    if shown["present"]:
-        click.echo(f"running: {shown['present']['entry']} in {shown['present']['folder']}")
+        next_ = when(entry["next"]) if entry["next"] else "never"
+        yield f"{entry['name']}: next {next_}, {entry['campaign']}{missed}"
+    present = shown["present"]
+    if present:
+        yield f"{present['state']}: {present['entry']} in {present['folder']}{_busy(present)}"
     for job in shown["queue"]:
-        click.echo(f"waits: {job['entry']}, due {job['due']}, attempt {job['attempt']}")
+        at = f"due {when(job['due'])}, attempt {job['attempt']}"
+        yield f"waits: {job['entry']}, {at}{_busy(job)}"
     for ended in shown["history"]:
-        click.echo(f"{ended['at']} {ended['entry']}: exit code {ended['exit_code']}, "
-                   f"{ended['folder']}")  # fmt: skip
-    return 0
+        # A run that was refused before anything moved has left no folder.
+        is_kept = ended["folder"] and Path(ended["folder"]).is_dir()
+        where = ended["folder"] if is_kept else "nothing was run"
+        yield f"{when(ended['at'])} {ended['entry']}: exit code {ended['exit_code']}, {where}"
+
+
+def _busy(job: dict[str, Any]) -> str:
+    return f"; its rig is busy, {job['busy']}" if job["busy"] else ""
 
 
 def _document(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
     now = datetime.now(UTC)
+    is_running = is_written(schedule.folder, JOURNAL)
+    present = None if state.present is None else _job(state.present, state)
+    if present is not None:
+        # The process of a run outlives a kill of the schedule.
+        goes_on = is_running or is_written(Path(present["folder"]))
+        present["state"] = "running" if goes_on else "interrupted"
     entries = [(entry, schedule.next_time(entry, now)) for entry in schedule.entries]
     return {
         "name": schedule.name,
         "runs": str(schedule.folder),
+        "timezone": str(schedule.zone),
+        "running": is_running,
         "halted": state.halted,
         "entries": [
             {
@@ -135,18 +170,24 @@ def _document(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
             }
             for entry, time in entries
         ],
-        "present": None if state.present is None else _job(state.present),
-        "queue": [_job(job) for job in state.queue],
+        "present": present,
+        "queue": [_job(job, state) for job in state.queue],
         "history": [
-            _job(ended.job) | {"exit_code": ended.exit_code, "at": f"{ended.at:%FT%TZ}"}
+            _job(ended.job, state) | {"exit_code": ended.exit_code, "at": f"{ended.at:%FT%TZ}"}
             for ended in state.history[-_SHOWN:]
         ],
     }
 
 
-def _job(job: Job) -> dict[str, Any]:
-    due = f"{job.due:%FT%TZ}"
-    return {"entry": job.entry, "due": due, "attempt": job.attempt, "folder": job.folder}
+def _job(job: Job, state: ScheduleState) -> dict[str, Any]:
+    busy = state.busy.get(job.id)
+    return {
+        "entry": job.entry,
+        "due": f"{job.due:%FT%TZ}",
+        "attempt": job.attempt,
+        "folder": job.folder,
+        "busy": "" if busy is None else busy.why,
+    }
 
 
 def _state(schedule: Schedule) -> ScheduleState:
@@ -172,6 +213,7 @@ class _Hands:
     def __init__(self, schedule: Schedule, stop: StopFlag) -> None:
         self._schedule = schedule
         self._stop = stop
+        self._rigs: dict[tuple[str, str | None], Rig] = {}
 
     def now(self) -> datetime:
         return datetime.now(UTC)
@@ -197,6 +239,7 @@ class _Hands:
             self.sleep(_POLL_S)
         arguments = ["run", job.campaign, "--out", job.folder, "--resume"]
         arguments += ["--rig", job.rig] if job.rig is not None else []
+        arguments += [f"--by=schedule {self._schedule.name}"]
         arguments += ["--pace", entry.pace] if entry is not None and entry.pace else []
         process = subprocess.Popen(
             [sys.executable, "-m", "rig.cli", *arguments],
@@ -210,6 +253,22 @@ class _Hands:
         # has ended meanwhile this does nothing.
         process.terminate()
         return process.wait()
+
+    def busy(self, job: Job) -> str:
+        if job.folder is not None and is_written(Path(job.folder)):
+            return ""
+        try:
+            return in_use(self._rig_of(job).drivers)
+        except ConfigError:
+            # A file was changed since: the run itself tells what is wrong with it.
+            return ""
+
+    def _rig_of(self, job: Job) -> Rig:
+        """Return the rig of a job by its files as they were when the job was first looked at."""
+        key = job.campaign, job.rig
+        if key not in self._rigs:
+            _, self._rigs[key] = load_campaign(job.campaign, job.rig, self._schedule.path.parent)
+        return self._rigs[key]
 
     def after(self, job: Job, exit_code: int) -> str:
         from rig.report.campaign import TREND, trend_page
@@ -236,9 +295,9 @@ class _Hands:
             "schedule": self._schedule.name,
             "entry": job.entry,
             "campaign": job.campaign,
-            "run": str(folder),
+            "run": job.folder or "",
             "exit_code": str(exit_code),
             "verdicts": verdicts,
-            "report": str(folder / "report.html"),
+            "report": str(folder / "report.html") if job.folder else "",
             "trend": str(page),
         }

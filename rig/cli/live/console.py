@@ -75,7 +75,8 @@ def command(
                 click.echo(f"console: {url}")
                 click.echo(f"token:   {token}  (also in {token_file})")
 
-            serve(client, token, served, address, log=_log, ready=ready)
+            secrets = token_file.parent
+            serve(client, token, served, address, log=_log, ready=ready, secrets=secrets)
     return 0
 
 

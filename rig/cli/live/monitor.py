@@ -18,6 +18,7 @@ from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED, ending
 from rig.cli.option_types import text
 from rig.cli.screen import Screen
 from rig.configuration import load_stream
+from rig.control_socket import own_name
 from rig.stream import COMMANDS, CommandName, Snapshot
 
 from .following import endpoints, follows_streams
@@ -77,7 +78,9 @@ def command(
             if once or order:
                 _await(client, wait_s)
             if order is not None:
-                answer = client.send(order, None if rig_id == "*" else rig_id, text, test=test)
+                answer = client.send(
+                    order, None if rig_id == "*" else rig_id, text, test=test, person=own_name()
+                )
                 click.echo(f"{order}: {'obeyed' if answer.accepted else answer.reason}")
                 return 0 if answer.accepted else EXIT_DEAD
             if not once:
@@ -191,8 +194,8 @@ def _life(snapshot: Snapshot) -> str:
 
 def _progress(snapshot: Snapshot) -> Text:
     progress, campaign = snapshot.progress, snapshot.campaign
-    asker = campaign.get("asked_by", "")
-    by = f", asked for by {asker}" if asker else ""
+    person = campaign.get("begun_by", "")
+    by = f", begun by {person}" if person else ""
     name = campaign.get("activity") or campaign.get("name", "")
     if not progress:
         return Text(f"{name} {campaign.get('status', '')}{by}" if name else "no campaign")
@@ -245,7 +248,16 @@ def _verdict(decision: Mapping[str, Any]) -> str:
     chance = decision.get("probabilities", {}).get(text)
     flow = decision.get("leak_m3_per_s")
     text += "" if chance is None else f" {100.0 * chance:.0f} %"
-    return text if flow is None else f"{text}, {LITRES_PER_MINUTE.shown(flow):.3f} L/min"
+    text += "" if flow is None else f", {LITRES_PER_MINUTE.shown(flow):.3f} L/min"
+    comes_and_goes = decision.get("intermittent") is True
+    if comes_and_goes:
+        share = _number(decision.get("duty"), ".0f", 100.0)
+        text += f", comes and goes, open {share} % of the time"
+    ended_s = decision.get("ended_s")
+    if isinstance(ended_s, int | float):
+        # The words are those of the report (rig.runner.outcomes), which takes long to import.
+        text += f", {'last open until' if comes_and_goes else 'gone again at'} {ended_s:.1f} s"
+    return text
 
 
 def _event(event: Mapping[str, Any]) -> Text:

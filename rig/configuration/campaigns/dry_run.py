@@ -33,6 +33,7 @@ from .following import Following, expected_following
 from .foreseen import (
     criterion_warnings,
     figure_warnings,
+    inconclusive_warnings,
     limit_warnings,
     setpoint_warnings,
     until_warnings,
@@ -263,6 +264,7 @@ def _plan(
             *_waiting_warnings(test, rig),
             *setpoint_warnings(test),
             *until_warnings(test),
+            *inconclusive_warnings(test, campaign.model, campaign.filter_name),
             *limit_warnings(test, rig),
             *figure_warnings(test, rig, campaign.filter_name),
             *criterion_warnings(test, rig, campaign.filter_name),

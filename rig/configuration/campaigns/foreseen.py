@@ -11,6 +11,7 @@ import numpy as np
 
 from control import FromFile, Sequence, Setpoint
 from estimator.filters import DEFAULT_FILTER
+from estimator.leaks import travel_needed
 from faults import (
     FOLLOWING_ERROR,
     FRICTION,
@@ -21,13 +22,16 @@ from faults import (
     Criterion,
     Verdict,
 )
-from rig.configuration.reading import show
+from rig.configuration.reading import show, show_alike
 from rig.configuration.rigs import Rig
-from rig.plant import TICK
+from rig.plant import TICK, Model
 
 _ENDS_EARLY_S: Final = 0.1
 """How long before its test a setpoint file may end without a warning, s. The last row of a file
 with ten rows a second or more comes at most so long before the test's end."""
+_LAGS_S: Final = 2.0
+"""How long a ram may still move after its setpoint has come to rest, s: seven time constants of the
+position loop of the shipped rigs, 1/3.5 s at 50 V/m, after which a thousandth of a step is left."""
 _NEVER_BELOW_0: Final = (
     "rms_error", "peak_error", *STEP_FIGURES, "leak", "bulk_modulus", "residual_pressure_1",
     "residual_pressure_2",
@@ -61,6 +65,37 @@ def until_warnings(test: CampaignTest) -> Iterator[str]:
                 f"it awaits {verdict} and expects healthy, so that it fails whether the verdict "
                 f"comes or not; write `expect: {verdict}`, or await something else"
             )
+
+
+def inconclusive_warnings(test: CampaignTest, model: Model, filter_name: str) -> Iterator[str]:
+    """Yield a warning if a test that expects healthy will end inconclusive, as its ram stands.
+
+    The detector of the product filter says healthy only of a ram that has moved by `travel_needed`
+    in the later half of the time. What is known beforehand is the setpoint of a closed loop; a ram
+    that lags behind it is given `_LAGS_S` to come to rest. A test that may end early, or that a
+    fault is injected into, is left out.
+    """
+    is_judged = filter_name == DEFAULT_FILTER and test.setpoint.quantity == "position"
+    if (
+        not is_judged
+        or test.expect != Verdict.HEALTHY
+        or test.faults
+        or test.until
+        or test.segment_ends
+    ):
+        return
+    needed_m = travel_needed(model.parameters)
+    begin_s = max(0.5 * test.duration_s - _LAGS_S, 0.0)
+    ticks = np.arange(round(begin_s / TICK), round(test.duration_s / TICK))
+    setpoint = test.setpoint.sample(ticks * TICK)
+    travel_m = float(setpoint.max() - setpoint.min())
+    if travel_m < needed_m:
+        moved, needed = show_alike([travel_m, needed_m], "m")
+        yield (
+            f"its verdict will be `inconclusive`, so that it fails: the ram moves by {moved} in "
+            f"the later half, and a leak shows from {needed} on; let it move to the end, or "
+            "shorten the test"
+        )
 
 
 def limit_warnings(test: CampaignTest, rig: Rig) -> Iterator[str]:

@@ -57,6 +57,9 @@ class Entry:
         retries: how often, at most, a run that failed (exit code 1) is run again.
         retry_after_s: time in s to wait before a failed run is run again.
         pace: pace of a simulated rig, as `rig run` takes it; None for the rig's own.
+        wait_for_rig_s: longest time in s for which a run waits for a rig that another program uses;
+            None to wait as long as it takes, which piles nothing up, as of each entry only one run
+            waits.
     """
 
     name: str
@@ -70,6 +73,7 @@ class Entry:
     retries: int = 0
     retry_after_s: float = 60.0
     pace: str | None = None
+    wait_for_rig_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -156,6 +160,7 @@ class EntryFile(Schema):
     retries: Annotated[int, SchemaField(ge=0, le=10)] = 0
     retry_after: Annotated[float, Physical("s", 0.0, 86400.0, 60.0)] = 60.0
     pace: Literal["real", "fast"] | None = None
+    wait_for_rig: Annotated[float | None, Physical("s", 0.0, 366 * 86400.0, 7200.0)] = None
 
 
 def load_schedule(path: Path) -> Schedule:
@@ -252,6 +257,7 @@ def _entry(item: Located, file: EntryFile, zone: ZoneInfo) -> Entry:
         retries=file.retries,
         retry_after_s=file.retry_after,
         pace=file.pace,
+        wait_for_rig_s=file.wait_for_rig,
     )
 
 

@@ -30,10 +30,10 @@ class Dimension(NamedTuple):
 
 DIMENSIONS: Final[dict[str, Dimension]] = {
     "": Dimension("a plain number", "0.35", ("", "%")),
-    "m": Dimension("a length", "0.3 m", ("m", "mm", "um")),
-    "m^2": Dimension("an area", "6.33e-4 m^2", ("m^2", "cm^2", "mm^2")),
-    "m^3": Dimension("a volume", "2.14e-5 m^3", ("m^3", "L", "cm^3")),
-    "m/s": Dimension("a velocity", "0.04 m/s", ("m/s", "mm/s")),
+    "m": Dimension("a length", "0.3 m", ("m", "mm", "um", "in")),
+    "m^2": Dimension("an area", "6.33e-4 m^2", ("m^2", "cm^2", "mm^2", "in^2")),
+    "m^3": Dimension("a volume", "2.14e-5 m^3", ("m^3", "L", "cm^3", "in^3")),
+    "m/s": Dimension("a velocity", "0.04 m/s", ("m/s", "mm/s", "in/s")),
     "m^2/m": Dimension("an area gradient", "2.075e-2 m^2/m", ("m^2/m", "mm^2/mm")),
     "kg": Dimension("a mass", "10 kg", ("kg", "g", "t")),
     "kg/m^3": Dimension("a density", "847.15 kg/m^3", ("kg/m^3", "g/cm^3")),
@@ -49,7 +49,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
     "N": Dimension("a force", "2.4e3 N", ("N", "kN")),
     "N/m": Dimension("a stiffness", "2e4 N/m", ("N/m", "N/mm", "kN/m")),
     "N s/m": Dimension("a viscous friction", "350 N s/m", ("N s/m", "kN s/m")),
-    "m^3/s": Dimension("a flow", "0.5 L/min", ("m^3/s", "L/min", "mL/min")),
+    "m^3/s": Dimension("a flow", "0.5 L/min", ("m^3/s", "L/min", "mL/min", "gpm")),
     "m^3/(s Pa^0.5)": Dimension(
         "a leakage coefficient (square-root law)", "4e-9 m^3/(s Pa^0.5)", ("m^3/(s Pa^0.5)",)
     ),

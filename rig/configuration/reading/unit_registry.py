@@ -24,6 +24,8 @@ def unit_registry() -> "pint.UnitRegistry[Any]":
     registry = _kept(folder) or _made(None)
     # By default pint converts 1 Hz to 1 rad/s, which would make a 100 Hz valve a 16 Hz one.
     registry.define("hertz = 2 * pi * radian / second = Hz")
+    # pint has the US gallon of 231 cubic inches, but no name for the unit of American flow meters.
+    registry.define("gallon_per_minute = gallon / minute = gpm")
     return registry
 
 

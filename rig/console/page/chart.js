@@ -3,6 +3,9 @@
 const SHOWN_S = 10;
 const GAP_S = 0.15;
 const NICE = [1, 2, 2.5, 5, 10];
+// How far below zero is still zero, as a part of the least range of the chart: 0.2 MPa of 1 MPa, which
+// are 1 % of a gauge of 20 MPa.
+const NEAR_ZERO = 0.2;
 
 function niceStep(range, count) {
   const rough = range / count;
@@ -45,6 +48,10 @@ export class Chart {
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", `${told.title}, the last ten seconds`);
     figure.append(caption, this.canvas);
+    this.under = null; // where the cursor is over the chart, in pixels; null if it is not
+    const over = (at) => { this.under = at; if (this.points) this.draw(this.points); };
+    this.canvas.addEventListener("pointermove", (event) => over(event.offsetX));
+    this.canvas.addEventListener("pointerleave", () => over(null));
     this.resized = true;
     new ResizeObserver(() => { this.resized = true; if (this.points) this.draw(this.points); })
       .observe(this.canvas);
@@ -85,6 +92,8 @@ export class Chart {
     // A level that is far off would flatten the curves: it is said in words instead.
     for (const level of this.levels) if (level.value < 4 * Math.max(high, this.told.least)) look(level.value);
     if (low > high) [low, high] = [0, this.told.least];
+    // A gauge without pressure reads a little below its zero: that does not open an axis below it.
+    if (this.told.floor !== null && low > this.told.floor - NEAR_ZERO * this.told.least) low = this.told.floor;
     if (this.told.floor !== null) low = Math.min(this.told.floor, low);
     const middle = (low + high) / 2;
     if (high - low < this.told.least) {
@@ -92,7 +101,9 @@ export class Chart {
       [low, high] = this.told.floor === null ? [middle - half, middle + half] : [low, low + this.told.least];
     }
     const now = this.ends;
-    const isKept = now && low >= now.low && high <= now.high && high - low > 0.5 * (now.high - now.low);
+    // The axis stays while the curves fill it; as much as half of it may be empty.
+    const isKept = now && low >= now.low && high <= now.high && high - low > 0.5 * (now.high - now.low)
+      && !(this.told.floor !== null && low >= this.told.floor && now.low < this.told.floor);
     if (isKept) return now;
     const step = niceStep((high - low) * 1.1, Math.max(2, Math.min(5, Math.floor(this.height / 42))));
     this.ends = {
@@ -140,13 +151,41 @@ export class Chart {
     }
     for (const series of this.told.series) this.line(context, series, points, x, y);
     context.restore();
+    // Under the cursor its own values are told, otherwise the newest ones.
+    const at = this.under === null ? time.length - 1 : this.nearest(time, now - (1 - (this.under - left) / (right - left)) * SHOWN_S);
+    if (this.under !== null && at >= 0) this.cursor(context, x(time[at]), top, bottom, now - time[at]);
     for (const series of this.told.series) {
       const column = points[series.key];
-      const last = column && column.length ? column[column.length - 1] : null;
+      const last = column && at >= 0 ? column[at] : null;
       const output = this.values[series.key];
       const text = last === null || last === undefined ? "-" : last.toFixed(series.digits);
       if (output && output.textContent !== text) output.textContent = text;
     }
+  }
+
+  // Returns the index of the point that is nearest to a time; -1 if there is none.
+  nearest(time, wanted) {
+    let low = 0, high = time.length - 1;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (time[middle] < wanted) low = middle + 1; else high = middle;
+    }
+    return low > 0 && wanted - time[low - 1] < time[low] - wanted ? low - 1 : Math.min(low, time.length - 1);
+  }
+
+  cursor(context, at, top, bottom, back) {
+    context.strokeStyle = this.palette.quiet;
+    context.fillStyle = this.palette.quiet;
+    context.setLineDash([]);
+    context.lineWidth = 1;
+    context.beginPath();
+    context.moveTo(at, top);
+    context.lineTo(at, bottom);
+    context.stroke();
+    context.textAlign = at > this.width / 2 ? "right" : "left";
+    context.textBaseline = "top";
+    context.font = this.font;
+    context.fillText(`-${back.toFixed(2)} s`, at + (at > this.width / 2 ? -4 : 4), top);
   }
 
   grid(context, ends, box, y) {

@@ -1,5 +1,6 @@
 // The page: shows what the console tells, and asks it for what the operator wants.
 
+import { Alarm } from "./alarm.js";
 import { Chart } from "./chart.js";
 import { ask } from "./dialog.js";
 import { Link } from "./link.js";
@@ -72,6 +73,18 @@ const link = new Link((changed) => {
   }
 });
 window.rigConsole = link; // for whoever looks at it from the browser's own tools
+const alarm = new Alarm(by("silence"));
+window.rigConsoleAlarm = alarm;
+
+// Paused curves stay as they are, to be read at leisure; nothing else on the page waits.
+let paused = false;
+by("pause").addEventListener("click", () => {
+  paused = !paused;
+  by("pause").textContent = paused ? "Go on" : "Pause the curves";
+  by("pause").setAttribute("aria-pressed", String(paused));
+  by("pause-why").textContent = paused ? `The curves are those of ${clock(Date.now())}; all else is live.` : "";
+  if (!paused && link.points) for (const chart of Object.values(charts)) chart.draw(link.points);
+});
 
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   for (const chart of Object.values(charts)) { chart.resized = true; if (chart.points) chart.draw(chart.points); }
@@ -82,7 +95,7 @@ function render() {
   const begun = performance.now();
   const { sections, common } = link;
   if (dirty.has("rig")) views.clear(charts);
-  if (dirty.has("points") && link.points) {
+  if (dirty.has("points") && link.points && !paused) {
     for (const chart of Object.values(charts)) chart.draw(link.points);
     frames += 1;
   }
@@ -137,6 +150,7 @@ function alive() {
 
 function stands(lost, silent) {
   const [tone, word, why] = rigState(link, lost, silent);
+  alarm.take(tone, word, link.rig);
   const key = JSON.stringify([tone, word, why]);
   if (stands.shown === key) return;
   stands.shown = key;
@@ -185,12 +199,14 @@ function actions() {
   const { holder, launch } = link.common;
   const isLive = life?.life === "live" && campaign?.status === "running";
   const canStart = launch?.allowed && !(isLive && launch.offers.length === 0);
+  const isFree = canStart && !isLive && !views.underWay(link);
   const may = {
-    start: canStart && launch.offers.length > 0 && !isLive && !views.underWay(link),
-    reset: canStart && launch.unfinished.length > 0 && !isLive && !views.underWay(link),
+    start: isFree && launch.offers.length + launch.unfinished.length > 0,
+    reset: isFree && toReset() !== undefined,
+    acknowledge: isLive || unseen() !== undefined,
   };
   may.abort = isLive;
-  for (const name of ["acknowledge", "note"]) may[name] = isLive && !campaign.activity;
+  may.note = isLive && !campaign.activity;
   // What would be refused, or come too late, is not offered.
   // What is done beside campaigns has no tests: it goes on to its end, or is aborted.
   const goesOn = isLive && !campaign.activity && life.state !== "tripped" && !interlocks?.first_out?.length;
@@ -246,6 +262,29 @@ document.addEventListener("keydown", (event) => {
   if ((event.key === "F9" || event.key === "Pause") && !event.repeat) { event.preventDefault(); stop(); }
 }, { capture: true });
 
+// The run that is shown, or else that was started from here and was never heard.
+function shownRun() {
+  const { campaign } = link.sections;
+  const last = link.common.launch?.last;
+  const isLater = last && last.started_ms > (campaign?.begun_ms ?? 0);
+  return isLater ? last.folder : campaign?.directory;
+}
+
+// The run that tripped or was stopped and can be gone on with: the one that is shown, or the newest
+// one where none is. One that came to its end is not reset; older ones are gone on with by Start.
+function toReset() {
+  const { unfinished = [] } = link.common.launch ?? {};
+  const shown = shownRun();
+  return shown ? unfinished.find((run) => run.folder === shown) : unfinished[0];
+}
+
+// The run that is shown, if it ended badly and nobody has acknowledged that.
+const unseen = () => (link.common.launch?.unseen ?? []).find((run) => run.folder === shownRun());
+
+// In the list of what may be started, a run to go on with; a campaign's name has no such character.
+const GO_ON = "\n";
+const named = (run) => `${run.campaign} (${run.folder})`;
+
 const tests = () => link.sections.campaign?.tests ?? [];
 const present = () => tests().find((test) => test.status === "running")?.name;
 const skippable = () => tests().filter((test) => !test.status || test.name === present());
@@ -254,12 +293,14 @@ const DIALOGS = {
   start: () => ({
     title: "Start a campaign", confirm: "Start",
     text: "It begins at once: on hardware the rig is armed, and its reset button is waited for.",
-    choice: { label: "Campaign", options: link.common.launch.offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]) },
+    choice: { label: "Campaign", options: [
+      ...link.common.launch.offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]),
+      ...link.common.launch.unfinished.map((run) => [GO_ON + run.folder, `go on with ${named(run)}`])] },
   }),
   reset: () => ({
     title: "Reset and go on", confirm: "Go on",
     text: "The cause has been found and removed, and nobody is near the ram. The run goes on with its next unfinished test; on hardware the rig is armed anew, and its reset button is waited for.",
-    choice: { label: "Run", options: link.common.launch.unfinished.map((run) => [run.folder, `${run.campaign} (${run.folder})`]) },
+    choice: { label: "Run", options: [[toReset().folder, named(toReset())]] },
   }),
   hold: () => ({ title: "Hold the campaign", confirm: "Hold", remark: "Remark (recorded)",
     text: present() ? `It pauses after the present test, ${present()}, with the ram held.` : "The next test does not begin; the ram stays held." }),
@@ -288,10 +329,14 @@ const ORDERS = { reset: "go on" };
 
 for (const button of document.querySelectorAll("[data-do]")) {
   button.addEventListener("click", async () => {
+    const ended = button.dataset.do === "acknowledge" ? unseen() : undefined;
     const told = await ask(DIALOGS[button.dataset.do]());
     if (!told) return;
-    const name = ["start", "reset", "skip", "retry"].includes(button.dataset.do) ? { name: told.name } : {};
-    await order(ORDERS[button.dataset.do] ?? button.dataset.do, { ...name, ...(told.text ? { text: told.text } : {}) });
+    const goesOn = button.dataset.do === "start" && told.name.startsWith(GO_ON);
+    const chosen = goesOn ? told.name.slice(GO_ON.length) : ended ? ended.folder : told.name;
+    const name = ended || ["start", "reset", "skip", "retry"].includes(button.dataset.do) ? { name: chosen } : {};
+    const kind = goesOn ? "go on" : ORDERS[button.dataset.do] ?? button.dataset.do;
+    await order(kind, { ...name, ...(told.text ? { text: told.text } : {}) });
   });
 }
 

@@ -21,8 +21,8 @@ const of = (tests, ...statuses) => tests.filter((test) => statuses.includes(test
 // What waits before the next test: an operator's pause, or conditions that are not met.
 const waits = ({ pausing, held } = {}) => Boolean(pausing) || (held?.length ?? 0) > 0;
 
-// Who asked for what is under way.
-const askedBy = (campaign) => (campaign?.asked_by ? ` Asked for by ${campaign.asked_by}.` : "");
+// Who began what is under way.
+const begunBy = (campaign) => (campaign?.begun_by ? ` Begun by ${campaign.begun_by}.` : "");
 const capital = (text) => `${text[0].toUpperCase()}${text.slice(1)}`;
 
 // A run that was started here, has ended badly, and never came to be the one that is shown.
@@ -41,7 +41,7 @@ function ended({ campaign, interlocks }) {
   const tripped = of(tests, "tripped")[0];
   if (campaign.activity && !first && !tripped) {
     return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
-      : ["good", "Ended", `${capital(campaign.activity)} came to its end.${askedBy(campaign)}`];
+      : ["good", "Ended", `${capital(campaign.activity)} came to its end.${begunBy(campaign)}`];
   }
   const begun = tests.some((test) => test.status && test.status !== "not_run");
   const also = failed.length ? ` ${count} failed: ${several(failed)}.` : "";
@@ -71,17 +71,17 @@ function live({ life, campaign, progress, interlocks }) {
   if (life.state === "holding") return ["bad", "Held by the interlock", sentence(interlocks?.sentence)];
   if (STARTING[life.state]) {
     const [word, what] = STARTING[life.state];
-    return ["warn", word, `${what}${campaign.activity && campaign.activity !== life.state ? ` ${capital(campaign.activity)}.` : ""}${askedBy(campaign)}`];
+    return ["warn", word, `${what}${campaign.activity && campaign.activity !== life.state ? ` ${capital(campaign.activity)}.` : ""}${begunBy(campaign)}`];
   }
-  if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}.${askedBy(campaign)}`];
+  if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}.${begunBy(campaign)}`];
   if (!runs && waits(campaign)) {
     const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : "An operator has asked for it; Resume goes on.";
     return ["warn", "Held", `The ram is held between two tests. ${why}${also}`];
   }
-  if (!runs) return ["live", "Between tests", `${campaign.name}.${also}${askedBy(campaign)}`];
+  if (!runs) return ["live", "Between tests", `${campaign.name}.${also}${begunBy(campaign)}`];
   const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
   if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}`];
-  if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${askedBy(campaign)}`];
+  if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${begunBy(campaign)}`];
   return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}`];
 }
 

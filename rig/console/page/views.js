@@ -61,7 +61,6 @@ export function viewers({ common }) {
 export function life({ sections, rig }) {
   by("state").textContent = sections.life.life === "live" ? sections.life.state : "";
   by("rig-name").textContent = rig;
-  document.title = `${rig || "Rig"} console`;
   loop(sections);
 }
 
@@ -145,9 +144,9 @@ export function campaign({ sections }) {
   const status = told.status === "running" && !runs && (told.pausing || told.held?.length) ? "held" : told.status;
   by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, status)}` : "none";
   by("campaign-more").textContent = told.name
-    ? [told.activity !== told.name && told.activity, told.asked_by && `asked for by ${told.asked_by}`,
+    ? [told.activity !== told.name && told.activity,
       told.model && `rig ${told.rig}, model ${told.model}, filter ${told.filter}`,
-      `begun ${clock(told.begun_ms)}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
+      `begun ${clock(told.begun_ms)}${told.begun_by ? ` by ${told.begun_by}` : ""}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
 }
 
 export function launch({ common }) {
@@ -196,7 +195,9 @@ export function judged({ sections }) {
   if (told?.leak_L_per_min && leak(told.leak_L_per_min)) parts.push(leak(told.leak_L_per_min));
   if (told?.onset_s !== null && told?.onset_s !== undefined) parts.push(`since ${figure(told.onset_s, 1)} s of the test`);
   if (told?.duty) parts.push(`comes and goes, open ${figure(100 * told.duty, 0)} % of the time`);
-  if (told?.ended_s !== null && told?.ended_s !== undefined) parts.push(`gone again at ${figure(told.ended_s, 1)} s`);
+  if (told?.ended_s !== null && told?.ended_s !== undefined) {
+    parts.push(`${told.duty ? "last open until" : "gone again at"} ${figure(told.ended_s, 1)} s`);
+  }
   if (expected) parts.push(name === expected ? "as expected" : `expected at the end: ${verdict(expected).toLowerCase()}`);
   by("verdict-more").textContent = parts.join("; ");
   by("statistic").hidden = told?.statistic === undefined || told?.statistic === null;

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from rig.io.driver import DriverError
-from rig.plant import Quantity as _Quantity
+from rig.plant import PSI, Quantity as _Quantity
 
 from .libraries import cantools
 from .link import LOOK, CanLink, CanOptions, Clock
@@ -30,6 +30,7 @@ UNITS: Final[Mapping[str, tuple[float, float]]] = {
     "kPa": (1e3, 0.0),
     "bar": (1e5, 0.0),
     "MPa": (1e6, 0.0),
+    "psi": (PSI, 0.0),
     "K": (1.0, 0.0),
     "degC": (1.0, 273.15),
 }

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Annotated, Final, Literal, NamedTuple
 
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
-from rig.plant import LITRE_PER_MINUTE, Quantity
+from rig.plant import GALLON_PER_MINUTE, LITRE_PER_MINUTE, PSI, Quantity
 
 RegisterType = Literal["U16", "I16", "U32", "I32", "F32"]
 ExchangeMode = Literal["fc23", "fc76", "fc16_fc3"]
@@ -25,10 +25,12 @@ UNITS: Final = {
     "m": ("m", 1.0),
     "mm": ("m", 1e-3),
     "um": ("m", 1e-6),
+    "in": ("m", 0.0254),
     "Pa": ("Pa", 1.0),
     "kPa": ("Pa", 1e3),
     "MPa": ("Pa", 1e6),
     "bar": ("Pa", 1e5),
+    "psi": ("Pa", PSI),
     "N": ("N", 1.0),
     "kN": ("N", 1e3),
     "K": ("K", 1.0),
@@ -36,6 +38,7 @@ UNITS: Final = {
     "mV": ("V", 1e-3),
     "m^3/s": ("m3_per_s", 1.0),
     "L/min": ("m3_per_s", LITRE_PER_MINUTE),
+    "gpm": ("m3_per_s", GALLON_PER_MINUTE),
 }
 """Units that a register may have, with the ending of the signals they fit and their size in SI."""
 

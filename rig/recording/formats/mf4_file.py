@@ -1,6 +1,7 @@
 """MF4 files (ASAM MDF 4.10) for measurement tools are written here; this needs the extra `mf4`."""
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
@@ -12,13 +13,16 @@ from rig.recording.units import unit_of
 
 _VERSION: Final = "4.10"
 """A version that every reader of MDF 4 understands."""
+_LATEST_NS: Final = 2**63
+"""From this on a time, ns since 1970, does not fit into the file's 64 bits: the year 2262."""
 
 
 def write_mf4(recording: Recording, path: Path, name: str) -> None:
     """Write a recording to an MF4 file, as one channel group with `time_s` as its master channel.
 
     float64 values are stored bit for bit, with units; metadata and events are in the file's
-    comment, as JSON.
+    comment, as JSON. The file's start time is that of the recording, by its metadata `start_ns`
+    (ns since 1970); without that it is the beginning of 1970, by which no reader is misled.
 
     Args:
         recording: the recording to write.
@@ -46,7 +50,18 @@ def write_mf4(recording: Recording, path: Path, name: str) -> None:
         with MDF(version=_VERSION) as file:
             file.append(signals, comment="rig", common_timebase=True)
             file.header.comment = json.dumps(comment)
+            file.header.start_time = _started(recording)
             file.save(written, overwrite=True, compression=2)
         written.replace(path)
     finally:
         written.unlink(missing_ok=True)
+
+
+def _started(recording: Recording) -> datetime:
+    """Return when the recording began, by its metadata; the beginning of 1970 if that is unknown.
+
+    asammdf's own default is the time of the export.
+    """
+    start_ns = recording.metadata.get("start_ns")
+    is_known = isinstance(start_ns, int) and 0 < start_ns < _LATEST_NS
+    return datetime.fromtimestamp(1e-9 * float(start_ns or 0) if is_known else 0.0, UTC)

@@ -242,7 +242,8 @@ def _marks(test: TestOutcome, last_s: float) -> tuple[dict[str, Any], ...]:
             times += [("removed", "removed", fault.until_s)]
     if test.decision is not None and test.decision.onset_s is not None:
         times += [("onset", "onset found", test.decision.onset_s)]
-        times += [("gone", "gone again", test.decision.ended_s)]
+        words = "gone again" if test.decision.returns is None else "last open until"
+        times += [("gone", words, test.decision.ended_s)]
     times += [("detected", "detected", test.detected_at_s)]
     marks = (
         {"kind": kind, "time": time_s, "text": f"{words} {time_s:.1f} s"}

@@ -86,6 +86,7 @@ def run_campaign(
     desk: Desk | None = None,
     overdue: Callable[[], None] | None = None,
     given: Mapping[str, Any] | None = None,
+    by: str = "",
 ) -> CampaignOutcome:
     """Run every test of a campaign on a rig, write the results to a folder, and return the outcome.
 
@@ -117,6 +118,7 @@ def run_campaign(
         overdue: is called from another thread if cleaning up after a test takes more than 60 s. It
             should end the process; the rig's other processes then make the rig safe.
         given: options of the command line that the journal keeps, for resuming; JSON-able.
+        by: name of who starts the run or goes on with it, for the journal; empty if not known.
 
     Raises:
         DirectoryError: the folder cannot be used; nothing was written.
@@ -173,7 +175,7 @@ def run_campaign(
             ),
         )
         try:
-            run.run(started, given or {})
+            run.run(started, given or {}, by)
         finally:
             desk.close()
             run.write()
@@ -242,12 +244,13 @@ class _CampaignRun(Setting):
     suspended: Counter[int] = field(default_factory=Counter)
     ended_with: int | None = None
 
-    def run(self, started: datetime, given: Mapping[str, Any]) -> None:
+    def run(self, started: datetime, given: Mapping[str, Any], by: str) -> None:
         """Run all tests that are not finished, until the end or a stop, and keep the journal.
 
         Args:
             started: when the run was begun, UTC.
             given: options of the command line, for the journal.
+            by: name of who starts the run or goes on with it; empty if not known.
 
         Raises:
             DriverError: a device of the rig is missing, or is not the configured one.
@@ -264,7 +267,7 @@ class _CampaignRun(Setting):
             self.stop,
             lambda pausing, held: self.observer.campaign_stands(pausing=pausing, held=held),
         )
-        self._begin(started, given)
+        self._begin(started, given, by)
         # Even if the run is killed now, its folder is recognized as that of a run.
         self.write()
         learn_again(self.references, self.standing, self.keeper.folder, self.recordings)
@@ -275,13 +278,14 @@ class _CampaignRun(Setting):
         self.desk.record("end", reason=reason, exit_code=exit_code)
         self.observer.campaign_ends(exit_code, reason)
 
-    def _begin(self, started: datetime, given: Mapping[str, Any]) -> None:
+    def _begin(self, started: datetime, given: Mapping[str, Any], by: str) -> None:
         """Write the entry `begin` to a new journal, or `resume` to one that is continued."""
+        author = {"by": by} if by else {}
         now = dict(self.provenance["versions"])
         if self.standing.begun is not None:
             before = self.standing.begun["versions"] or {}
             changes = ", ".join(changes_of(before, now))
-            self.desk.record("resume", versions_changed=changes, pid=os.getpid())
+            self.desk.record("resume", versions_changed=changes, pid=os.getpid(), **author)
             return
         self.desk.record(
             "begin",
@@ -293,6 +297,7 @@ class _CampaignRun(Setting):
             versions=now,
             given=dict(given),
             pid=os.getpid(),
+            **author,
         )
 
     def _use_rig(self) -> None:

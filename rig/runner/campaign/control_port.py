@@ -8,7 +8,6 @@ ends one request only: the next one is served.
 
 import json
 import os
-import pwd
 import socket
 import struct
 import threading
@@ -18,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from rig.control_socket import SOCKET, EndlessLineError, address_of, line_from
+from rig.control_socket import SOCKET, EndlessLineError, address_of, line_from, name_of
 from rig.surviving import Surviving, failure
 
 from .operator_requests import Desk, RefusedError, Request
@@ -35,7 +34,7 @@ _AGAIN_S: Final = 0.1
 """Pause after a connection could not be accepted, as without a free file descriptor, s."""
 _ROOT: Final = 0
 _PEER: Final = struct.Struct("3i")
-_KEYS: Final = frozenset({"request", "text", "test"})
+_KEYS: Final = frozenset({"request", "text", "test", "person"})
 
 
 class ControlPort:
@@ -158,17 +157,17 @@ class ControlPort:
         peer = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
         _, uid, _ = _PEER.unpack(peer)
         if uid not in (os.getuid(), _ROOT):
-            raise RefusedError(f"user {_name_of(uid)} may not control this campaign")
-        request, text, test = _parsed(line_from(client))
+            raise RefusedError(f"user {name_of(uid)} may not control this campaign")
+        request, text, test, person = _parsed(line_from(client))
         if request is Request.STATUS:
             return {"status": self._desk.status()}
-        return {"reply": self._desk.ask(request, _name_of(uid), text, test)}
+        return {"reply": self._desk.ask(request, name_of(uid), text, test, person)}
 
 
-def _parsed(line: bytes) -> tuple[Request, str, str]:
-    """Return the request in a line of JSON, its text, and the name of its test.
+def _parsed(line: bytes) -> tuple[Request, str, str, str]:
+    """Return the request in a line of JSON, its text, its test's name, and who made it.
 
-    Text and name are empty if the request has none.
+    Each of the last three is empty if the request does not give it.
 
     Raises:
         RefusedError: the line is no valid request; the message says why.
@@ -184,13 +183,7 @@ def _parsed(line: bytes) -> tuple[Request, str, str]:
     if not all(isinstance(value, str) for value in content.values()):
         raise RefusedError("a malformed request: has a value that is no text")
     try:
-        return Request(content["request"]), content.get("text", ""), content.get("test", "")
+        text, test, person = (content.get(key, "") for key in ("text", "test", "person"))
+        return Request(content["request"]), text, test, person
     except (ValueError, KeyError):
         raise RefusedError("a malformed request: asks for nothing that there is") from None
-
-
-def _name_of(uid: int) -> str:
-    try:
-        return pwd.getpwuid(uid).pw_name
-    except KeyError:
-        return str(uid)

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 LONGEST_TEXT: Final = 1000
 """Most characters of the text of a request."""
+LONGEST_PERSON: Final = 64
+"""Most characters of the name of who made a request; a longer one is cut off."""
 LONGEST_TEST: Final = 500
 """Most characters of a test's name in a request."""
 _PATIENCE_S: Final = 5.0
@@ -189,7 +191,9 @@ class Desk:
 
     # -- operators --------------------------------------------------------------------------------
 
-    def ask(self, request: Request, who: str, text: str = "", test: str = "") -> str:
+    def ask(
+        self, request: Request, who: str, text: str = "", test: str = "", person: str = ""
+    ) -> str:
         """Take an operator's request, and return an answer that says what will happen.
 
         The request is written to the journal first. Control characters of its text become spaces,
@@ -202,6 +206,8 @@ class Desk:
                 other request may have one, too; at most `LONGEST_TEXT` characters.
             test: name of the test to skip or retry. If empty, it is the test that runs; if none
                 runs, RETRY means the test that ended last, and SKIP is refused.
+            person: name of who made the request, if `who` is a program or a key that several people
+                use, such as the console's; the text may begin with it.
 
         Raises:
             RefusedError: the request cannot be carried out, and nothing was written. ABORT is
@@ -211,16 +217,18 @@ class Desk:
         _check(test, "test's name", LONGEST_TEST)
         text = "".join(sign if sign.isprintable() else " " for sign in text)
         who = who.encode(errors="replace").decode()
+        person = " ".join(person.encode(errors="replace").decode().split())[:LONGEST_PERSON]
         with self._lock:
             if self._write is None:
                 raise RefusedError("the campaign is not running")
             index = self._index(request, test) if request in (Request.SKIP, Request.RETRY) else None
             change = None
             if request is Request.SET:
-                change, reply = self._checked_change(who, text)
+                change, reply = self._checked_change(person or who, text)
             else:
                 reply = self._checked(request, text, index)
-            details: dict[str, Any] = {"text": text} if text else {}
+            details: dict[str, Any] = {"person": person} if person else {}
+            details |= {"text": text} if text else {}
             if index is not None:
                 details |= {"test": index, "running": index == self._present}
             if request is Request.ACKNOWLEDGE:
@@ -231,7 +239,7 @@ class Desk:
                 if request is not Request.ABORT:
                     raise RefusedError(f"the journal cannot be written: {error}") from None
                 reply += f", but the journal cannot be written: {error}"
-            self._obey(request, who, text, index)
+            self._obey(request, person or who, _remark(text, person), index)
             if change is not None and self._control is not None:
                 self._control.add(change)
         if request in (Request.PAUSE, Request.RESUME):
@@ -337,6 +345,13 @@ class Desk:
                 self.interruption = request
             case Request.RETRY if index is not None:
                 del self._statuses[index]
+
+
+def _remark(text: str, person: str) -> str:
+    """Return a request's text without the name of who made it, with which the console begins it."""
+    if person and text == person:
+        return ""
+    return text.removeprefix(f"{person}: ") if person else text
 
 
 def _check(text: str, what: str, longest: int) -> None:

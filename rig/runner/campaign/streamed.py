@@ -28,9 +28,8 @@ class StreamedRun(Observer, Onlooker):
         simulated: whether the rig is simulated, so that this observer sends the rows that the
             runner reports. On hardware the stream reads the rows from the loop's ring.
         live: whether the run is paced by the wall clock.
-        activity: what is done with the rig, such as "homing", if it is more or less than a
-            campaign; empty for a campaign.
-        asked_by: name of the user who asked for it; empty if not known.
+        by: name of who started the run, or went on with it; empty if that is not known.
+        activity: what is done with the rig, such as "homing"; empty if it is only a campaign.
     """
 
     def __init__(
@@ -40,13 +39,13 @@ class StreamedRun(Observer, Onlooker):
         *,
         simulated: bool,
         live: bool,
+        by: str = "",
         activity: str = "",
-        asked_by: str = "",
     ) -> None:
         self.stream = stream
         self._live = live
+        self._by = by
         self._activity = activity
-        self._asked_by = asked_by
         self._inner = inner
         self._simulated = simulated
         self._feed: RowFeed | None = None
@@ -93,7 +92,7 @@ class StreamedRun(Observer, Onlooker):
         return {
             "status": "running",
             "activity": self._activity,
-            "asked_by": self._asked_by,
+            "begun_by": self._by,
             "begun_ns": time.time_ns(),
             "pausing": False,
             "held": [],

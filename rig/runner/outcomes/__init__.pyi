@@ -21,6 +21,7 @@ from .in_words import (
     chance as chance,
     comes_and_goes as comes_and_goes,
     in_passing as in_passing,
+    last_seen as last_seen,
     others_found as others_found,
     percent as percent,
     reaction as reaction,

@@ -81,8 +81,21 @@ def figures_of(
             if value is not None:
                 found[name] = Figure(float(value), None, "s")
         if timing["ticks"]:
-            found["loop_missed"] = Figure(timing["missed"] / timing["ticks"], None, "")
+            found["loop_missed"] = _missed_share(timing)
     return {name: figure for name, figure in found.items() if np.isfinite(figure.value)}
+
+
+def _missed_share(timing: Mapping[str, Any]) -> Figure:
+    """Return the share of ticks that were missed, with its standard error.
+
+    Ticks are missed in stalls of the machine, which come independently of each other at whatever
+    rate, and each takes L ticks in a row. The number of missed ticks is then the sum of a compound
+    Poisson process, whose variance is estimated by the sum of L^2 without bias (Ross, Introduction
+    to Probability Models, section 5.4.2). A summary of an earlier version does not tell it.
+    """
+    squares = timing.get("missed_squares")
+    error = None if squares is None else float(np.sqrt(squares)) / timing["ticks"]
+    return Figure(timing["missed"] / timing["ticks"], error, "")
 
 
 def decided_figure(figure: str, decision: Decision | None) -> float:

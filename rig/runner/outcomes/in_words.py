@@ -39,8 +39,20 @@ def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
     if decision.returns is not None:
         clauses.append(comes_and_goes(decision.returns))
     if decision.ended_s is not None:
-        clauses.append(f"gone again at {decision.ended_s:.1f} s")
+        clauses.append(last_seen(decision.ended_s, comes_and_goes=decision.returns is not None))
     return clauses + others_found(decision, found)
+
+
+def last_seen(ended_s: float, *, comes_and_goes: bool) -> str:
+    """Return in words until when a fault was there; one that comes and goes may open again.
+
+    Args:
+        ended_s: when the fault, or its last opening, ended, in s of the test.
+        comes_and_goes: whether the fault comes and goes.
+    """
+    if comes_and_goes:
+        return f"last open until {ended_s:.1f} s"
+    return f"gone again at {ended_s:.1f} s"
 
 
 def others_found(decision: Decision, found: Sequence[Found]) -> list[str]:

@@ -1,3 +1,4 @@
+from .acknowledging import acknowledge_ended as acknowledge_ended
 from .archive import (
     RUNS as RUNS,
     Run as Run,
@@ -41,6 +42,7 @@ from .journal import (
 )
 from .junit import write_junit as write_junit
 from .keeping import FolderKeeper as FolderKeeper
+from .refused import discard_refused as discard_refused
 from .results import (
     coefficient_unit as coefficient_unit,
     findings as findings,

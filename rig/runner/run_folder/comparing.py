@@ -44,14 +44,16 @@ TOLERANCES: Final[Mapping[str, Tolerance]] = {
     "residual": Tolerance(relative=0.1, sigmas=3.0),
     "friction": Tolerance(relative=0.1, sigmas=4.0),
     "bulk_modulus": Tolerance(relative=0.05, sigmas=3.0),
-    "loop_missed": Tolerance(absolute=1e-3),
+    "loop_missed": Tolerance(absolute=1e-3, sigmas=3.0),
     "loop": Tolerance(absolute=1e-4, relative=1.0),
 }
 """Default tolerances, by a figure's name or the beginning of it; the longest fitting one is used.
 
 Leaks (L/min) may differ by their 99.7 % interval and 5 %; residuals by 10 %; friction, which is
 identified from some twenty strokes, by 4 standard errors; times of the loop by a factor of two, as
-machines stall."""
+machines stall. How many ticks a run misses is the luck of its machine: the share may differ by the
+99.7 % interval that follows from how many stalls there were and how long each lasted, and by one
+tick in a thousand, which no figure of a test notices."""
 
 ANYTHING: Final = Tolerance(absolute=inf)
 """Tolerance of a figure that may differ by any amount, or be missing."""

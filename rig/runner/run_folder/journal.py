@@ -228,13 +228,13 @@ class Journal:
         return Entry(content.pop("n"), at, kind, details)
 
 
-def is_written(folder: Path) -> bool:
-    """Return whether a process has locked a folder's journal to write it.
+def is_written(folder: Path, name: str = JOURNAL) -> bool:
+    """Return whether a process has locked a folder's journal of this name to write it.
 
     The result is False if there is no journal, or if it cannot be opened.
     """
     try:
-        file = os.open(folder / JOURNAL, os.O_RDONLY)
+        file = os.open(folder / name, os.O_RDONLY)
     except OSError:
         return False
     try:

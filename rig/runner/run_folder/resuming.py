@@ -87,6 +87,8 @@ class JournalState:
         match entry.kind:
             case "begin":
                 self.begun, self.tests = entry, tuple(entry["tests"])
+                if entry["by"]:
+                    self._happened(entry, entry["by"], "begun")
             case "resume":
                 self._interrupted(entry)
             case "phase":
@@ -193,7 +195,7 @@ class JournalState:
             self._present = None
         if entry["versions_changed"]:
             what += f"; other versions: {entry['versions_changed']}"
-        self._happened(entry, CAMPAIGN, what)
+        self._happened(entry, entry["by"] or CAMPAIGN, what)
 
     def _asked(self, entry: Entry) -> None:
         request, text, index = entry["request"], entry["text"] or "", entry["test"]
@@ -208,7 +210,11 @@ class JournalState:
             "; ".join(entry["seen"] or ()),
         )
         sentence = " ".join(filter(None, words))
-        self._happened(entry, entry["who"], ": ".join(filter(None, (sentence, text))))
+        person = entry["person"] or ""
+        if person:
+            text = "" if text == person else text.removeprefix(f"{person}: ")
+        who = person or entry["who"]
+        self._happened(entry, who, ": ".join(filter(None, (sentence, text))))
 
     def _happened(self, entry: Entry, who: str, what: str) -> None:
         self.history.append(Happening(entry.at, who, what))

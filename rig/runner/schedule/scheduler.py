@@ -7,10 +7,10 @@ on where the schedule was.
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timedelta
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from rig.configuration import Entry, Missed, Schedule
-from rig.runner.outcomes import EXIT_FAILED, EXIT_STOPPED
+from rig.runner.outcomes import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_STOPPED
 from rig.runner.run_folder import Entry as JournalEntry, Journal, file_stem, new_path
 
 from .additions import asked_of
@@ -65,6 +65,13 @@ class Ended:
     at: datetime
 
 
+class Busy(NamedTuple):
+    """Why a job waits for its rig, such as a device that another program uses, and since when."""
+
+    why: str
+    since: datetime
+
+
 @dataclass
 class ScheduleState:
     """The state of a schedule according to its journal; `take` updates it entry by entry.
@@ -77,6 +84,7 @@ class ScheduleState:
         present: the job that was begun and has not ended; None if there is none.
         history: runs that have ended, oldest first.
         missed: number of due times of each entry that were not run, by the entry's name.
+        busy: by the ids of jobs that wait for their rig, why and since when they do.
         taken: ids of the requests that were taken from the file of additions.
         halted: why no job is begun; empty if the schedule is not halted.
     """
@@ -86,6 +94,7 @@ class ScheduleState:
     present: Job | None = None
     history: list[Ended] = field(default_factory=list)
     missed: dict[str, int] = field(default_factory=dict)
+    busy: dict[str, Busy] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     halted: str = ""
 
@@ -104,7 +113,24 @@ class ScheduleState:
             case "added":
                 self.taken.add(details["id"])
                 self.queue.append(_job(details))
+            case "busy":
+                id_, why = str(details["id"]), str(details["why"])
+                known = self.busy.get(id_)
+                since = datetime.fromisoformat(entry.at) if known is None else known.since
+                self.busy[id_] = Busy(why, since)
+            case "put_back" if self.present is not None:
+                self.queue.insert(0, replace(self.present, folder=None))
+                self.present = None
+            case "gave_up":
+                self.busy.pop(details["id"], None)
+                at = datetime.fromisoformat(entry.at)
+                given_up = [job for job in self.queue if job.id == details["id"]]
+                self.history += [Ended(job, int(details["exit_code"]), at) for job in given_up]
+                self.queue = [job for job in self.queue if job.id != details["id"]]
+                if details.get("retry"):
+                    self.queue.insert(0, _job(details["retry"]))
             case "begun":
+                self.busy.pop(details["id"], None)
                 mine = next((job for job in self.queue if job.id == details["id"]), None)
                 if mine is not None:
                     self.queue.remove(mine)
@@ -172,6 +198,12 @@ class Hands(Protocol):
             The exit code of `rig run`; negative if a signal killed the process.
         """
 
+    def busy(self, job: Job) -> str:
+        """Return why a job's rig cannot be used now, as another program uses it; "" if it can.
+
+        A run of the job's own that still goes on in its folder is no other program.
+        """
+
     def after(self, job: Job, exit_code: int) -> str:
         """Write the trend page and run the hook after a run; return what went wrong, else empty."""
 
@@ -209,7 +241,7 @@ class Scheduler:
             wait_s = self.step(stopped)
             if wait_s is None:
                 continue
-            if until_idle and not self.state.queue:
+            if until_idle and not self.state.queue and self.state.present is None:
                 return
             self._hands.sleep(wait_s)
 
@@ -310,15 +342,54 @@ class Scheduler:
     def _next(self) -> Job | None:
         """Return the job to run now; None if there is none, or while the schedule is halted.
 
-        A job that was begun and has not ended comes before those of the queue.
+        A job that was begun and has not ended comes before those of the queue. A job whose rig is
+        busy lets those after it pass.
         """
         if self.state.halted:
             return None
-        if self.state.present is not None:
-            return self.state.present
+        present = self.state.present
+        if present is not None:
+            return present if self._is_free(present) else None
         now = self._hands.now()
-        ready = (job for job in self.state.queue if job.not_before is None or job.not_before <= now)
-        return next(ready, None)
+        for job in [*self.state.queue]:
+            if job.not_before is not None and job.not_before > now:
+                continue
+            if self._is_free(job):
+                return job
+        return None
+
+    def _is_free(self, job: Job) -> bool:
+        """Return whether a job's rig can be used; if not, keep why, and give up after a time.
+
+        The time is `wait_for_rig_s` of the job's entry. A job that was begun waits without end.
+        """
+        why = self._hands.busy(job)
+        if not why:
+            return True
+        known = self.state.busy.get(job.id)
+        if known is None or known.why != why:
+            self._keep("busy", id=job.id, why=why)
+            self._hands.say(f"{job.entry}: waits for its rig: {why}")
+        entry = self._entries.get(job.entry)
+        limit_s = None if entry is None else entry.wait_for_rig_s
+        waited = self._hands.now() - self.state.busy[job.id].since
+        if job.folder is None and limit_s is not None and waited >= timedelta(seconds=limit_s):
+            self._give_up(job, f"its rig was busy for {limit_s:g} s: {why}")
+        return False
+
+    def _give_up(self, job: Job, why: str) -> None:
+        """End a job that was not begun as its rig stayed busy; it is retried as a failed run is."""
+        retry = self._retry(job, EXIT_FAILED)
+        self._keep("gave_up", id=job.id, exit_code=EXIT_BAD_INPUT, retry=retry, why=why)
+        self._hands.say(f"{job.entry}: not run, {why}")
+        self._follow(job, EXIT_BAD_INPUT)
+
+    def _follow(self, job: Job, exit_code: int) -> None:
+        """Make the trend page and run the hook after a job; keep and say what went wrong."""
+        problem = self._hands.after(job, exit_code)
+        if problem:
+            self._keep("problem", id=job.id, what=problem)
+            self._hands.say(problem)
 
     def _run(self, job: Job, stopped: Callable[[], bool]) -> None:
         folder = job.folder or str(new_path(self._schedule.folder, job.entry, self._hands.now()))
@@ -334,6 +405,10 @@ class Scheduler:
         if exit_code < 0 and present.resumes < MOST_RESUMES:
             self._hands.say(f"{job.entry}: killed by signal {-exit_code}; goes on")
             return
+        if exit_code == EXIT_BAD_INPUT and self._hands.busy(present):
+            # Another program was faster: the run has left nothing, and waits as others do.
+            self._keep("put_back", id=job.id)
+            return
         halted = ""
         if self._schedule.halt and (exit_code == EXIT_STOPPED or exit_code < 0):
             # It tripped, was stopped or was killed: somebody should look at the rig first.
@@ -342,10 +417,7 @@ class Scheduler:
         retry = self._retry(job, exit_code)
         self._keep("ended", id=job.id, exit_code=exit_code, retry=retry, halted=halted)
         self._hands.say(f"{job.entry}: ended with exit code {exit_code}")
-        problem = self._hands.after(present, exit_code)
-        if problem:
-            self._keep("problem", id=job.id, what=problem)
-            self._hands.say(problem)
+        self._follow(present, exit_code)
         if halted:
             self._hands.say(f"halted: {halted}; look at the rig, then rig schedule resume")
 

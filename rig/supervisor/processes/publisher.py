@@ -59,6 +59,13 @@ ANSWER_S: Final = 3.0
 REFUSALS_REPORTED: Final = 5
 """Most refusals that are reported one by one within a second; further ones are only counted."""
 NICENESS: Final = 5
+UNHOMED: Final = {"position_m": "encoder_m", "setpoint_m": "homing_setpoint"}
+"""Names under which two columns are published while the encoder's zero is not known.
+
+The position is then what the encoder has counted since it was switched on, and the setpoint is
+counted from there too, or is the command in V by which the ram is homed. Nobody can take them for a
+position in the cylinder.
+"""
 
 
 @dataclass(frozen=True)
@@ -218,6 +225,8 @@ class Publisher:
         self._segment = -1 if isnan(segment) else int(segment)
         columns = self._columns.get(self._segment, self._default)
         names = tuple(name for name in columns.channels if name != "row")
+        if not self._board.words[Word.HOMED]:
+            names = tuple(UNHOMED.get(name, name) for name in names)
         if self._batches.set_columns(names, [unit_of(name) for name in names], columns.test):
             self._sender.send("channels", self._batches.channels.content())
 

@@ -259,6 +259,8 @@ class RowFeed:
     def __init__(self, stream: Stream, channels: tuple[str, ...], *, live: bool) -> None:
         self._live = live
         self._board = Board.create(len(channels) + 2)
+        # A simulated rig knows where its ram is.
+        self._board.words[Word.HOMED] = 1
         self._row = 0
         self._given_at = 0.0
         stream.attach(self._board, (*channels, "segment", "row"))

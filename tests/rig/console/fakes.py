@@ -49,12 +49,14 @@ class FakeClient(StreamClient):
     Attributes:
         shots: the snapshots by rig.
         sent: each command as (command, rig, text, test).
+        persons: who gave each of them.
         answer: the answer to every command.
     """
 
     def __init__(self, *shots: Snapshot) -> None:
         self.shots = {shot.rig: shot for shot in shots}
         self.sent: list[tuple[Any, ...]] = []
+        self.persons: list[str] = []
         self.answer = Answer(True)
         self.rows = 0
 
@@ -83,10 +85,12 @@ class FakeClient(StreamClient):
         text: str = "",
         timeout_s: float = 5.0,
         test: str = "",
+        person: str = "",
     ) -> Answer:
         if rig not in self.shots:
             raise UnknownRigError(f"rig {rig} was not heard of")
         self.sent.append((command, rig, text, test))
+        self.persons.append(person)
         return self.answer
 
     def close(self) -> None:

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -104,10 +105,11 @@ def test_campaigns_that_cannot_be_offered_are_all_reported(tmp_path: Path) -> No
 def test_an_offer_is_started_in_a_process_and_a_folder_of_its_own(
     launcher: Launcher, started: list[Process], tmp_path: Path
 ) -> None:
-    launcher.start("leaks")
+    launcher.start("leaks", "Anna")
     (process,) = started
     assert process.arguments[1:5] == ["-m", "rig.cli", "run", str(tmp_path / "leaks.yaml")]
     assert process.arguments[5:7] == ["--rig", "bench.yaml"]
+    assert "--by=Anna" in process.arguments
     assert process.arguments[-4:] == ["--pace", "real", "--stream", "loopback"]
     assert Path(process.arguments[8]).parent == tmp_path / "runs"
     assert process.options["start_new_session"]
@@ -117,23 +119,23 @@ def test_an_offer_is_started_in_a_process_and_a_folder_of_its_own(
 @pytest.mark.parametrize("name", ["", "other", "../leaks", "/etc/passwd", "leaks.yaml", "--help"])
 def test_nothing_else_is_started(launcher: Launcher, started: list[Process], name: str) -> None:
     with pytest.raises(LaunchRefused, match="not offered"):
-        launcher.start(name)
+        launcher.start(name, "Anna")
     with pytest.raises(LaunchRefused, match="no such unfinished run"):
-        launcher.go_on(name)
+        launcher.go_on(name, "Anna")
     assert started == []
 
 
 def test_one_runs_at_a_time_and_its_end_is_reported(
     launcher: Launcher, started: list[Process], said: list[str]
 ) -> None:
-    launcher.start("leaks")
+    launcher.start("leaks", "Anna")
     with pytest.raises(LaunchRefused, match="still runs"):
-        launcher.start("leaks")
+        launcher.start("leaks", "Anna")
     started[0].exit_code = 2
     launcher.look()
     assert said == ["leaks has ended: exit code 2, bad input: rig: it is wrong"]
     assert launcher.content()["last"]["exit_code"] == 2
-    launcher.start("leaks")
+    launcher.start("leaks", "Anna")
     started[1].exit_code = -9
     launcher.look()
     assert said[-1] == "leaks has ended: killed by SIGKILL"
@@ -161,9 +163,35 @@ def test_runs_that_were_stopped_or_killed_can_be_gone_on_with(
         journal.write('{"kind": "outc')
     run_of(tmp_path, "nonsense")
     (tmp_path / "runs" / "nonsense" / "journal.jsonl").write_text("[]\n")
-    assert {run["folder"] for run in launcher.unfinished()} == {"stopped", "killed"}
-    launcher.go_on("stopped")
+    assert {run["folder"] for run in launcher.content()["unfinished"]} == {"stopped", "killed"}
+    launcher.go_on("stopped", "Anna")
     assert started[0].arguments[4:6] == [str(tmp_path / "runs" / "stopped"), "--resume"]
+
+
+def test_a_run_that_ended_badly_wants_to_be_acknowledged_once_and_can_still_be_gone_on_with(
+    launcher: Launcher, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    end = {"kind": "end", "reason": "a trip", "exit_code": 3}
+    seen = {"kind": "operator", "request": "acknowledge", "who": "root", "person": "Anna"}
+    run_of(tmp_path, "tripped", end)
+    run_of(tmp_path, "seen", end, seen)
+    run_of(tmp_path, "passed", {"kind": "end", "reason": "", "exit_code": 0})
+    content = launcher.content()
+    assert [run["folder"] for run in content["unseen"]] == ["tripped"]
+    assert {run["folder"] for run in content["unfinished"]} == {"tripped", "seen"}
+    asked: list[list[str]] = []
+
+    def run(command: list[str], **_: Any) -> Any:
+        asked.append(command)
+        return SimpleNamespace(returncode=0)
+
+    names = {"run": run, "DEVNULL": None, "SubprocessError": subprocess.SubprocessError}
+    monkeypatch.setattr("rig.console.launcher.subprocess", SimpleNamespace(**names))
+    launcher.acknowledge("tripped", "-- it was me", "Anna")
+    folder = str(tmp_path / "runs" / "tripped")
+    assert asked[0][3:] == ["control", folder, "acknowledge", "--by=Anna", "--", "-- it was me"]
+    with pytest.raises(LaunchRefused, match="wants to be acknowledged"):
+        launcher.acknowledge("passed", "", "Anna")
 
 
 def test_it_is_known_on_which_rig_a_run_is_that_goes_on(
@@ -174,7 +202,7 @@ def test_it_is_known_on_which_rig_a_run_is_that_goes_on(
         begun = {"kind": "begin", "campaign": "leaks", "given": given}
         (tmp_path / "runs" / name / "journal.jsonl").write_text(json.dumps(begun) + "\n")
     for name, rig in (("own", "bench"), ("given", "annex")):
-        launcher.go_on(name)
+        launcher.go_on(name, "Anna")
         running = launcher.present()
         assert running is not None
         assert running.rig == rig
@@ -186,7 +214,7 @@ def test_it_is_known_on_which_rig_a_run_is_that_goes_on(
 @pytest.fixture
 def running(launcher: Launcher) -> Path:
     """Return the folder of a run that was started."""
-    launcher.start("leaks")
+    launcher.start("leaks", "Anna")
     present = launcher.present()
     assert present is not None
     present.folder.mkdir()
@@ -228,7 +256,7 @@ def test_a_run_without_a_control_port_is_interrupted_at_once(
     launcher: Launcher, started: list[Process]
 ) -> None:
     assert launcher.stop("Anna") == ""
-    launcher.start("leaks")
+    launcher.start("leaks", "Anna")
     assert launcher.stop("Anna") == INTERRUPTED
     assert started[0].signals == [signal.SIGINT]
 
@@ -284,4 +312,4 @@ def test_away_from_the_rigs_machine_nothing_is_started(tmp_path: Path) -> None:
     launcher = Launcher(Served(offers_of([]), tmp_path), print)
     assert launcher.content()["offers"] == []
     with pytest.raises(LaunchRefused, match="on the rig's own machine"):
-        launcher.start("quickstart")
+        launcher.start("quickstart", "Anna")

@@ -24,15 +24,18 @@ class FakeLauncher(Launcher):
         self.stops = stops
         self.asked: list[str] = []
 
-    def stop(self, said: str) -> str:
+    def stop(self, said: str, by: str = "") -> str:
         self.asked.append(f"stop: {said}")
         return self.stops
 
-    def start(self, name: str) -> None:
-        self.asked.append(f"start {name}")
+    def start(self, name: str, by: str) -> None:
+        self.asked.append(f"start {name} by {by}")
 
-    def go_on(self, name: str) -> None:
-        self.asked.append(f"go on {name}")
+    def go_on(self, name: str, by: str) -> None:
+        self.asked.append(f"go on {name} by {by}")
+
+    def acknowledge(self, name: str, text: str, by: str) -> None:
+        self.asked.append(f"acknowledge {name} by {by}: {text}")
 
 
 @pytest.fixture
@@ -86,7 +89,7 @@ def test_nothing_is_started_on_a_rig_that_runs(client: FakeClient, tmp_path: Pat
     client.become("bench", alive=False)
     assert desk.carry_out(Order("start", name="a"), ANNA).accepted
     assert desk.carry_out(Order("go on", name="out"), ANNA).accepted
-    assert launcher.asked == ["start b", "start a", "go on out"]
+    assert launcher.asked == ["start b by Anna", "start a by Anna", "go on out by Anna"]
 
 
 def test_a_remark_has_its_writers_name(client: FakeClient, tmp_path: Path) -> None:
@@ -94,3 +97,13 @@ def test_a_remark_has_its_writers_name(client: FakeClient, tmp_path: Path) -> No
     told: dict[str, Any] = {"rig": "bench", "text": "oil", "name": "first"}
     assert desk.carry_out(Order("retry", **told), ANNA).accepted
     assert client.sent == [("retry", "bench", "Anna: oil", "first")]
+    assert client.persons == ["Anna"]
+
+
+def test_the_end_of_a_run_is_acknowledged_in_its_journal_and_not_at_the_rig(
+    client: FakeClient, tmp_path: Path
+) -> None:
+    launcher = FakeLauncher(tmp_path)
+    desk = orders(client, launcher)
+    assert desk.carry_out(Order("acknowledge", "bench", "it was me", "out-1"), ANNA).accepted
+    assert (client.sent, launcher.asked) == ([], ["acknowledge out-1 by Anna: it was me"])

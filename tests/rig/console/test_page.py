@@ -160,9 +160,6 @@ def test_names_that_are_html_are_shown_as_text(site: Site, page: Page) -> None:
     expect(page.locator("#events")).to_contain_text(name)
     expect(page.locator("#rig option")).to_have_text(["bench", name])
     assert page.locator("main img, #bar img").count() == 0
-
-
-def test_the_page_is_as_wide_as_a_small_screen(page: Page) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") <= SMALL["width"]
 
 

@@ -53,6 +53,12 @@ def test_the_tank_is_shown_in_degrees_and_of_a_stream_without_it_nothing() -> No
     assert "tank" not in [reading["name"] for reading in told()["readings"]]
 
 
+def test_verdicts_of_an_earlier_campaign_are_not_mixed_with_those_of_this_one() -> None:
+    before = DECIDED | {"sent_ns": 10**18 - 1, "name": "of yesterday"}
+    shown = told(verdicts=(before, DECIDED))["verdicts"]
+    assert [each["test"] for each in shown] == ["first"]
+
+
 def test_a_leak_has_its_interval_in_litres_a_minute() -> None:
     decision = told(decision=DECIDED)["decision"]
     assert decision["leak_L_per_min"] == [0.6, 0.54, 0.66]
@@ -124,7 +130,7 @@ NONSENSE = st.recursive(
     lambda inner: (
         st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=9), inner, max_size=3)
     ),
-    max_leaves=10,
+    max_leaves=4,
 )  # fmt: skip
 KINDS = ("decision", "health", "campaign", "progress", "state")
 NAMES = st.sampled_from(

@@ -1,9 +1,11 @@
-"""Whoever has not the token stays outside, however often it is tried."""
+"""Whoever has not the token stays outside; of those inside, one operator at a time has control."""
 
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
+from rig.console.logins import LoginFile
 from rig.console.visitors import (
     FAILURES,
     FAILURES_S,
@@ -11,7 +13,10 @@ from rig.console.visitors import (
     LONGEST_NAME,
     MOST_ADDRESSES,
     MOST_VISITORS,
+    ControlHolder,
     LoginRefused,
+    NotInControl,
+    Visitor,
     Visitors,
     console_token,
 )
@@ -113,3 +118,88 @@ def test_the_token_is_kept_where_only_its_user_reads_it(
     assert path.stat().st_mode & 0o777 == 0o600
     assert len(token) == 64
     assert console_token() == (token, path)
+
+
+def kept(folder: Path, clock: Clock, token: str = TOKEN) -> Visitors:
+    """Return the visitors of a console that keeps its logins in a folder."""
+    digest = sha256(token.encode()).hexdigest()
+    return Visitors(token, clock, LoginFile(folder / "logins.json", digest, clock))
+
+
+def test_a_login_outlives_a_restart_of_the_console_with_its_number_and_no_longer_than_its_time(
+    clock: Clock, tmp_path: Path
+) -> None:
+    first = kept(tmp_path, clock)
+    anna, ben = first.log_in(TOKEN, "Anna", "a"), first.log_in(TOKEN, "Ben", "a")
+    first.log_out(ben)
+    clock.now += 60.0
+    again = kept(tmp_path, clock)
+    assert again.visitor(anna) == first.visitor(anna)
+    assert again.visitor(ben) is None
+    assert again.visitor(again.log_in(TOKEN, "Eva", "a")) == Visitor(
+        2, "Eva", clock.now + LIFETIME_S
+    )
+    clock.now += LIFETIME_S - 59.0
+    assert kept(tmp_path, clock).visitor(anna) is None
+
+
+def test_the_file_of_logins_lets_nobody_in_and_a_new_token_ends_them(
+    clock: Clock, tmp_path: Path
+) -> None:
+    cookie = kept(tmp_path, clock).log_in(TOKEN, "Anna", "a")
+    file = tmp_path / "logins.json"
+    assert cookie not in file.read_text()
+    assert file.stat().st_mode & 0o077 == 0
+    assert kept(tmp_path, clock, "cd" * 32).visitor(cookie) is None
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "{}", '{"token": 1, "logins": [1]}', "\x00"])
+def test_a_damaged_file_of_logins_holds_none(clock: Clock, tmp_path: Path, text: str) -> None:
+    (tmp_path / "logins.json").write_text(text)
+    visitors = kept(tmp_path, clock)
+    assert visitors.visitor(visitors.log_in(TOKEN, "Anna", "a")) is not None
+
+
+ANNA, BEN = Visitor(1, "Anna", 9.9), Visitor(2, "Ben", 9.9)
+
+
+@pytest.fixture
+def told() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def control(told: list[str]) -> ControlHolder:
+    return ControlHolder(told.append, lambda: 5_000_000)
+
+
+def test_nobody_may_act_before_taking_control(control: ControlHolder) -> None:
+    with pytest.raises(NotInControl, match="nobody has control"):
+        control.require(ANNA)
+    control.take(ANNA)
+    control.require(ANNA)
+
+
+def test_who_has_control_keeps_it_until_it_is_taken_over(
+    control: ControlHolder, told: list[str]
+) -> None:
+    control.take(ANNA)
+    control.take(ANNA)
+    with pytest.raises(NotInControl, match="Anna has control"):
+        control.take(BEN)
+    with pytest.raises(NotInControl, match="Anna has control"):
+        control.require(BEN)
+    control.take(BEN, over=True)
+    with pytest.raises(NotInControl, match="Ben has control"):
+        control.require(ANNA)
+    assert told == ["Anna takes control", "Ben takes over from Anna"]
+    assert control.content() == {"number": 2, "name": "Ben", "since_ms": 5}
+
+
+def test_control_is_given_up_by_who_has_it_only(control: ControlHolder, told: list[str]) -> None:
+    control.take(ANNA)
+    control.release(BEN)
+    control.require(ANNA)
+    control.release(ANNA)
+    assert control.content()["number"] is None
+    assert told[-1] == "Anna gives control up"

@@ -8,7 +8,7 @@ import pytest
 
 from rig.io.can.ds408_valve import CanValveOptions
 from rig.io.can.pump import CanPumpOptions
-from rig.io.device_lock import connection_of, exclusive
+from rig.io.device_lock import connection_of, exclusive, in_use
 from rig.io.driver import DriverError
 from rig.io.registry import DriverSpec
 
@@ -47,6 +47,14 @@ def test_a_device_that_another_program_has_is_refused_with_its_process(device: D
         exclusive([device]),
     ):
         pass
+
+
+def test_whether_a_device_is_in_use_is_known_without_taking_it(device: DriverSpec) -> None:
+    assert in_use([device]) == ""
+    with exclusive([device]):
+        why = f"daq: 127.0.0.1:1 is in use by the process {os.getpid()}"
+        assert in_use([spec("meters", Options(port=2)), device]) == why
+    assert in_use([device]) == ""
 
 
 def test_two_drivers_of_a_rig_with_the_same_device_are_both_named(device: DriverSpec) -> None:

@@ -1,6 +1,7 @@
 """Statistics of the loop's stages say what the rows say."""
 
 import json
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,15 @@ def test_a_row_without_wakeup_is_a_missed_tick_and_nothing_else() -> None:
     assert (summary["ticks"], summary["missed"]) == (3, 1)
     assert summary["stages"]["wakeup"]["count"] == 2
     assert summary["stages"]["period"]["count"] == 0
+
+
+def test_the_squares_of_missed_ticks_in_a_row_are_summed_however_rows_are_batched() -> None:
+    missed = [1e-5, nan, nan, nan, 1e-5, nan, 1e-5, nan, nan]
+    for at in range(len(missed) + 1):
+        timing = Timing(CHANNELS, 1e-3)
+        timing.take(rows_of(missed[:at]))
+        timing.take(rows_of(missed[at:]))
+        assert (timing.missed, timing.missed_squares) == (6, 9 + 1 + 4)
 
 
 def test_the_period_is_that_between_wakings() -> None:

@@ -41,6 +41,21 @@ def test_every_channel_reads_back_bit_for_bit_with_its_unit_over_time(
     assert content["events"] == [[0.5, "note", "oil <drips>"]]
 
 
+@pytest.mark.parametrize(
+    ("metadata", "year"),
+    [({"start_ns": 1_600_000_000_000_000_000}, 2020), ({}, 1970), ({"start_ns": "soon"}, 1970)],
+)
+def test_the_start_time_is_that_of_the_recording_and_not_of_the_export(
+    recording: Recording, tmp_path: Path, metadata: dict[str, object], year: int
+) -> None:
+    from asammdf import MDF
+
+    few = {name: values[:5] for name, values in recording.channels.items()}
+    export(Recording(few, metadata), tmp_path / "test.mf4")
+    with MDF(tmp_path / "test.mf4") as file:
+        assert file.header.start_time.year == year
+
+
 def test_without_asammdf_the_remedy_is_reported_and_nothing_written(
     recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,7 +14,7 @@ from rig.recording.reading import read_recording
 from rig.supervisor.processes.child import News
 from rig.supervisor.processes.driven import Driven
 from rig.supervisor.processes.health import trips_of
-from rig.supervisor.trip_report import TripReport, write_trip_report
+from rig.supervisor.trip_report import TripReport, kept_trip_report, write_trip_report
 
 MS = 1_000_000
 AT = 10_000 * MS
@@ -186,3 +186,13 @@ def test_limits_of_the_test_stand_beside_those_of_the_rig_with_what_was_passed()
     told = "limit of the test: following_error_m 6 mm above 5 mm at 0.900 s, since 0.700 s"
     assert f"{told}: ramp_down" in lines
     assert "limit of the rig: pressure_1_Pa 20.5 MPa above 20 MPa at 1.990 s" in lines
+
+
+def test_a_report_that_cannot_be_written_is_told_as_one_text_and_floods_no_list(
+    tmp_path: Path,
+) -> None:
+    said: list[str] = []
+    report = REPORT
+    assert kept_trip_report(report, tmp_path / "gone", said.append) is None
+    assert said[0].startswith("the trip report cannot be written")
+    assert said[1:] == ["\n".join(report.lines())]

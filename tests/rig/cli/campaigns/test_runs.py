@@ -6,13 +6,17 @@ import shutil
 import warnings
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from math import hypot
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from rig.loop.timing import STAGES
+from rig.runner.outcomes.figures import Figure, figures_of
 from rig.runner.run_folder.archive import RunError, prunable, read_run, run_named, runs_below
-from rig.runner.run_folder.comparing import ANYTHING, Tolerance, compare, tolerance_of
+from rig.runner.run_folder.comparing import ANYTHING, TOLERANCES, Tolerance, compare, tolerance_of
 
 Invoke = Callable[..., Any]
 
@@ -186,6 +190,32 @@ def test_the_longest_name_that_fits_gives_the_tolerance() -> None:
     assert tolerance_of("loop_wakeup_p99", known) == Tolerance(1.0)
     assert tolerance_of("loops", known) == Tolerance()
     assert ANYTHING.of(1.0, 0.0) == float("inf")
+
+
+def missed(stalls: list[int]) -> Figure:
+    """Return the figure of a run of 60 s of which stalls of the machine took so many ticks each."""
+    stages = {name: {"p50_s": None, "p99_s": None} for name in STAGES}
+    squares = sum(stall**2 for stall in stalls)
+    timing = {"ticks": 60_000, "missed": sum(stalls), "missed_squares": squares, "stages": stages}
+    return figures_of(None, np.empty((0, 2)), None, timing)["loop_missed"]
+
+
+@pytest.mark.parametrize(
+    ("what", "reference", "candidate", "is_luck"),
+    [
+        ("one stall of 0.2 s", [], [200], True),
+        ("three stalls and four others", [90, 210, 60], [150, 30, 30, 220], True),
+        ("a tick in fifty, one by one", [200], [1] * 1200, False),
+        ("thirty stalls instead of one", [100], [100] * 30, False),
+    ],
+)
+def test_two_good_runs_differ_in_missed_ticks_by_the_luck_of_the_machine_only(
+    what: str, reference: list[int], candidate: list[int], is_luck: bool
+) -> None:
+    old, new = missed(reference), missed(candidate)
+    error = hypot(old.standard_error or 0.0, new.standard_error or 0.0)
+    tolerated = tolerance_of("loop_missed", TOLERANCES).of(old.value, error)
+    assert (abs(new.value - old.value) <= tolerated) is is_luck, what
 
 
 def test_pruning_shows_first_and_removes_only_what_runs_wrote(

@@ -12,6 +12,7 @@ import pytest
 
 from rig.configuration.reading.lookup import shipped_config_dir
 from rig.runner.campaign.campaign_test_run import CLEANUP_S
+from rig.runner.run_folder.journal import Journal
 
 Invoke = Callable[..., Any]
 
@@ -65,6 +66,28 @@ def test_a_schedule_or_campaign_with_mistakes_is_bad_input(
     assert done.code == 2
     assert "entries" in done.err
     assert not (tmp_path / "out").exists()
+
+
+def test_the_list_is_true_after_a_kill_and_in_the_zone_of_the_file(
+    invoke: Invoke, schedule: Path, tmp_path: Path
+) -> None:
+    schedule.write_text(schedule.read_text() + "timezone: Europe/Helsinki\n")
+    folder = tmp_path / "out"
+    folder.mkdir()
+    due: dict[str, Any] = {"id": "a", "entry": "now", "campaign": "short.yaml", "rig": None,
+           "due": "2026-11-27T10:00:00+00:00", "attempt": 1, "not_before": None}  # fmt: skip
+    with Journal(folder, name="schedule.jsonl") as journal:
+        journal.write("added", **due)
+        journal.write("added", **due | {"id": "b", "entry": "later"})
+        journal.write("busy", id="b", why="daq is in use")
+        journal.write("begun", id="a", folder=str(folder / "now-1"))
+        running = json.loads(invoke("schedule", "list", schedule, "--json").out)
+    assert (running["running"], running["present"]["state"]) == (True, "running")
+    shown = invoke("schedule", "list", schedule).out
+    assert "not running; rig schedule run" in shown
+    assert f"interrupted: now in {folder / 'now-1'}" in shown
+    assert "never: next 2126-01-01 00:00:00 EET" in shown
+    assert "waits: later, due 2026-11-27 12:00:00 EET, attempt 1; its rig is busy, daq" in shown
 
 
 UNIT = shipped_config_dir() / "systemd" / "rig-schedule@.service"

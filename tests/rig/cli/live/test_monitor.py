@@ -211,6 +211,16 @@ def test_a_dead_stream_is_shown_as_dead_with_its_age() -> None:
     assert "DEAD" not in shown(ended)
 
 
+def test_a_leak_that_comes_and_goes_is_never_said_to_be_gone() -> None:
+    decision = {"verdict": "internal_leakage", "probabilities": {}, "intermittent": True,
+                "duty": 0.2, "ended_s": 88.0}  # fmt: skip
+    told = line(Snapshot("bench", decision=decision))
+    assert "comes and goes, open 20 % of the time, last open until 88.0 s" in told
+    assert "gone again" not in told
+    stayed = line(Snapshot("bench", decision=decision | {"intermittent": False}))
+    assert "gone again at 88.0 s" in stayed
+
+
 def test_the_tank_is_shown_in_degrees_where_it_is_measured() -> None:
     warm = replace(DEAD, latest={"tank_temperature_K": 313.15})
     assert "tank 40.00 °C" in line(warm)

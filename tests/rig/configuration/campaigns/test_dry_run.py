@@ -53,7 +53,8 @@ def test_a_setpoint_faster_than_the_valve_is_warned_of(tmp_path: Path) -> None:
 
 
 def test_a_setpoint_in_jumps_has_no_speed_to_compare(tmp_path: Path) -> None:
-    setpoint = "setpoint: {type: steps, levels: [0.1 m, 0.4 m], hold: 2 s}"
+    # The ram rests at the end, which the dry run would warn of in a test that expects healthy.
+    setpoint = "expect: inconclusive\nsetpoint: {type: steps, levels: [0.1 m, 0.4 m], hold: 2 s}"
     report = check_test(tmp_path, setpoint)
     assert report.tests[0].peak_speed_m_per_s == inf
     assert "in jumps" in str(report)

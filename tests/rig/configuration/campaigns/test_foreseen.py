@@ -5,7 +5,12 @@ from pathlib import Path
 import pytest
 
 from rig.configuration.campaigns.campaign import load_campaign
-from rig.configuration.campaigns.foreseen import limit_warnings, setpoint_warnings, until_warnings
+from rig.configuration.campaigns.foreseen import (
+    inconclusive_warnings,
+    limit_warnings,
+    setpoint_warnings,
+    until_warnings,
+)
 from tests.rig.configuration.campaigns.written import HEAD, SINE, only_test
 
 UNTIL = "until: {verdict: internal_leakage, at_most: 40 s}"
@@ -59,3 +64,26 @@ def test_a_limit_beyond_the_rigs_own_is_warned_of(
     for warning, end in zip(warnings, ends, strict=True):
         assert end in warning
         assert "is never reached: the rig's own limit at" in warning
+
+
+@pytest.mark.parametrize(
+    ("setpoint", "keys", "warns"),
+    [
+        ("{type: steps, levels: [0.2 m, 0.4 m], hold: 5 s}", "", True),
+        ("{type: constant, value: 0.3 m}", "", True),
+        ("{type: constant, value: 0.3 m}", "expect: inconclusive", False),
+        ("{type: steps, levels: [0.2 m, 0.4 m], hold: 19 s}", "", False),
+        (SINE, "", False),
+    ],
+)
+def test_a_ram_that_comes_to_rest_too_early_for_a_healthy_verdict_is_warned_of(
+    tmp_path: Path, setpoint: str, keys: str, warns: bool
+) -> None:
+    text = f"{HEAD}tests:\n  - name: a\n    duration: 40 s\n    setpoint: {setpoint}\n    {keys}\n"
+    (tmp_path / "campaign.yaml").write_text(text)
+    campaign, _ = load_campaign(tmp_path / "campaign.yaml")
+    warnings = list(inconclusive_warnings(campaign.tests[0], campaign.model, "product"))
+    assert bool(warnings) == warns
+    if warns:
+        assert "will be `inconclusive`, so that it fails: the ram moves by 0 mm" in warnings[0]
+        assert "from 3.377 mm on" in warnings[0]

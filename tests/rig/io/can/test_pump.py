@@ -120,7 +120,7 @@ def test_a_dbc_may_give_other_units(bench: PumpBench, tmp_path: Path) -> None:
     [
         ("PumpStatus", "Status", "lacks PumpStatus"),
         ("SG_ Loaded", "SG_ Laden", r"lacks PumpStatus\.Loaded"),
-        ('"bar"', '"psi"', "gives Pressure in psi; use one of Pa, kPa, bar"),
+        ('"bar"', '"atm"', "gives Pressure in atm; use one of Pa, kPa, bar"),
         ('3 "FAULT"', '3 "BROKEN"', "has no value FAULT of MotorState"),
         ("BO_ ", "BO ", "cannot be read"),
     ],

@@ -11,6 +11,7 @@ from rig.configuration.reading.document import Sources
 from rig.configuration.reading.lookup import shipped_config_dir
 from rig.configuration.rigs.register_maps import read_map
 from rig.io.modbus_daq.register_map import (
+    UNITS,
     Fact,
     Register,
     RegisterMap,
@@ -185,3 +186,18 @@ def test_problems_survive_the_way_to_another_process() -> None:
         replace(shipped_map("io_node"), rate=0.0)
 
     assert pickle.loads(pickle.dumps(caught.value)).problems == caught.value.problems
+
+
+@pytest.mark.parametrize(
+    ("unit", "ending", "factor"),
+    [
+        ("psi", "Pa", 6894.757293168361),
+        ("in", "m", 0.0254),
+        ("gpm", "m3_per_s", 3.785411784e-3 / 60.0),
+    ],
+)
+def test_a_register_may_be_in_units_of_american_instruments(
+    unit: str, ending: str, factor: float
+) -> None:
+    assert UNITS[unit][0] == ending
+    assert UNITS[unit][1] == pytest.approx(factor, rel=1e-12)

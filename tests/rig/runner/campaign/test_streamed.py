@@ -118,9 +118,7 @@ def test_a_pause_is_reported_when_it_is_asked_for_and_when_it_is_taken_back(
 
 def homing() -> tuple[KeptStream, StreamedRun]:
     stream = KeptStream()
-    run = StreamedRun(
-        stream, Observer(), simulated=False, live=True, activity="homing", asked_by="Bo"
-    )
+    run = StreamedRun(stream, Observer(), simulated=False, live=True, activity="homing", by="Bo")
     return stream, run
 
 
@@ -129,7 +127,7 @@ def test_what_is_no_campaign_is_told_once_its_rig_is_connected_with_who_asked_fo
     assert stream.told == []
     run.connected(Board.create(2), ("position_m", "command_V"))
     told = stream.told[-1]
-    assert (told["name"], told["activity"], told["asked_by"]) == ("homing", "homing", "Bo")
+    assert (told["name"], told["activity"], told["begun_by"]) == ("homing", "homing", "Bo")
     assert (told["status"], told["tests"]) == ("running", [])
     run.ends()
     assert (stream.told[-1]["status"], stream.told[-1]["exit_code"]) == ("ended", 0)
@@ -147,13 +145,11 @@ def test_motions_of_an_experiment_have_no_verdict_that_could_be_wrong(
     tmp_path: Path, rig: Rig, make_test: MakeTest, make_campaign: MakeCampaign
 ) -> None:
     stream = KeptStream()
-    run = StreamedRun(
-        stream, Observer(), simulated=True, live=False, activity="tuning", asked_by="Bo"
-    )
+    run = StreamedRun(stream, Observer(), simulated=True, live=False, activity="tuning", by="Bo")
     motion = make_test("stroke", duration_s=2.0, expect="internal_leakage")
     outcome = run_campaign(make_campaign(motion), rig, tmp_path, observer=run)
     run.ends()
     assert outcome.tests[0].status == "failed"
     (told,) = stream.told[-1]["tests"]
     assert (told["status"], told["verdict"], told["expect"]) == ("passed", "", "")
-    assert stream.told[-1]["asked_by"] == "Bo"
+    assert stream.told[-1]["begun_by"] == "Bo"

@@ -43,12 +43,19 @@ def test_it_is_told_in_words_how_often_and_with_what_it_opens(
     assert clause == f"comes and goes, open 20 % of the time (17 to 23 %), 8 times{words}"
 
 
+def test_of_a_leak_that_comes_and_goes_nobody_says_that_it_is_gone() -> None:
+    ended = replace(DECISION, ended_s=88.0)
+    assert in_passing(ended, ())[1] == "last open until 88.0 s"
+    assert in_passing(replace(ended, returns=None), ()) == ["gone again at 88.0 s"]
+
+
 def test_the_report_tells_it_of_the_leak_itself_and_other_faults_apart() -> None:
     ended = replace(DECISION, ended_s=88.0)
     test = TestOutcome("leak", "healthy", Status.FAILED, 1, 90.0, (), ended, recorded_s=90.0)
     told = story(test)
     assert "It comes and goes, open 20 % of the time" in told
-    assert "It was gone again at 88.0 s." in told
+    assert "It was last open until 88.0 s." in told
+    assert "gone again" not in told
     assert "in passing" not in told
 
 

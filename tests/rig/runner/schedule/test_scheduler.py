@@ -36,6 +36,7 @@ class FakeHands:
         self.said: list[str] = []
         self.crash_in = ""
         self.problem = ""
+        self.busy_until = {"": EVENING}
 
     def now(self) -> datetime:
         return self.at
@@ -54,6 +55,10 @@ class FakeHands:
         self.at += timedelta(minutes=self.minutes.get(job.entry, 10.0))
         codes = self.codes.get(job.entry, [])
         return codes.pop(0) if codes else 0
+
+    def busy(self, job: Job) -> str:
+        until = self.busy_until.get(job.entry, EVENING)
+        return "daq is in use by the process 7" if self.at < until else ""
 
     def after(self, job: Job, exit_code: int) -> str:
         self.followed.append((job.entry, exit_code))
@@ -144,6 +149,47 @@ def test_times_that_were_missed_are_handled_by_the_stated_policy(
     state = night(away, hands, EVENING + timedelta(hours=24, minutes=30))
     assert len(hands.ran) == runs
     assert state.missed.get("hourly", 0) == missed
+
+
+def test_a_busy_rig_is_waited_for_and_lets_runs_on_other_rigs_pass(schedule: Schedule) -> None:
+    hands = FakeHands()
+    hands.busy_until = {"leaks": EVENING + timedelta(hours=3)}
+    state = night(schedule, hands, EVENING + timedelta(hours=4))
+    assert hands.ran == [("21:00", "hourly"), ("22:00", "friction"), ("23:00", "leaks")]
+    assert [ended.exit_code for ended in state.history] == [0, 0, 0]
+    assert hands.said.count("leaks: waits for its rig: daq is in use by the process 7") == 1
+    assert not state.busy
+
+
+def test_a_rig_that_stays_busy_is_given_up_after_the_time_that_is_set_and_the_run_retried(
+    schedule: Schedule,
+) -> None:
+    hands = FakeHands()
+    hands.busy_until = {"hourly": EVENING + timedelta(hours=2.4)}
+    waits = only(schedule, wait_for_rig_s=3600.0, retries=1, retry_after_s=1800.0)
+    state = night(waits, hands, EVENING + timedelta(hours=4))
+    assert [(ended.exit_code, ended.job.folder is None) for ended in state.history] == [
+        (2, True), (0, False),
+    ]  # fmt: skip
+    assert hands.ran == [("22:30", "hourly")]
+    assert hands.followed == [("hourly", 2), ("hourly", 0)]
+
+
+def test_a_run_that_another_program_was_faster_than_waits_and_is_not_lost(
+    schedule: Schedule,
+) -> None:
+    class Faster(FakeHands):
+        def run(self, job: Job, entry: Entry | None) -> int:
+            if not self.ran:
+                self.busy_until = {"hourly": self.at + timedelta(hours=1)}
+            return super().run(job, entry)
+
+    hands = Faster()
+    hands.codes, hands.minutes = {"hourly": [2, 0]}, {"hourly": 1.0}
+    state = night(only(schedule), hands, EVENING + timedelta(hours=4))
+    assert [ended.exit_code for ended in state.history] == [0]
+    assert len(hands.ran) == 2
+    assert len(set(hands.folders)) == 2
 
 
 def test_what_was_due_just_now_is_not_missed(schedule: Schedule) -> None:

@@ -35,6 +35,7 @@ class Bench:
         self.commands: list[Command] = []
         self.refusal = ""
         self.board = Board.create(len(CHANNELS))
+        self.board.words[Word.HOMED] = 1
         self.stream = Stream(
             self.settings, "bench", folder / "log", self.said.append, self.on_command
         )

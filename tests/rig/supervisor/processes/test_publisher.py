@@ -464,3 +464,18 @@ def test_a_watch_of_the_publisher_that_fails_starts_another_one(
         until(lambda: any("ZeroDivisionError" in said for said in bench.said))
     bench.stream.close()
     os.close(bench.board.fd)
+
+
+def test_until_the_ram_is_homed_its_count_is_no_position_and_its_command_no_setpoint(
+    bench: Bench, client: StreamClient
+) -> None:
+    bench.board.words[Word.HOMED] = 0
+    bench.write(50, segment=1)
+    until(lambda: "encoder_m" in client.window(60.0).values, "the encoder's count")
+    assert "position_m" not in client.window(60.0).values
+    bench.board.words[Word.HOMED] = 1
+    bench.write(50, segment=2)
+    until(lambda: len(client.window(60.0).row) == 100, "the rows after homing")
+    position = client.window(60.0, ("position_m",)).values["position_m"]
+    assert np.isnan(position[:50]).all()
+    np.testing.assert_array_equal(position[50:], np.arange(50, 100))

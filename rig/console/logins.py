@@ -1,0 +1,103 @@
+"""Keeps the logins of a console in a file, so that they outlive a restart of the console.
+
+The file holds digests of the cookies, not the cookies: who reads it cannot log in by it. A new
+token ends all logins that were made with the one before.
+"""
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any, Final
+
+LARGEST_FILE: Final = 1 << 20
+"""Most bytes of the file that are read; the most logins that a console keeps need a twentieth."""
+
+
+@dataclass(frozen=True)
+class Login:
+    """A login as the file has it.
+
+    Attributes:
+        cookie: SHA-256 of the cookie, in hexadecimal digits.
+        number: number of the login.
+        name: name of the visitor.
+        left_s: time in s for which the login still lasts.
+    """
+
+    cookie: str
+    number: int
+    name: str
+    left_s: float
+
+
+class LoginFile:
+    """The file with the logins of one console.
+
+    A file that is missing, damaged or not of this token holds no logins; one that cannot be written
+    keeps none, and the console works without.
+
+    Args:
+        path: the file; only its owner may read it.
+        token: digest of the console's token in hexadecimal digits, which the logins belong to.
+        clock: returns the wall clock in s since 1970, by which logins last while no console runs.
+    """
+
+    def __init__(self, path: Path, token: str, clock: Callable[[], float] = time.time) -> None:
+        self._path = path
+        self._token = token
+        self._clock = clock
+
+    def read(self, lifetime_s: float) -> list[Login]:
+        """Return the logins that still last, in the order of the file.
+
+        Args:
+            lifetime_s: the longest time in s for which a login lasts. A login that the file has
+                last longer, as after the wall clock was set back, lasts for that time.
+        """
+        found: list[Login] = []
+        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            with self._path.open("rb") as file:
+                content = json.loads(file.read(LARGEST_FILE))
+            if content["token"] != self._token:
+                return []
+            now = self._clock()
+            for each in content["logins"]:
+                left_s = min(float(each["until_s"]) - now, lifetime_s)
+                if left_s > 0.0:
+                    name, number = str(each["name"]), int(each["number"])
+                    found.append(Login(str(each["cookie"]), number, name, left_s))
+        return found
+
+    def write(self, logins: Iterable[Login]) -> None:
+        """Replace the file's logins by these."""
+        now = self._clock()
+        held: list[dict[str, Any]] = [
+            {"cookie": each.cookie, "number": each.number, "name": each.name,
+             "until_s": now + each.left_s}
+            for each in logins
+        ]  # fmt: skip
+        text = json.dumps({"token": self._token, "logins": held})
+        with suppress(OSError):
+            self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            # A temporary file may be read by its owner only, and so may what it becomes.
+            with NamedTemporaryFile("w", dir=self._path.parent, delete=False) as file:
+                file.write(text)
+            os.replace(file.name, self._path)
+
+
+def login_file(folder: Path, port: int, token: str) -> LoginFile:
+    """Return the file with the logins of this user's console at a port.
+
+    Args:
+        folder: the folder with this user's keys and tokens.
+        port: the port, by which the console's cookie is named as well.
+        token: the console's token.
+    """
+    digest = hashlib.sha256(token.encode()).hexdigest()
+    return LoginFile(folder / f"console-logins-{port}.json", digest)

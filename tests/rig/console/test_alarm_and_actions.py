@@ -1,0 +1,178 @@
+"""The page calls for somebody when something is wrong, and offers what can be done about it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from rig.stream.view import Window
+
+from .conftest import WAIT_MS
+from .fakes import RUNNING, until
+from .site import TOKEN, Site, site_served
+from .test_rig_state import TRIPPED, ended, launched
+
+expect.set_options(timeout=WAIT_MS)
+PHONE = {"width": 420, "height": 900}
+RUN = {"folder": "out", "campaign": "leaks"}
+
+
+@pytest.fixture(scope="module")
+def served(leaving: ExitStack) -> Iterator[Site]:
+    with site_served(leaving) as site:
+        yield site
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Browser, served: Site) -> Iterator[Page]:
+    """Return the page of somebody who has control, on a phone."""
+    context = browser.new_context(viewport=PHONE)  # type: ignore[arg-type]
+    context.set_default_timeout(WAIT_MS)
+    page = context.new_page()
+    page.goto(served.origin)
+    page.fill("[name=name]", "Anna")
+    page.fill("[name=token]", TOKEN)
+    page.keyboard.press("Enter")
+    expect(page.locator("#life")).to_contain_text("live")
+    page.locator("#holder-button").click()
+    expect(page.locator("#holder")).to_have_text("you have control")
+    yield page
+    context.close()
+
+
+@pytest.fixture
+def site(served: Site) -> Site:
+    """Return the console of a rig that runs, as at the beginning of each test."""
+    served.client.shots = {"bench": RUNNING}
+    return served
+
+
+@pytest.fixture
+def page(opened: Page, site: Site) -> Page:
+    """Return the page, which shows that the rig runs."""
+    opened.evaluate("scrollTo(0, 0)")
+    expect(opened.locator("#rig-state-word")).to_have_text("Running")
+    return opened
+
+
+def test_a_trip_stands_in_the_tab_s_title_and_sounds_until_it_is_silenced_or_over(
+    site: Site, page: Page
+) -> None:
+    expect(page).to_have_title("bench console")
+    sounded = page.evaluate("rigConsoleAlarm.sounded")
+    site.client.become("bench", state={"state": "tripped"}, health=TRIPPED)
+    expect(page).to_have_title("✕ Tripped - bench console")
+    assert page.evaluate("rigConsoleAlarm.sounded") == sounded + 1
+    page.locator("#silence").click()
+    expect(page.locator("#silence")).to_be_hidden()
+    expect(page).to_have_title("✕ Tripped - bench console")
+    assert page.evaluate("rigConsoleAlarm.timer") == 0
+    site.client.shots["bench"] = RUNNING
+    expect(page).to_have_title("bench console")
+    site.client.become("bench", alive=False, age_s=9.0)
+    expect(page).to_have_title("✕ The stream is dead - bench console")
+    expect(page.locator("#silence")).to_be_visible()
+
+
+def test_on_a_phone_state_verdict_and_campaign_come_before_the_curves(
+    site: Site, page: Page
+) -> None:
+    order = ("#rig-state", "#bar", "#verdict-card", "#campaign-card", "#charts")
+    boxes = [page.locator(each).bounding_box() for each in order]
+    tops = [box["y"] for box in boxes if box is not None]
+    assert tops == sorted(tops)
+    assert len(tops) == len(order)
+    page.mouse.wheel(0, 3000)
+    until(lambda: page.evaluate("scrollY") > 0, "the page to scroll")
+    box = page.locator("#rig-state").bounding_box()
+    assert box is not None
+    assert box["y"] >= 0.0
+
+
+def test_after_a_trip_it_is_acknowledged_and_reset_and_after_a_completed_run_neither(
+    site: Site, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    launcher = site.console.launcher
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(launcher, "content", launcher.content)
+    monkeypatch.setattr(launcher, "acknowledge", lambda *given: asked.append(("seen", *given)))
+    monkeypatch.setattr(launcher, "go_on", lambda *given: asked.append(("go on", *given)))
+    old = {"folder": "old", "campaign": "night"}
+
+    def stand(set_up: Callable[[Site], None], **told: Any) -> None:
+        launched(None, set_up)(site)
+        content = launcher.content() | told
+        launcher.content = lambda: content  # type: ignore[method-assign]
+        # The rig and its runs are told to the page apart from each other.
+        known = f"rigConsole.common.launch.unseen?.length === {len(told['unseen'])}"
+        until(lambda: page.evaluate(known), "what is known of the runs")
+        expect(page.locator("#life")).to_contain_text("ended")
+
+    trip = ended("tripped", "", exit_code=3, reason="a trip", health=TRIPPED)
+    stand(trip, unfinished=[RUN, old], unseen=[RUN])
+    expect(page.locator("[data-do=acknowledge]")).to_be_enabled()
+    page.locator("[data-do=acknowledge]").click()
+    page.keyboard.type("it was me")
+    page.keyboard.press("Enter")
+    until(lambda: asked == [("seen", "out", "it was me", "Anna")], "what was acknowledged")
+    stand(trip, unfinished=[RUN, old], unseen=[])
+    expect(page.locator("[data-do=acknowledge]")).to_be_disabled()
+    page.locator("[data-do=reset]").click()
+    expect(page.locator("#dialog option")).to_have_text(["leaks (out)"])
+    page.keyboard.press("Enter")
+    until(lambda: asked[1:] == [("go on", "out", "Anna")], "the reset")
+    stand(ended("passed", "passed", exit_code=0), unfinished=[old], unseen=[])
+    expect(page.locator("#rig-state-word")).to_have_text("Ended, all passed")
+    for button in ("reset", "acknowledge"):
+        expect(page.locator(f"[data-do={button}]")).to_be_disabled()
+    # An older run is gone on with as another one is started.
+    page.locator("[data-do=start]").click()
+    page.locator("#dialog select").select_option(label="go on with night (old)")
+    page.keyboard.press("Enter")
+    until(lambda: asked[2:] == [("go on", "old", "Anna")], "the older run")
+
+
+def test_pressures_a_little_below_zero_open_no_axis_below_it_and_curves_can_be_paused(
+    site: Site, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = site.client.window
+
+    def window(*given: Any, **more: Any) -> Window:
+        found = plain(*given, **more)
+        levels = {"pressure_1_Pa": -0.05e6, "supply_pressure_Pa": 13.8e6}
+        return replace(
+            found,
+            values={name: each + levels.get(name, 0.0) for name, each in found.values.items()},
+        )
+
+    monkeypatch.setattr(site.client, "window", window)
+    until(lambda: page.evaluate("rigConsole.points.pressure_1_MPa.at(-1)") == -0.05, "the dip")
+    # The axis as it is drawn of these points alone, not of those before them.
+    of = "(await import('/page/chart.js')).Chart"
+    ends = page.evaluate(
+        f"""async () => {{
+          const Chart = {of};
+          const figure = document.createElement("figure");
+          document.body.append(figure);
+          const chart = new Chart(figure, {{ title: "p", unit: "MPa", least: 1, floor: 0,
+            series: [{{ key: "a", label: "a", colour: "first", digits: 2 }}] }});
+          chart.height = 216;
+          const near = chart.range({{ a: [13.8, -0.05] }}).low;
+          chart.ends = null;
+          const beyond = chart.range({{ a: [13.8, -2] }}).low;
+          figure.remove();
+          return [near, beyond];
+        }}"""
+    )
+    assert ends[0] == 0.0
+    assert ends[1] < -1.0
+    page.locator("#pause").click()
+    frames = page.evaluate("rigConsoleFrames()")
+    heard = page.evaluate("rigConsole.heardAt")
+    until(lambda: page.evaluate("rigConsole.heardAt") > heard + 200, "more to be heard")
+    assert page.evaluate("rigConsoleFrames()") == frames
+    page.locator("#pause").click()
+    until(lambda: page.evaluate("rigConsoleFrames()") > frames, "the curves to go on")
