@@ -32,6 +32,7 @@ from rig.plant import (
 from . import leak_verdicts
 from .confirmation import Hold, PresentLeaks
 from .decision import SILENT as SILENT, Decision as Decision, is_of as is_of
+from .drift_watch import DriftWatch
 from .finding import Finding
 from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 from .oil_account import OilAccount, Samples
@@ -106,6 +107,7 @@ class OilAccountDetector:
         self._account = OilAccount(model.parameters, self._test)
         self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
         self._returns = ReturnTest(model.parameters, *self._setting) if returning else None
+        self._drift = DriftWatch(model.parameters, *self._setting)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._named: tuple[Finding, Decision] | None = None
@@ -125,6 +127,7 @@ class OilAccountDetector:
         self._test = self._account.test = LeakTest(*self._setting)
         self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
         self._named = None
+        self._drift.begin_anew()
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add the next samples, one or more, with the product filter's estimates of them.
@@ -136,8 +139,10 @@ class OilAccountDetector:
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
         self.drawn_up = []
+        self._drift.see(samples.position)
         for block in self._account.add(samples, run):
             self._supply.add(block)
+            self._drift.add(block)
             if self._returns is not None:
                 self._returns.add(block)
             self.drawn_up.append(block)
@@ -151,7 +156,7 @@ class OilAccountDetector:
         """
         found = bool(self._test.search()) or self._supply.search() is not None
         returns = self._returns is not None and self._returns.stands_out
-        return found or returns or self._named is not None
+        return found or returns or self._named is not None or self._drift.stands_out
 
     def evidence(self) -> tuple[float, float]:
         """Return the test statistic of one fault that stays, and the limit that it must exceed.
@@ -176,9 +181,11 @@ class OilAccountDetector:
         """Return the decision on all complete blocks so far; each call counts towards confirmation.
 
         A leak that comes and goes (`estimator.intermittent`) is named, and stays on record, unless
-        a fault that stays explains the accounts better (`_with_returns`).
+        a fault that stays explains the accounts better (`_with_returns`). An encoder that drifts is
+        named where nothing else explains them as well (`DriftWatch`).
         """
-        return self._with_returns(self._lasting())
+        decision = self._with_returns(self._lasting())
+        return self._drift.beside(decision, self._last_s, self.claimed)
 
     def _with_returns(self, lasting: Decision) -> Decision:
         """Return the decision on a leak that comes and goes, or that on faults that stay.

@@ -20,6 +20,7 @@ from .friction import (
 from .in_words import (
     chance as chance,
     comes_and_goes as comes_and_goes,
+    drifts as drifts,
     in_passing as in_passing,
     others_found as others_found,
     percent as percent,

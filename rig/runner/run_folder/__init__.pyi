@@ -43,6 +43,7 @@ from .junit import write_junit as write_junit
 from .keeping import FolderKeeper as FolderKeeper
 from .results import (
     coefficient_unit as coefficient_unit,
+    drift_of as drift_of,
     findings as findings,
     leak_figures as leak_figures,
     returns_of as returns_of,

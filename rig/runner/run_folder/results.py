@@ -88,6 +88,7 @@ def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
         **leak_figures(decision),
         **named(decision, "statistic", "threshold", "details"),
         **returns_of(decision),
+        **drift_of(decision),
         "findings": findings(test.found),
     }
 
@@ -107,6 +108,7 @@ def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
             **leak_figures(each.decision),
             **named(each.decision, "statistic", "threshold"),
             **returns_of(each.decision),
+            **drift_of(each.decision),
         }
         for each in found
     ]
@@ -135,6 +137,20 @@ def returns_of(decision: Decision) -> dict[str, Any]:
             for each in found.episodes
         ],
         "goes_with": None if found.goes_with is None else asdict(found.goes_with),
+    }
+
+
+def drift_of(decision: Decision) -> dict[str, Any]:
+    """Return what a decision says of an encoder that drifts, as JSON-able values.
+
+    `could_also_be` lists the causes that the accounts do not tell from the verdict. The rate of the
+    drift and its standard error are in m/s; they are null where the accounts show no drift.
+    """
+    drift = decision.drift
+    return {
+        "could_also_be": list(decision.could_also_be),
+        "encoder_drift_m_per_s": None if drift is None else drift.rate_m_per_s,
+        "encoder_drift_std_m_per_s": None if drift is None else drift.deviation_m_per_s,
     }
 
 
