@@ -22,6 +22,7 @@ from .detection import (
     OilAccountDetector as OilAccountDetector,
     leak_flow as leak_flow,
 )
+from .finding import Growth as Growth
 from .found import Found as Found, found_in as found_in
 from .oil_account import Samples as Samples
 from .pattern import (

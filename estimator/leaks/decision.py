@@ -7,6 +7,8 @@ from typing import Final
 from estimator.encoder import EncoderDrift
 from estimator.intermittent import Intermittent
 
+from .finding import Growth
+
 SILENT: Final = ("healthy", "inconclusive")
 """Names of the verdicts that are no fault."""
 ENCODER_DRIFT: Final = "encoder_drift"
@@ -37,6 +39,7 @@ class Decision:
             are those while the leak is open.
         drift: a drift of the encoder that may be or, if the verdict says so, is the cause; None
             where the accounts show none.
+        growth: how a single leak grows, with its flow now; None if it does not, or not provably.
     """
 
     verdict: str
@@ -52,6 +55,7 @@ class Decision:
     ended_s: float | None = None
     returns: Intermittent | None = None
     drift: EncoderDrift | None = None
+    growth: Growth | None = None
 
     @property
     def names_a_fault(self) -> bool:

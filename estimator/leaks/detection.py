@@ -49,9 +49,6 @@ blocks are not complete where sensors are missing or a chamber is dry."""
 GREATEST_LEAK: Final = 10.0 * LITRE_PER_MINUTE
 """Greatest flow in m^3/s that counts as a leak; a larger one means that a sensor is wrong (the
 open valve passes 27 L/min, and the largest leak of figure 5.1 is 4 L/min)."""
-SIZE_ERROR: Final = 0.02
-"""Relative standard deviation of a leak's flow by the tolerance of the metering edges, by which the
-accounts measure it (`NUISANCES`)."""
 FLOW_ERROR: Final = 0.25
 """Standard deviation of a leak's flow by errors of the model, as a part of the dead zone; the dead
 zone bounds these errors, and a bound is taken for four standard deviations."""
@@ -208,7 +205,11 @@ class OilAccountDetector:
             found.leak,
             found.onset_s,
             flow,
-            hypot(found.leak_std_m3_per_s, bound * LITRE_PER_MINUTE, SIZE_ERROR * flow),
+            hypot(
+                found.leak_std_m3_per_s,
+                bound * LITRE_PER_MINUTE,
+                leak_verdicts.relative_error(self._test) * flow,
+            ),
             found.coefficient,
             sqrt(2.0 * max(found.evidence, 0.0)),
             sqrt(2.0 * found.limit),
@@ -368,7 +369,7 @@ class OilAccountDetector:
         deviations = [leak.deviation * size for leak, size in zip(leaks, sizes, strict=True)]
         bound = self._test.model_error * LITRE_PER_MINUTE
         deviations += [FLOW_ERROR * DEAD_ZONE[leak.fault] * bound for leak in leaks]
-        deviations += [SIZE_ERROR * flow]
+        deviations += [leak_verdicts.relative_error(self._test) * flow]
         return replace(
             decision,
             onset_s=min(finding.onset_s for finding in findings),
@@ -376,6 +377,11 @@ class OilAccountDetector:
             leak_std_m3_per_s=hypot(*deviations),
             coefficient=None if others else first.coefficient,
             ended_s=self._ended_s(leaks) if len(leaks) == len(findings) else None,
+            growth=None
+            if others
+            else leak_verdicts.growth_of(
+                self._test, first, sizes[0], FLOW_ERROR * DEAD_ZONE[first.fault] * bound
+            ),
         )
 
     def _ended_s(self, leaks: list[Finding]) -> float | None:

@@ -22,6 +22,7 @@ from rig.runner.outcomes import (
     TestOutcome,
     comes_and_goes,
     drifts,
+    grows,
     others_found,
 )
 
@@ -191,6 +192,8 @@ def story(test: TestOutcome) -> str:
 
 def _besides(decision: Decision, found: Sequence[Found]) -> Iterator[str]:
     """Yield sentences on the course of the verdict's fault, and on other faults that were found."""
+    if decision.growth is not None:
+        yield f"It {grows(decision.growth)}."
     if decision.drift is not None:
         clause = drifts(decision.drift, decision.could_also_be)
         yield f"{clause[0].upper()}{clause[1:]}."

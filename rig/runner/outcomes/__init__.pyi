@@ -21,6 +21,7 @@ from .in_words import (
     chance as chance,
     comes_and_goes as comes_and_goes,
     drifts as drifts,
+    grows as grows,
     in_passing as in_passing,
     others_found as others_found,
     percent as percent,

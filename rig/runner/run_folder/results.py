@@ -158,14 +158,20 @@ def leak_figures(decision: Decision) -> dict[str, Any]:
     """Return the mean flow of a decision's leak, and its coefficient, as JSON-able values.
 
     Flow, standard error and 95 % interval are in L/min, the coefficient is in SI; None where the
-    decision has no value.
+    decision has no value. Of a leak that grows there is its flow now (L/min) and the rate at which
+    it grows (L/min in a minute), with their standard errors; else these are None.
     """
-    interval = decision.interval_m3_per_s
+    interval, growth = decision.interval_m3_per_s, decision.growth
     return {
         "leak_L_per_min": litres_per_minute(decision.leak_m3_per_s),
         "leak_std_L_per_min": litres_per_minute(decision.leak_std_m3_per_s),
         "interval_L_per_min": None if interval is None else [*map(to_litres_per_minute, interval)],
         "leak_coefficient": decision.coefficient,
+        "leak_now_L_per_min": growth and to_litres_per_minute(growth.now_m3_per_s),
+        "leak_now_std_L_per_min": growth and to_litres_per_minute(growth.now_std_m3_per_s),
+        "growth_L_per_min_per_min": growth and to_litres_per_minute(60.0 * growth.rate_m3_per_s2),
+        "growth_std_L_per_min_per_min": growth
+        and to_litres_per_minute(60.0 * growth.rate_std_m3_per_s2),
     }
 
 
