@@ -123,9 +123,12 @@ def test_a_reading_beyond_the_stroke_end_settles_it() -> None:
     assert found[-1] is not None
     assert not found[-1].is_sure
     test.see(np.array([NOMINAL.stroke_max + 0.5 * END_MARGIN]))
-    assert not test.search().is_sure
+    still = test.search()
+    assert still is not None
+    assert not still.is_sure
     test.see(np.array([np.nan, NOMINAL.stroke_max + 2.0 * END_MARGIN]))
     proven = test.search()
+    assert proven is not None
     assert proven.is_sure
     assert proven.gain == inf
 
@@ -136,7 +139,9 @@ def test_an_encoder_that_was_never_within_the_stroke_says_nothing_of_its_ends() 
     for block in drifting(moving(100, 1, swing=0.0), 4e-3):
         test.see(np.array([NOMINAL.stroke_max + 1.0]))
         test.add(block)
-    assert not test.search().is_sure
+    found = test.search()
+    assert found is not None
+    assert not found.is_sure
 
 
 def test_a_drift_older_than_two_minutes_does_not_end_in_an_error() -> None:

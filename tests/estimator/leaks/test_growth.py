@@ -42,12 +42,16 @@ def test_a_leak_that_grows_is_named_and_followed(fault: int, rate: float) -> Non
     assert [finding.fault for finding in found] == [fault]
     size = FLOW if fault < 2 else 0.6 * FLOW
     assert present_coefficient(test, found[0]) * size == pytest.approx(256 * rate, rel=0.25)
+    assert not may_be_lines(test, found)
     growth = growth_of(test, found[0], size * LITRE_PER_MINUTE)
+    if rate < 1e-3:
+        # It has come to 0.05 L/min: that it is there is sure, that it still grows is not.
+        assert growth is None
+        return
     assert growth is not None
     now, deviation = growth.now_m3_per_s, growth.now_std_m3_per_s
     assert abs(now - 256 * rate * LITRE_PER_MINUTE) < 3.0 * deviation
     assert growth.rate_m3_per_s2 == pytest.approx(2.0 * rate * LITRE_PER_MINUTE, rel=0.1)
-    assert not may_be_lines(test, found)
 
 
 @pytest.mark.parametrize("leak", ["external_leakage_2", "internal_leakage"])
