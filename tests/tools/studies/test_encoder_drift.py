@@ -1,4 +1,4 @@
-"""The study of encoders that drift injects what it says and counts what the detector makes of it."""
+"""The study of encoders that drift counts what the detector makes of them."""
 
 import numpy as np
 import pytest
