@@ -63,7 +63,7 @@ def changes(kind: Change, size: float) -> tuple[Array, Array]:
     time_s = np.arange(round(SECONDS / TICK)) * TICK
     if kind == "drift":
         return size * np.maximum(time_s - ONSET_S, 0.0), np.zeros(time_s.size)
-    return np.zeros(time_s.size), size * (time_s >= ONSET_S)
+    return np.zeros(time_s.size), np.where(time_s >= ONSET_S, size, 0.0)
 
 
 def drawn(seed: int, kind: Change, size: float) -> Recording:
@@ -101,8 +101,8 @@ def independent(seed: int, kind: Change, size: float) -> Recording:
 
 def _read(made: Recording, away: Array, null: Array, valve_gain: float) -> Recording:
     """Return a recording as the sensors have it; those of the spool count from its old null."""
-    channels = {name: made[name].copy() for name in (*COLUMNS, "supply_pressure_Pa")
-                if name in made.channels}  # fmt: skip
+    names = (*COLUMNS, "supply_pressure_Pa")
+    channels = {str(name): made[name].copy() for name in names if name in made.channels}
     count = DATA_SHEET.position_resolution
     channels["position_m"] = np.round((channels["position_m"] + away) / count) * count
     channels["command_V"] -= null / valve_gain
