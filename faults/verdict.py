@@ -26,6 +26,7 @@ class Verdict(StrEnum):
     RETURN_BLOCKAGE = "return_blockage", "the return line is blocked, as by a clogged filter"
     MULTIPLE = "multiple", "more than one fault at once"
     UNKNOWN_FAULT = "unknown_fault", "the rig departs from its model as no known fault makes it"
+    ENCODER_DRIFT = "encoder_drift", "the encoder's reading runs away from the ram"
     INCONCLUSIVE = "inconclusive", "the motion could not have shown a leak"
 
 

@@ -25,6 +25,7 @@ from .nuisances import (
     DRIFT as DRIFT,
     NUISANCE_COUNT as NUISANCE_COUNT,
     NUISANCES as NUISANCES,
+    NULL_SHIFT as NULL_SHIFT,
     UNINFORMED as UNINFORMED,
     NuisanceBelief as NuisanceBelief,
     nuisance_index as nuisance_index,

@@ -10,13 +10,19 @@ from .baseline_file import (
     write_baseline as write_baseline,
 )
 from .confirmation import CONFIRMED_AFTER_S as CONFIRMED_AFTER_S
-from .decision import SILENT as SILENT, Decision as Decision, is_of as is_of
+from .decision import (
+    ENCODER_DRIFT as ENCODER_DRIFT,
+    SILENT as SILENT,
+    Decision as Decision,
+    is_of as is_of,
+)
 from .detection import (
     SETTLED_AFTER_S as SETTLED_AFTER_S,
     Detector as Detector,
     OilAccountDetector as OilAccountDetector,
     leak_flow as leak_flow,
 )
+from .finding import Growth as Growth
 from .found import Found as Found, found_in as found_in
 from .oil_account import Samples as Samples
 from .pattern import (

@@ -4,10 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from estimator.encoder import EncoderDrift
 from estimator.intermittent import Intermittent
+
+from .finding import Growth
 
 SILENT: Final = ("healthy", "inconclusive")
 """Names of the verdicts that are no fault."""
+ENCODER_DRIFT: Final = "encoder_drift"
+"""Name of the verdict that the encoder drifts."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,9 @@ class Decision:
         returns: the openings of a leak that comes and goes, with duty and what they go with; None
             if the verdict is of a fault that stays, or of none. The verdict's flow and coefficient
             are those while the leak is open.
+        drift: a drift of the encoder that may be or, if the verdict says so, is the cause; None
+            where the accounts show none.
+        growth: how a single leak grows, with its flow now; None if it does not, or not provably.
     """
 
     verdict: str
@@ -46,6 +54,8 @@ class Decision:
     present_leaks: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ended_s: float | None = None
     returns: Intermittent | None = None
+    drift: EncoderDrift | None = None
+    growth: Growth | None = None
 
     @property
     def names_a_fault(self) -> bool:
@@ -53,13 +63,30 @@ class Decision:
         return self.verdict not in SILENT
 
     @property
+    def could_also_be(self) -> tuple[str, ...]:
+        """Return the causes beside the verdict that the accounts do not tell from it.
+
+        They are names of `rig.plant.FAULTS`, `encoder_drift` and `null_shift`, a shift of the
+        spool's null. If the verdict is inconclusive, it is one of these.
+        """
+        if self.drift is None or self.verdict == ENCODER_DRIFT:
+            return ()
+        causes = (ENCODER_DRIFT, *self.drift.could_also_be)
+        return tuple(cause for cause in causes if cause != self.verdict)
+
+    @property
     def suspected(self) -> str | None:
         """Return the likeliest fault (or `multiple`) if inconclusive; None if no fault is probable.
 
         A fault is probable if the probability of health is below one half. The verdict does not
-        claim it, as that would raise more false alarms than stated. It is None for other verdicts.
+        claim it, as that would raise more false alarms than stated. It is None for other verdicts,
+        and where `could_also_be` says what it may be.
         """
-        if self.verdict != "inconclusive" or self.probabilities.get("healthy", 1.0) >= 0.5:
+        if (
+            self.drift is not None
+            or self.verdict != "inconclusive"
+            or self.probabilities.get("healthy", 1.0) >= 0.5
+        ):
             return None
         faults = {name: share for name, share in self.probabilities.items() if name != "healthy"}
         return max(faults, key=lambda name: faults[name])

@@ -17,6 +17,7 @@ from rig.plant import FAULTS, LEAKS, LITRE_PER_MINUTE, Model, Parameters, signed
 from . import leak_verdicts
 from .confirmation import Hold, PresentLeaks
 from .decision import SILENT as SILENT, Decision as Decision, is_of as is_of
+from .drift_watch import DriftWatch
 from .finding import Finding
 from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 from .oil_account import OilAccount, Samples
@@ -34,9 +35,6 @@ blocks are not complete where sensors are missing or a chamber is dry."""
 GREATEST_LEAK: Final = 10.0 * LITRE_PER_MINUTE
 """Greatest flow in m^3/s that counts as a leak; a larger one means that a sensor is wrong (the
 open valve passes 27 L/min, and the largest leak of figure 5.1 is 4 L/min)."""
-SIZE_ERROR: Final = 0.02
-"""Relative standard deviation of a leak's flow by the tolerance of the metering edges, by which the
-accounts measure it (`NUISANCES`)."""
 FLOW_ERROR: Final = 0.25
 """Standard deviation of a leak's flow by errors of the model, as a part of the dead zone; the dead
 zone bounds these errors, and a bound is taken for four standard deviations."""
@@ -92,6 +90,7 @@ class OilAccountDetector:
         self._account = OilAccount(model.parameters, self._test)
         self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
         self._returns = ReturnTest(model.parameters, *self._setting) if returning else None
+        self._drift = DriftWatch(model.parameters, *self._setting)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._named: tuple[Finding, Decision] | None = None
@@ -111,6 +110,7 @@ class OilAccountDetector:
         self._test = self._account.test = LeakTest(*self._setting)
         self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
         self._named = None
+        self._drift.begin_anew()
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add the next samples, one or more, with the product filter's estimates of them.
@@ -122,8 +122,10 @@ class OilAccountDetector:
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
         self.drawn_up = []
+        self._drift.see(samples.position)
         for block in self._account.add(samples, run):
             self._supply.add(block)
+            self._drift.add(block)
             if self._returns is not None:
                 self._returns.add(block)
             self.drawn_up.append(block)
@@ -137,7 +139,7 @@ class OilAccountDetector:
         """
         found = bool(self._test.search()) or self._supply.search() is not None
         returns = self._returns is not None and self._returns.stands_out
-        return found or returns or self._named is not None
+        return found or returns or self._named is not None or self._drift.stands_out
 
     def evidence(self) -> tuple[float, float]:
         """Return the test statistic of one fault that stays, and the limit that it must exceed.
@@ -162,9 +164,11 @@ class OilAccountDetector:
         """Return the decision on all complete blocks so far; each call counts towards confirmation.
 
         A leak that comes and goes (`estimator.intermittent`) is named, and stays on record, unless
-        a fault that stays explains the accounts better (`_with_returns`).
+        a fault that stays explains the accounts better (`_with_returns`). An encoder that drifts is
+        named where nothing else explains them as well (`DriftWatch`).
         """
-        return self._with_returns(self._lasting())
+        decision = self._with_returns(self._lasting())
+        return self._drift.beside(decision, self._last_s, self.claimed)
 
     def _with_returns(self, lasting: Decision) -> Decision:
         """Return the decision on a leak that comes and goes, or that on faults that stay.
@@ -187,7 +191,11 @@ class OilAccountDetector:
             found.leak,
             found.onset_s,
             flow,
-            hypot(found.leak_std_m3_per_s, bound * LITRE_PER_MINUTE, SIZE_ERROR * flow),
+            hypot(
+                found.leak_std_m3_per_s,
+                bound * LITRE_PER_MINUTE,
+                leak_verdicts.relative_error(self._test) * flow,
+            ),
             found.coefficient,
             sqrt(2.0 * max(found.evidence, 0.0)),
             sqrt(2.0 * found.limit),
@@ -347,7 +355,7 @@ class OilAccountDetector:
         deviations = [leak.deviation * size for leak, size in zip(leaks, sizes, strict=True)]
         bound = self._test.model_error * LITRE_PER_MINUTE
         deviations += [FLOW_ERROR * DEAD_ZONE[leak.fault] * bound for leak in leaks]
-        deviations += [SIZE_ERROR * flow]
+        deviations += [leak_verdicts.relative_error(self._test) * flow]
         return replace(
             decision,
             onset_s=min(finding.onset_s for finding in findings),
@@ -355,6 +363,11 @@ class OilAccountDetector:
             leak_std_m3_per_s=hypot(*deviations),
             coefficient=None if others else first.coefficient,
             ended_s=self._ended_s(leaks) if len(leaks) == len(findings) else None,
+            growth=None
+            if others
+            else leak_verdicts.growth_of(
+                self._test, first, sizes[0], FLOW_ERROR * DEAD_ZONE[first.fault] * bound
+            ),
         )
 
     def _ended_s(self, leaks: list[Finding]) -> float | None:

@@ -56,6 +56,47 @@ def stretches(sums: AccountSums) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
+class Course:
+    """A fit of a leak and of the spool's null that may both change from stretch to stretch.
+
+    Attributes:
+        fit: the fit; its last columns are the changes of the leak's coefficient.
+        marks: indices of the marks at which they change, int64 (changes,).
+        levels: the leak's coefficient in each stretch less that in the first one, float64
+            (changes,), SI units.
+        variance: noise variance that the fit leaves, in units of the expected noise.
+    """
+
+    fit: JointFit
+    marks: NDArray[np.int64]
+    levels: Array
+    variance: float
+
+
+def course_of(
+    sums: AccountSums, products: FaultProducts, leak: int, variance: float, model_error: float
+) -> Course:
+    """Return the course of a leak over the run, in about `STRETCHES` equal stretches.
+
+    Args:
+        sums: sums over the blocks.
+        products: `AccountSums.faults_since` of these sums.
+        leak: index into `FAULTS`.
+        variance: noise variance to begin with, in units of the expected noise; it is estimated anew
+            twice.
+        model_error: factor on what is allowed for errors of the model.
+    """
+    marks = stretches(sums)
+    shapes = [SHIFT] * marks.size + [leak] * marks.size
+    _, _, total = sums.nuisances()
+    for _ in range(3):
+        fit = JointFit(sums, products, shapes, [*marks, *marks], variance)
+        left = (total - fit.explained) / (2 * sums.blocks - marks.size)
+        used, variance = variance, max(left, least_variance(model_error))
+    return Course(fit, marks, np.cumsum(fit.coefficients[marks.size :]), used)
+
+
+@dataclass(frozen=True)
 class FaultSizes:
     """Estimates the sizes of faults from the blocks so far.
 

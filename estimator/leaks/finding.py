@@ -35,3 +35,19 @@ class Finding:
     grown: float | None = None
     limit: float = 0.0
     ended_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How a leak grows, and how large it is now; flows are at its mean pressure drop.
+
+    Attributes:
+        now_m3_per_s, now_std_m3_per_s: flow at the last block, and its standard error.
+        rate_m3_per_s2, rate_std_m3_per_s2: mean rate at which the flow grows, and its standard
+            error, m^3/s in a second.
+    """
+
+    now_m3_per_s: float
+    now_std_m3_per_s: float
+    rate_m3_per_s2: float
+    rate_std_m3_per_s2: float

@@ -108,6 +108,7 @@ class LeakTest:
         # Scores after the last block. The key is the known fault and its onset, or None (alone).
         self._scored: dict[tuple[int, int] | None, Candidates] = {}
         self._findings: list[Finding] | None = None
+        self._found_last: list[Finding] = []
         self._healthy_noise: float | None = None
 
     @property
@@ -159,6 +160,7 @@ class LeakTest:
         """Return the faults found in all blocks so far, at most two; [] before `MINIMUM_BLOCKS`."""
         if self._findings is None:
             self._findings = self._search() if self.blocks >= MINIMUM_BLOCKS else []
+            self._found_last = self._findings
             # Marks around an onset are kept: the onset stays exact, and 4 blocks (2 s) after it
             # the average of the leak's flow begins.
             self._kept = frozenset(f.onset + k for f in self._findings for k in range(-1, 6))
@@ -172,7 +174,7 @@ class LeakTest:
         if second is not None:
             return [self.beside(first, second), second]
         # Two leaks at once may look like one fault of the lines, which explains a little of both.
-        pair = self._pair() if first.fault >= SUPPLY_LEAKAGE else []
+        pair = self._pair() if first.fault >= SUPPLY_LEAKAGE else self._pair_again()
         if pair and self._explained(*pair) > first.likelihood + RIVAL_GAIN:
             return pair
         return [first]
@@ -197,6 +199,18 @@ class LeakTest:
             if first is not None and second is not None:
                 pairs.append([first, second])
         return max(pairs, key=lambda pair: sum(f.likelihood for f in pair), default=[])
+
+    def _pair_again(self) -> list[Finding]:
+        """Return the last search's two faults if each still stands out beside the other, or [].
+
+        The fault that explains most alone may begin at another time than it does beside the second
+        one, as it then explains a part of that, and hides it.
+        """
+        if len(self._found_last) < 2:
+            return []
+        second = self.best(self._found_last[0])
+        first = None if second is None else self.best(second)
+        return [] if first is None or second is None else [first, second]
 
     def _slow(self) -> list[Finding]:
         """Return a leak that grows over minutes, or []; searched for every `GROWTH_BLOCKS` blocks.

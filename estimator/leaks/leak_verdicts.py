@@ -7,7 +7,7 @@ those of the given test.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import log, pi, sqrt
+from math import hypot, log, pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -16,21 +16,31 @@ from numpy.typing import NDArray
 from estimator.accounts import (
     FAULT_COUNT,
     INTERNAL_LEAKAGE,
+    NUISANCES,
     SHIFT,
     SUPPLY_LEAKAGE,
     JointFit,
     around,
+    nuisance_index,
 )
+from rig.plant import LITRE_PER_MINUTE
 
-from .finding import Finding
+from .fault_size import LEAST_BLOCKS, Course, course_of
+from .finding import Finding, Growth
 from .leak_statistic import MINIMUM_BLOCKS, RIVAL_GAIN, LeakTest
 
 Array = NDArray[np.float64]
 
 PRIOR: Final = 0.01
 """Prior probability of each fault: that a run has it."""
+EDGE_ERROR: Final = 0.02
+"""Relative standard deviation of a leak's flow by the tolerance of the metering edges, by which the
+accounts measure it (`NUISANCES`)."""
 GREATEST_FLOW: Final = 4.0
 """L/min: the prior of a fault's flow is uniform from 0 to this (figure 5.1: bypass lines)."""
+_LEAST_RISING: Final = 3
+"""Fewest stretches (of an eighth of the run each) over which a leak must rise."""
+_DISCHARGE: Final = nuisance_index("discharge_coefficient")
 
 
 def leaks_beside(test: LeakTest, dropped: Finding) -> list[Finding]:
@@ -51,7 +61,9 @@ def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
     Such a fault changes both accounts, as an internal leak or two leaks do. It is ruled out if
     beside the first leak it explains next to nothing, or clearly less than the second leak does.
     The result is False if nothing was found or the supply pressure is measured. Otherwise it is
-    True if a finding is itself a fault of the lines, and False for an external leak alone.
+    True if a finding is itself a fault of the lines, and False for an external leak alone. A leak
+    that grows leaves much to a fault of the lines while its size is taken for constant; it is then
+    compared as one that may grow.
     """
     if not findings or test.sums.supply(0)[0]:
         return False
@@ -62,8 +74,87 @@ def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
         return False
     beside = test.candidates(first).gain
     line = float(beside[:, SUPPLY_LEAKAGE:].max())
+    if not others and line >= RIVAL_GAIN and test.blocks >= LEAST_BLOCKS:
+        line = min(line, _line_beside_growth(test, first))
     second = max((float(beside[:, other.fault].max()) for other in others), default=0.0)
     return line >= (second - RIVAL_GAIN if others else RIVAL_GAIN)
+
+
+def _line_beside_growth(test: LeakTest, leak: Finding) -> float:
+    """Return what a fault of the lines explains beside a leak that may grow over minutes.
+
+    It is the gain in twice the log likelihood of the likelier of the two faults of the lines.
+    """
+    candidates = test.candidates(leak)
+    course = _course(test, leak)
+    fit, gains = course.fit, []
+    for line in range(SUPPLY_LEAKAGE, FAULT_COUNT):
+        mark = int(np.argmax(candidates.gain[:, line]))
+        both = JointFit(
+            test.sums, candidates.products, [*fit.faults, line], [*fit.marks, mark], course.variance
+        )
+        gains.append(both.explained - fit.explained)
+    return max(gains) / course.variance
+
+
+def _course(test: LeakTest, leak: Finding) -> Course:
+    candidates = test.candidates()
+    variance = candidates.regression.variance
+    return course_of(test.sums, candidates.products, leak.fault, variance, test.model_error)
+
+
+def growth_of(test: LeakTest, leak: Finding, size: float, bound: float = 0.0) -> Growth | None:
+    """Return how a leak that was found alone grows, and its flow now; None if it does not grow.
+
+    It grows if, over the stretches in which it is beyond the dead zone, it has risen by more than
+    what the leak law may be wrong by (`relative_dead_zone`) and the dead zone, at the same rate of
+    false alarms as a leak is found. It takes a run of a minute, and three such stretches.
+
+    Args:
+        test: the test of the blocks.
+        leak: the leak.
+        size: its mean absolute flow per unit coefficient, m^3/s.
+        bound: standard deviation of a leak's flow by errors of the model, m^3/s.
+    """
+    if test.blocks < LEAST_BLOCKS or leak.ended_s is not None:
+        return None
+    course = _course(test, leak)
+    levels, sums = course.levels, test.sums
+    low = np.flatnonzero(levels <= test.dead_zone[leak.fault] * LITRE_PER_MINUTE / size)
+    # In the first stretch beyond the dead zone the leak may be there for a part of the time.
+    first = int(low[-1]) + 2 if low.size else 1
+    if levels.size - first < _LEAST_RISING:
+        return None
+    starts = [sums.start_s(int(mark)) for mark in course.marks]
+    end_s = sums.start_s(sums.marks - 1) + sums.seconds(sums.marks - 1)
+    half = 0.5 * (end_s - starts[-1])
+    apart = end_s - half - 0.5 * (starts[first] + starts[first + 1])
+    rise = float(levels[-1] - levels[first])
+    error = sqrt(course.fit.error_of_sum(levels.size - 1 - first) * leak.lasting)
+    allowed = test.relative_dead_zone * levels[-1]
+    allowed = max(allowed, test.dead_zone[leak.fault] * LITRE_PER_MINUTE / size)
+    if not rise - allowed > test.limit() * error:
+        return None
+    rate, rate_error = rise / apart, error / apart
+    now = (float(levels[-1]) + rate * half) * size
+    own = sqrt(course.fit.error_of_sum(levels.size) * leak.lasting)
+    part = relative_error(test)
+    return Growth(
+        now, hypot(own * size, rate_error * half * size, part * now, bound),
+        rate * size, hypot(rate_error, part * rate) * size,
+    )  # fmt: skip
+
+
+def relative_error(test: LeakTest) -> float:
+    """Return the relative standard deviation of a leak's flow by that of the valve's edges.
+
+    The accounts measure a leak by the flow past the edges: with the tolerance of single edges
+    (`EDGE_ERROR`), and with that of the discharge coefficient as far as the blocks leave it open. A
+    ram that moves shows the coefficient by its travel, one at rest does not.
+    """
+    belief = test.nuisances()
+    open_part = sqrt(max(float(belief.covariance[_DISCHARGE, _DISCHARGE]), 0.0))
+    return hypot(EDGE_ERROR, NUISANCES[_DISCHARGE].sigma * open_part)
 
 
 def smallest_found(test: LeakTest, part: float = 0.5) -> Array:

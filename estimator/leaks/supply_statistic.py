@@ -7,10 +7,12 @@ it directly. The mean supply pressure of a block of the account is explained by
     p_s = p_0 - R mean(q |q|) - r mean(q) - [since an onset] (d + e mean(q)) + noise,
 
 where q is the flow that the valve draws from a supply that droops by R q^2 (Merritt 1967, ch. 3).
-Other flow into the valve of a healthy rig makes r. A leak q_L of the line makes d = R q_L^2 and
-e = 2 R q_L. The statistic is the drop at the valve's mean flow since the onset, less a dead zone,
-divided by its standard error; it follows Student's t. A leak of a chamber is no such drop, as its
-oil comes through the valve. A pump that was turned down makes the same drop as a leak.
+Other flow into the valve of a healthy rig makes r, and so does a supply whose droop grows with the
+flow itself, as that of a regulated pump or of a laminar line, or with a power between one and two.
+A leak q_L of the line makes d = R q_L^2 and e = 2 R q_L. The statistic is the drop at the valve's
+mean flow since the onset, less a dead zone, divided by its standard error; it follows Student's t.
+A leak of a chamber is no such drop, as its oil comes through the valve. A pump that was turned down
+makes the same drop as a leak.
 """
 
 from dataclasses import replace
@@ -54,14 +56,20 @@ SUPPLY_SIGMA: Final = 0.05
 """Prior standard deviation of the supply pressure, relative to that pressure."""
 DROOP_SIGMA: Final = 2e12
 """Prior standard deviation of the droop R, Pa/(m^3/s)^2."""
-_OTHER_FLOW: Final = 1.0 * LITRE_PER_MINUTE
-"""Prior standard deviation (m^3/s) of the other flow of a healthy rig, past lands and valve edges
-that are slightly open."""
+PROPORTIONAL_SIGMA: Final = 2.0 * DROOP_SIGMA * 13.5 * LITRE_PER_MINUTE
+"""Prior standard deviation of the droop r that is proportional to the flow, Pa/(m^3/s).
+
+It has the slope that the droop R q^2 with R = `DROOP_SIGMA` has at half the valve's rated flow of
+27 L/min, which comes to 0.4 MPa at rated flow. Other flow of a healthy rig, 1 L/min past lands and
+edges that are slightly open, makes a thirteenth of that."""
+PROPORTIONAL_ERROR: Final = 0.05
+"""Third part of the dead zone, relative to the change of the proportional droop at the onset: the
+valve's flow is off by 5 %."""
 _LEAK_FLOW: Final = 20.0 * LITRE_PER_MINUTE
 """Prior standard deviation (m^3/s) of a leak of the supply line; it scales the unknown e."""
-_SIGNS: Final = np.array([-1.0, _LEAK_FLOW / _OTHER_FLOW])
+_SIGNS: Final = np.array([-1.0, 2.0 * DROOP_SIGMA * _LEAK_FLOW / PROPORTIONAL_SIGMA])
 """Factors that turn the columns of p_0 and r into those of d and e. A drop d lowers the pressure
-that p_0 raises; e has the leak's prior in place of the other flow's."""
+that p_0 raises; e has the leak's prior in place of the droop's."""
 _ROUNDS: Final = 4
 """Greatest number of fits; each one uses the noise variance that the previous one left."""
 _CONVERGED: Final = 0.01
@@ -76,7 +84,7 @@ class SupplyTest:
         parameters: the parameters of the rig that are assumed.
         false_alarms_per_day: alarms that all tests together may raise on a healthy rig in a day of
             continuous running; this test has one part in `SHARES` of them.
-        model_error: factor on both parts of the dead zone and on what is allowed for noise that
+        model_error: factor on all parts of the dead zone and on what is allowed for noise that
             lasts from block to block; 0 means that the model is exact.
     """
 
@@ -88,9 +96,8 @@ class SupplyTest:
         self._share = false_alarms_per_day * BLOCK_S / 86400.0 / SHARES
         # A row for each block: 1, -mean(q) and -mean(q |q|), each times its unknown's prior (Pa),
         # then the measured less the assumed supply pressure (Pa).
-        unit = 2.0 * DROOP_SIGMA
         self._scale = np.array(
-            [SUPPLY_SIGMA * parameters.supply_pressure, unit * _OTHER_FLOW, DROOP_SIGMA]
+            [SUPPLY_SIGMA * parameters.supply_pressure, PROPORTIONAL_SIGMA, DROOP_SIGMA]
         )
         self._blocks = 0
         self._rows = np.zeros((ONSETS, 4))
@@ -189,7 +196,8 @@ class SupplyTest:
         spread = self._spread(rows, estimate, onsets[best], variance)
         deviation = sqrt(float(contrast @ covariances[best] @ contrast) * spread)
         dead = WANDER * self._assumed[0]
-        dead += DROOP_ERROR * abs(self._droop_change(since[best], total)) * abs(float(estimate[2]))
+        droops = self._droop_changes(since[best], total) * estimate[1:3]
+        dead += float(np.abs(droops) @ (PROPORTIONAL_ERROR, DROOP_ERROR))
         statistic = (drop - self._model_error * dead) / deviation
         onset = self._blocks - rows.shape[0] + int(onsets[best])
         if held and self._likeliest is not None:
@@ -200,17 +208,19 @@ class SupplyTest:
             SUPPLY_LEAKAGE, onset, drop, deviation, statistic, statistic**2, onset_s, spread
         )  # fmt: skip
 
-    def _droop_change(self, since: Array, total: Array) -> float:
-        """Return how much the droop raises the mean supply pressure from before to after an onset.
+    def _droop_changes(self, since: Array, total: Array) -> Array:
+        """Return how much the droops change the mean supply pressure from before to after an onset.
 
-        It is in Pa per unit of the third unknown, R, which is in units of its prior.
+        The two values are for r and R, in Pa per unit of these unknowns, which are in units of
+        their priors.
 
         Args:
             since: products of the rows since the onset, (4, 4).
             total: products of all rows, (4, 4).
         """
         before, scale = total - since, self._scale[0]
-        return float(since[0, 2] / since[0, 0] - before[0, 2] / before[0, 0]) * scale
+        changes = since[0, 1:3] / since[0, 0] - before[0, 1:3] / before[0, 0]
+        return np.asarray(changes * scale)
 
     def _contrasts(self, since: Array) -> Array:
         """Return weights of the unknowns that give the mean drop in Pa since each onset.

@@ -24,6 +24,7 @@ VERDICT_CODES: Final = (
     Verdict.MULTIPLE,
     Verdict.UNKNOWN_FAULT,
     Verdict.INCONCLUSIVE,
+    Verdict.ENCODER_DRIFT,
 )
 """Verdicts in the order of their codes, which never change, because recordings contain them."""
 

@@ -21,6 +21,8 @@ from rig.runner.outcomes import (
     Status,
     TestOutcome,
     comes_and_goes,
+    drifts,
+    grows,
     last_seen,
     others_found,
 )
@@ -32,6 +34,7 @@ _LABELS: Final = {
     "supply_leakage": "supply-line leak",
     "return_blockage": "return-line blockage",
     "multiple": "several faults at once",
+    "encoder_drift": "drift of the encoder",
 }
 """Verdicts and kinds of faults whose names are not simply read with spaces for underscores."""
 _OPENED: Final = {
@@ -190,6 +193,11 @@ def story(test: TestOutcome) -> str:
 
 def _besides(decision: Decision, found: Sequence[Found]) -> Iterator[str]:
     """Yield sentences on the course of the verdict's fault, and on other faults that were found."""
+    if decision.growth is not None:
+        yield f"It {grows(decision.growth)}."
+    if decision.drift is not None:
+        clause = drifts(decision.drift, decision.could_also_be)
+        yield f"{clause[0].upper()}{clause[1:]}."
     if decision.returns is not None:
         yield f"It {comes_and_goes(decision.returns)}."
     if decision.ended_s is not None:

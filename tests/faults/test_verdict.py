@@ -18,6 +18,7 @@ def test_the_verdict_names_are_those_scripts_compare_with() -> None:
         "return_blockage",
         "multiple",
         "unknown_fault",
+        "encoder_drift",
         "inconclusive",
     ]
 

@@ -20,7 +20,7 @@ from rig.configuration import load_columns, load_model
 from rig.plant import LEAKS
 from rig.recording import Recording, read_measured
 from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
-from rig.runner.run_folder import findings, leak_figures, returns_of
+from rig.runner.run_folder import drift_of, findings, leak_figures, returns_of
 
 _STYLES: Final[dict[str, str]] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
 
@@ -159,6 +159,7 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         "threshold": decision.threshold,
         "probabilities": dict(decision.probabilities) or None,
         **returns_of(decision),
+        **drift_of(decision),
         "findings": findings(replayed.found),
         "reason": replayed.unfit or None,
         "sampling": list(replayed.notes),
@@ -197,6 +198,10 @@ def row_of(each: Replayed) -> tuple[str | Text, ...]:
 
 def advice(decision: Decision) -> str:
     """Return advice on an inconclusive decision, in words: what to record so that a leak shows."""
+    if decision.could_also_be:
+        return (
+            "record for longer, with motion that reverses the pressure difference of the chambers"
+        )
     if decision.suspected is not None:
         share = percent(decision.probabilities[decision.suspected])
         return (

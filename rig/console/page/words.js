@@ -11,6 +11,7 @@ const VERDICTS = {
   return_blockage: "Return blockage",
   multiple: "Several faults",
   unknown_fault: "Unknown fault",
+  encoder_drift: "Encoder drifts",
   inconclusive: "Inconclusive",
 };
 

@@ -171,17 +171,18 @@ class StreamedRun(Observer, Onlooker):
             interval = decision.interval_m3_per_s
             returns = decision.returns
             # The list of openings is not sent: it would make each message some ten times longer.
-            content = asdict(replace(decision, returns=None)) | {
+            content = asdict(replace(decision, returns=None, drift=None, growth=None)) | {
                 "time_s": time_s,
                 "test": self._number,
                 "name": self._test.name if self._test else "",
                 "interval_m3_per_s": None if interval is None else list(interval),
                 "suspected": decision.suspected,
+                "could_also_be": ", ".join(decision.could_also_be),
                 "intermittent": returns is not None,
                 "duty": None if returns is None else returns.duty,
                 "openings": 0 if returns is None else returns.openings,
             }
-            del content["returns"]
+            del content["returns"], content["drift"], content["growth"]
             self.stream.send("decision", content)
         if time.monotonic() - self._progress_at >= PROGRESS_S:
             self._send_progress(time_s)

@@ -20,6 +20,8 @@ from .friction import (
 from .in_words import (
     chance as chance,
     comes_and_goes as comes_and_goes,
+    drifts as drifts,
+    grows as grows,
     in_passing as in_passing,
     last_seen as last_seen,
     others_found as others_found,

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from estimator.encoder import EncoderDrift
 from estimator.intermittent import Company, Intermittent
-from estimator.leaks import Decision, Found, is_of
+from estimator.leaks import Decision, Found, Growth, is_of
+from faults import to_litres_per_minute
 
 from .outcome import TestOutcome
 
@@ -28,14 +30,19 @@ def percent(share: float) -> str:
 def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
     """Return clauses, for a reader, on what the final verdict alone does not show.
 
-    They say that the verdict's fault comes and goes or has ended, if so, and which other faults
-    were confirmed, each with its times. The list is empty if there is nothing of that.
+    They say how a leak grows, how fast the encoder drifts, what else may be the cause, that the
+    verdict's fault comes and goes or has ended, if so, and which other faults were confirmed, each
+    with its times. The list is empty if there is nothing of that.
 
     Args:
         decision: the final decision.
         found: all faults that the verdicts named during the test.
     """
     clauses = []
+    if decision.growth is not None:
+        clauses.append(grows(decision.growth))
+    if decision.drift is not None:
+        clauses.append(drifts(decision.drift, decision.could_also_be))
     if decision.returns is not None:
         clauses.append(comes_and_goes(decision.returns))
     if decision.ended_s is not None:
@@ -69,6 +76,32 @@ def others_found(decision: Decision, found: Sequence[Found]) -> list[str]:
         ended = "" if each.ended_s is None else f" to {each.ended_s:.1f} s"
         clauses.append(f"{held.verdict.replace('_', ' ')}{began}{ended}")
     return clauses
+
+
+def grows(growth: Growth) -> str:
+    """Return in words how large a leak that grows is now, and how fast it grows."""
+    now, now_half = growth.now_m3_per_s, 1.96 * growth.now_std_m3_per_s
+    rate, rate_half = 60.0 * growth.rate_m3_per_s2, 60.0 * 1.96 * growth.rate_std_m3_per_s2
+    now, now_half, rate, rate_half = map(to_litres_per_minute, (now, now_half, rate, rate_half))
+    return (
+        f"grows by {rate:.3f} ± {rate_half:.3f} L/min a minute, "
+        f"to {now:.3f} ± {now_half:.3f} L/min now"
+    )
+
+
+def drifts(drift: EncoderDrift, could_also_be: Sequence[str]) -> str:
+    """Return in words how fast the encoder drifts, or which causes the verdict is not told from.
+
+    Args:
+        drift: the drift that stands out from the accounts.
+        could_also_be: `Decision.could_also_be`; empty if the verdict is the drift.
+    """
+    half = 1.96e3 * drift.deviation_m_per_s
+    rate = f"{1e3 * drift.rate_m_per_s:+.1f} ± {half:.1f} mm/s"
+    if not could_also_be:
+        return f"the encoder's reading runs away from the ram by {rate}"
+    names = " or ".join(name.replace("_", " ") for name in could_also_be)
+    return f"may be {names}; a drift of the encoder would be {rate}"
 
 
 def comes_and_goes(found: Intermittent) -> str:

@@ -45,6 +45,7 @@ from .keeping import FolderKeeper as FolderKeeper
 from .refused import discard_refused as discard_refused
 from .results import (
     coefficient_unit as coefficient_unit,
+    drift_of as drift_of,
     findings as findings,
     leak_figures as leak_figures,
     returns_of as returns_of,

@@ -88,6 +88,7 @@ def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
         **leak_figures(decision),
         **named(decision, "statistic", "threshold", "details"),
         **returns_of(decision),
+        **drift_of(decision),
         "findings": findings(test.found),
     }
 
@@ -107,6 +108,7 @@ def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
             **leak_figures(each.decision),
             **named(each.decision, "statistic", "threshold"),
             **returns_of(each.decision),
+            **drift_of(each.decision),
         }
         for each in found
     ]
@@ -138,18 +140,38 @@ def returns_of(decision: Decision) -> dict[str, Any]:
     }
 
 
+def drift_of(decision: Decision) -> dict[str, Any]:
+    """Return what a decision says of an encoder that drifts, as JSON-able values.
+
+    `could_also_be` lists the causes that the accounts do not tell from the verdict. The rate of the
+    drift and its standard error are in m/s; they are null where the accounts show no drift.
+    """
+    drift = decision.drift
+    return {
+        "could_also_be": list(decision.could_also_be),
+        "encoder_drift_m_per_s": None if drift is None else drift.rate_m_per_s,
+        "encoder_drift_std_m_per_s": None if drift is None else drift.deviation_m_per_s,
+    }
+
+
 def leak_figures(decision: Decision) -> dict[str, Any]:
     """Return the mean flow of a decision's leak, and its coefficient, as JSON-able values.
 
     Flow, standard error and 95 % interval are in L/min, the coefficient is in SI; None where the
-    decision has no value.
+    decision has no value. Of a leak that grows there is its flow now (L/min) and the rate at which
+    it grows (L/min in a minute), with their standard errors; else these are None.
     """
-    interval = decision.interval_m3_per_s
+    interval, growth = decision.interval_m3_per_s, decision.growth
     return {
         "leak_L_per_min": litres_per_minute(decision.leak_m3_per_s),
         "leak_std_L_per_min": litres_per_minute(decision.leak_std_m3_per_s),
         "interval_L_per_min": None if interval is None else [*map(to_litres_per_minute, interval)],
         "leak_coefficient": decision.coefficient,
+        "leak_now_L_per_min": growth and to_litres_per_minute(growth.now_m3_per_s),
+        "leak_now_std_L_per_min": growth and to_litres_per_minute(growth.now_std_m3_per_s),
+        "growth_L_per_min_per_min": growth and to_litres_per_minute(60.0 * growth.rate_m3_per_s2),
+        "growth_std_L_per_min_per_min": growth
+        and to_litres_per_minute(60.0 * growth.rate_std_m3_per_s2),
     }
 
 

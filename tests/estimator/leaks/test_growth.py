@@ -5,7 +5,7 @@ import pytest
 
 from estimator.leaks.fault_size import LEAST_BLOCKS, STRETCHES, stretches
 from estimator.leaks.leak_statistic import LeakTest
-from estimator.leaks.leak_verdicts import present_coefficient
+from estimator.leaks.leak_verdicts import growth_of, may_be_lines, present_coefficient
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .test_leak_statistic import ROOT, blocks
@@ -42,6 +42,26 @@ def test_a_leak_that_grows_is_named_and_followed(fault: int, rate: float) -> Non
     assert [finding.fault for finding in found] == [fault]
     size = FLOW if fault < 2 else 0.6 * FLOW
     assert present_coefficient(test, found[0]) * size == pytest.approx(256 * rate, rel=0.25)
+    assert not may_be_lines(test, found)
+    growth = growth_of(test, found[0], size * LITRE_PER_MINUTE)
+    if rate < 1e-3:
+        # It has come to 0.05 L/min: that it is there is sure, that it still grows is not.
+        assert growth is None
+        return
+    assert growth is not None
+    now, deviation = growth.now_m3_per_s, growth.now_std_m3_per_s
+    assert abs(now - 256 * rate * LITRE_PER_MINUTE) < 3.0 * deviation
+    assert growth.rate_m3_per_s2 == pytest.approx(2.0 * rate * LITRE_PER_MINUTE, rel=0.1)
+
+
+@pytest.mark.parametrize("leak", ["external_leakage_2", "internal_leakage"])
+def test_a_leak_that_stays_as_it_is_does_not_grow(leak: str) -> None:
+    test = LeakTest(1.0)
+    for block in blocks(160, 3, leak=leak, flow=0.3, onset=50):
+        test.add(block)
+    (found,) = test.search()
+    size = test.sums.mean_sizes(test.mark(found))[found.fault] * LITRE_PER_MINUTE
+    assert growth_of(test, found, float(size)) is None
 
 
 def test_health_is_not_taken_for_growth() -> None:

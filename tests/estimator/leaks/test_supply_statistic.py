@@ -132,3 +132,16 @@ def test_without_a_supply_pressure_nothing_is_said() -> None:
         test, found = watched(given)
         assert not found
         assert test.odds() == 0.0
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 1.75])
+def test_a_supply_that_droops_with_another_power_of_the_flow_does_not_leak(power: float) -> None:
+    """By 1.5 MPa at 15 L/min, in a motion that grows from 1 to 4 L/min to 5 to 12 L/min."""
+    rng = np.random.default_rng(7)
+    flow = np.where(np.arange(160) < 60, rng.uniform(1.0, 4.0, 160), rng.uniform(5.0, 12.0, 160))
+    series = []
+    for block in blocks(np.zeros(160), flow, droop=0.0):
+        drawn = np.sqrt(block.supply_flow[1]) / (15.0 * LITRE_PER_MINUTE)
+        pressure = block.supply_pressure - 1.5e6 * drawn**power
+        series.append(replace(block, supply_pressure=pressure))
+    assert not watched(series)[1]

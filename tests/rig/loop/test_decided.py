@@ -6,10 +6,11 @@ from rig.plant import FAULTS, LEAKS
 def test_every_verdict_has_a_code_of_its_own_that_is_never_given_to_another() -> None:
     assert sorted(VERDICT_CODES) == sorted(Verdict)
     # Recordings hold these.
-    assert [VERDICT_CODES[code] for code in (0, 3, 8)] == [
+    assert [VERDICT_CODES[code] for code in (0, 3, 8, 9)] == [
         "healthy",
         "internal_leakage",
         "inconclusive",
+        "encoder_drift",
     ]
 
 

@@ -1,0 +1,2 @@
+from .drift_test import DriftTest as DriftTest
+from .records import EncoderDrift as EncoderDrift
