@@ -15,6 +15,7 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.accounts import (
     BLOCK_S,
@@ -42,6 +43,8 @@ from estimator.accounts import (
 from .fault_scores import WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes
 from .finding import Finding
+
+Array = NDArray[np.float64]
 
 MINIMUM_BLOCKS: Final = 16
 """Fewest blocks (8 s) with which a fault is claimed. Their 32 values outnumber the nuisances and a
@@ -143,17 +146,25 @@ class LeakTest:
         """Add one block; an incomplete one is ignored."""
         if not block.complete:
             return
+        rows = self._in_noise(block)
+        self._recent.add(*rows)
+        self.sums.add(block, rows, self._kept)
+        self._scored.clear()
+        self._findings = self._healthy_noise = None
+
+    def _in_noise(self, block: AccountBlock) -> tuple[Array, Array, Array]:
+        """Return a block's missing flow (2,), nuisances (2, n) and faults with null shift (2, 6).
+
+        They are in units of the block's expected noise. The nuisances are in units of what is known
+        of them before any block, and the missing flow is without their expected mean.
+        """
         white = whitening(block, self.model_error)
         nuisances = white @ block.nuisances
         missing = white @ block.missing - nuisances @ self._expected.mean
         # The spool's null may shift just where a fault begins; a fault must explain more than that.
         shift = self.model_error * block.nuisances[:, _NULL_BIAS]
         shapes = white @ np.column_stack([block.faults, shift])
-        rows = missing, nuisances @ self._root, shapes
-        self._recent.add(*rows)
-        self.sums.add(block, rows, self._kept)
-        self._scored.clear()
-        self._findings = self._healthy_noise = None
+        return missing, nuisances @ self._root, shapes
 
     def search(self) -> list[Finding]:
         """Return the faults found in all blocks so far, at most two; [] before `MINIMUM_BLOCKS`."""
@@ -276,8 +287,11 @@ class LeakTest:
         """
         key = None if beside is None else (beside.fault, beside.onset)
         if key not in self._scored:
-            self._scored[key] = score_faults(self.sums, self._least_variance, beside)
+            self._scored[key] = self._scores(beside)
         return self._scored[key]
+
+    def _scores(self, beside: Finding | None) -> Candidates:
+        return score_faults(self.sums, self._least_variance, beside)
 
     def best(self, beside: Finding | None = None) -> Finding | None:
         """Return the fault with the greatest gain whose statistic exceeds the limit; else None.

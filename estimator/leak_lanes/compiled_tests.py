@@ -1,0 +1,150 @@
+"""The detector by oil accounts with compiled arithmetic, for one rig in a lane."""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.accounts import (
+    FAULT_COUNT,
+    NUISANCE_COUNT,
+    NUISANCES,
+    AccountBlock,
+    AccountSums,
+    nuisance_index,
+)
+from estimator.leaks import (
+    Candidates,
+    FaultSizes,
+    Finding,
+    LeakTest,
+    OilAccountDetector,
+    SupplyTest,
+)
+
+from .candidates import compiled_candidates
+from .dropping import searched
+from .sizing import sized
+from .whitening import whitened
+
+Array = NDArray[np.float64]
+
+_NULL_BIAS: Final = nuisance_index("spool_null_bias")
+_Sudden = tuple[int, int, tuple[int, int] | None, float, float]
+"""Fault, mark, fault and onset of the other finding, dead zone, and noise variance."""
+
+
+@dataclass(frozen=True)
+class CompiledSizes(FaultSizes):
+    """Sizes of sudden faults by compiled code; each is computed once for all blocks so far.
+
+    Attributes:
+        known: the findings so far, which are of use until the next block; filled.
+    """
+
+    known: dict[_Sudden, Finding]
+
+    def sudden(
+        self,
+        fault: int,
+        mark: int,
+        beside: Finding | None,
+        dead_zone: float,
+        variance: float,
+    ) -> Finding:
+        """Return a finding for a fault that begins suddenly, as `FaultSizes.sudden` does."""
+        other = None if beside is None else (beside.fault, beside.onset)
+        key = fault, mark, other, float(dead_zone), variance
+        if key not in self.known:
+            found = self._sized(fault, mark, beside, float(dead_zone), variance)
+            if found is None:
+                found = super().sudden(fault, mark, beside, dead_zone, variance)
+            self.known[key] = found
+        return self.known[key]
+
+    def _sized(
+        self, fault: int, mark: int, beside: Finding | None, dead_zone: float, variance: float
+    ) -> Finding | None:
+        """Return the finding; None where compiled code cannot size the fault.
+
+        That is so once blocks have lost their marks, after two minutes, or if the fault does not
+        show apart from the other one.
+        """
+        sums = self.sums
+        blocks = self.recent.kept
+        if sums.marks != sums.blocks or blocks is None:
+            return None
+        other = (-1, 0) if beside is None else (beside.fault, sums.mark_of(beside.onset))
+        sound, coefficient, deviation, statistic, lasting, began = sized(
+            *sums.packed, blocks, fault, mark, *other, dead_zone, variance, self.model_error
+        )
+        if not sound:
+            return None
+        onset_s = sums.start_s(mark)
+        if mark:
+            onset_s -= began * sums.seconds(mark - 1, mark)
+        onset = int(sums.mark_blocks[mark])
+        return Finding(fault, onset, coefficient, deviation, statistic, 0.0, onset_s, lasting)
+
+
+class CompiledLeakTest(LeakTest):
+    """A leak test whose scores and sizes are computed by compiled code, without a baseline."""
+
+    def __init__(self, *setting: object) -> None:
+        super().__init__(*setting)  # type: ignore[arg-type]
+        self._sized: dict[_Sudden, Finding] = {}
+
+    def add(self, block: AccountBlock) -> None:
+        """Add one block; an incomplete one is ignored."""
+        self._sized = {}
+        super().add(block)
+
+    def null_bias(self) -> tuple[float, float]:
+        """Return the spool's null bias less the model's, and its standard deviation, both in m."""
+        sigma = NUISANCES[_NULL_BIAS].sigma
+        if not self.blocks:
+            return 0.0, sigma
+        first = next(iter(self.search()), None)
+        mean, covariance = self.candidates(first).regression.nuisances()
+        return sigma * float(mean[_NULL_BIAS]), sigma * sqrt(covariance[_NULL_BIAS, _NULL_BIAS])
+
+    def _in_noise(self, block: AccountBlock) -> tuple[Array, Array, Array]:
+        white: tuple[Array, Array, Array] = whitened(
+            block.missing, block.nuisances, block.faults, block.doubts, self.model_error
+        )
+        return white
+
+    def _scores(self, beside: Finding | None) -> Candidates:
+        return compiled_candidates(self.sums, self._least_variance, beside)
+
+    def _sizes(self) -> FaultSizes:
+        products = self.candidates().products
+        return CompiledSizes(self.sums, products, self._recent, self.model_error, self._sized)
+
+
+class CompiledSupplyTest(SupplyTest):
+    """A test of the supply pressure whose search for the likeliest drop is compiled."""
+
+    def _likeliest_of(
+        self, rows: Array, tried: range
+    ) -> tuple[int, float, float, float, float] | None:
+        older = np.stack([self._before, self._since])
+        fell, at, drop, deviation, statistic, spread = searched(
+            rows, older, tried.start, tried.stop, self._blocks, self.settings
+        )
+        return (at, drop, deviation, statistic, spread) if fell else None
+
+
+class CompiledDetector(OilAccountDetector):
+    """The detector by oil accounts for leaks that stay, with compiled arithmetic."""
+
+    leak_test = CompiledLeakTest
+    supply_test = CompiledSupplyTest
+
+
+def load_compiled() -> None:
+    """Load or compile what `CompiledDetector` runs only once it finds a fault."""
+    ones = np.ones((1, 2, NUISANCE_COUNT)), np.ones((1, 2, FAULT_COUNT + 1))
+    sized(*AccountSums().packed, (np.ones((1, 2)), *ones), 0, 0, -1, 0, 0.0, 1.0, 1.0)

@@ -1,0 +1,234 @@
+"""Scores of all faults from all onsets, in compiled code: one call for each block and rig.
+
+The results are those of `estimator.accounts.regression` up to round-off. That module diagonalises
+the products of the nuisances, F'F; here F'F + v I is factored by Cholesky anew for each noise
+variance v, which takes less time, as the matrix is small and a few variances settle it. With
+L L' that matrix and w = L^-1 c for each column c, the scores follow from products of the w.
+"""
+
+from math import sqrt
+from typing import Final
+
+import numpy as np
+
+from estimator.accounts import LEAST_INFORMATION, NOISE_WEIGHT, NULL_SHIFT
+from rig.jit import njit
+
+_ROUNDS: Final = 100
+_SETTLED: Final = 1e-4
+_TOGETHER: Final = 64
+"""Number of onsets whose columns are solved together; these fit the processor's first cache."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def factor(matrix, variance, lower):
+    """Fill `lower` (m, m) with the Cholesky factor of a matrix (m, m) plus a variance times one."""
+    m = matrix.shape[0]
+    for i in range(m):
+        for j in range(i + 1):
+            lower[i, j] = matrix[i, j]
+        lower[i, i] += variance
+    for j in range(m):
+        root = sqrt(lower[j, j])
+        lower[j, j] = root
+        for i in range(j + 1, m):
+            lower[i, j] /= root
+        for i in range(j + 1, m):
+            part = lower[i, j]
+            for k in range(j + 1, i + 1):
+                lower[i, k] -= part * lower[k, j]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def invert_factor(lower, inverse):
+    """Fill `inverse` (m, m) with the inverse of a lower triangular matrix."""
+    m = lower.shape[0]
+    for i in range(m):
+        for k in range(m):
+            inverse[i, k] = 0.0
+        inverse[i, i] = 1.0
+        for j in range(i):
+            part = lower[i, j]
+            for k in range(j + 1):
+                inverse[i, k] -= part * inverse[j, k]
+        scale = 1.0 / lower[i, i]
+        for k in range(i + 1):
+            inverse[i, k] *= scale
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def fit_nuisances(squares, products, total, count, least, lower, inverse):
+    """Estimate the noise variance, as `regression._noise_variance` does.
+
+    Args:
+        squares: F'F, (m, m).
+        products: F'y, (m,).
+        total: y'y.
+        count: number of values in y.
+        least: lower bound of the variance.
+        lower: scratch (m, m).
+        inverse: scratch (m, m).
+
+    Returns:
+        The variance, and the degrees of freedom that F takes.
+    """
+    m = products.size
+    variance = 1.0
+    used = 0.0
+    white = np.empty(m)
+    for _ in range(_ROUNDS):
+        factor(squares, variance, lower)
+        invert_factor(lower, inverse)
+        trace = 0.0
+        for i in range(m):
+            white[i] = 0.0
+            for k in range(i + 1):
+                white[i] += inverse[i, k] * products[k]
+                trace += inverse[i, k] * inverse[i, k]
+        explained = 0.0
+        again = 0.0
+        for k in range(m):
+            explained += white[k] * white[k]
+            size = 0.0
+            for i in range(k, m):
+                size += inverse[i, k] * white[i]
+            again += size * size
+        used = m - variance * trace
+        residual = total - explained - variance * again
+        estimate = max((NOISE_WEIGHT + residual) / (NOISE_WEIGHT + count - used), least)
+        settled = abs(estimate - variance) < _SETTLED * variance
+        variance = estimate
+        if settled:
+            break
+    return variance, used
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def nuisance_belief(squares, products, variance):
+    """Return the nuisances' most likely sizes (m,) and their covariance (m, m)."""
+    m = products.size
+    lower, inverse = np.empty((m, m)), np.empty((m, m))
+    factor(squares, variance, lower)
+    invert_factor(lower, inverse)
+    mean, covariance = np.zeros(m), np.zeros((m, m))
+    for c in range(m):
+        for a in range(c + 1):
+            part = variance * inverse[c, a]
+            for b in range(c + 1):
+                covariance[a, b] += part * inverse[c, b]
+    for a in range(m):
+        for b in range(m):
+            mean[a] += covariance[a, b] * products[b]
+        mean[a] /= variance
+    return mean, covariance
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def score(crossed, squares, products, ff, fy, total, freedom, variance, least, out):
+    """Fill `out` with the fields of `regression.Scores`, (4, marks, faults).
+
+    Args:
+        crossed: products of faults and null shift with F, (marks, faults + 1, m).
+        squares: products of faults and shift with each other, (marks, faults + 1, faults + 1).
+        products: products of faults and shift with y, (marks, faults + 1).
+        ff: F'F, (m, m).
+        fy: F'y, (m,).
+        total: y'y.
+        freedom: degrees of freedom of the noise variance that is left.
+        variance: noise variance by which nuisances are weighed against noise.
+        least: lower bound of the noise variance that is left.
+        out: (4, marks, faults), filled.
+    """
+    m, marks, shapes = fy.size, products.shape[0], products.shape[1]
+    faults = shapes - 1
+    lower = np.empty((m, m))
+    factor(ff, variance, lower)
+    white = np.empty(m)
+    weighted = total
+    for i in range(m):
+        part = fy[i]
+        for j in range(i):
+            part -= lower[i, j] * white[j]
+        white[i] = part / lower[i, i]
+        weighted -= white[i] * white[i]
+    prior = variance / (NULL_SHIFT * NULL_SHIFT)
+    columns = np.empty((m, shapes, _TOGETHER))
+    left = np.empty((m, faults, _TOGETHER))
+    for first in range(0, marks, _TOGETHER):
+        count = min(_TOGETHER, marks - first)
+        for k in range(count):
+            for i in range(shapes):
+                for a in range(m):
+                    columns[a, i, k] = crossed[first + k, i, a]
+        for a in range(m):
+            for b in range(a):
+                part = lower[a, b]
+                for i in range(shapes):
+                    for k in range(count):
+                        columns[a, i, k] -= part * columns[b, i, k]
+            scale = 1.0 / lower[a, a]
+            for i in range(shapes):
+                for k in range(count):
+                    columns[a, i, k] *= scale
+        information = squares[first : first + count]
+        own, with_y, with_shift = (
+            np.empty((shapes, count)), np.empty((shapes, count)), np.empty((shapes, count)),
+        )  # fmt: skip
+        for i in range(shapes):
+            for k in range(count):
+                own[i, k] = information[k, i, i]
+                with_y[i, k] = products[first + k, i]
+                with_shift[i, k] = information[k, i, faults]
+            for a in range(m):
+                for k in range(count):
+                    own[i, k] -= columns[a, i, k] * columns[a, i, k]
+                    with_y[i, k] -= columns[a, i, k] * white[a]
+                    with_shift[i, k] -= columns[a, i, k] * columns[a, faults, k]
+        shifted = np.empty((faults, count))
+        for i in range(faults):
+            for k in range(count):
+                shift_square = own[faults, k] + prior
+                crossing = with_shift[i, k]
+                alone = with_y[faults, k] / shift_square
+                information_left = own[i, k] - crossing * crossing / shift_square
+                projection = with_y[i, k] - crossing * alone
+                mark = first + k
+                known = information_left > LEAST_INFORMATION * squares[mark, i, i]
+                coefficient = projection / information_left if known else 0.0
+                out[0, mark, i] = coefficient
+                out[1, mark, i] = information_left if known else 0.0
+                out[2, mark, i] = coefficient * projection
+                shifted[i, k] = alone - coefficient * crossing / shift_square
+                for a in range(m):
+                    left[a, i, k] = (
+                        white[a]
+                        - coefficient * columns[a, i, k]
+                        - shifted[i, k] * columns[a, faults, k]
+                    )
+        # What is left, in the axes of F: the sizes of the nuisances beside the fault.
+        for at in range(m):
+            a = m - 1 - at
+            for b in range(a + 1, m):
+                part = lower[b, a]
+                for i in range(faults):
+                    for k in range(count):
+                        left[a, i, k] -= part * left[b, i, k]
+            scale = 1.0 / lower[a, a]
+            for i in range(faults):
+                for k in range(count):
+                    left[a, i, k] *= scale
+        for i in range(faults):
+            for k in range(count):
+                mark = first + k
+                if out[1, mark, i] == 0.0:
+                    out[3, mark, i] = variance
+                    continue
+                beliefs = prior / variance * shifted[i, k] * shifted[i, k]
+                for a in range(m):
+                    beliefs += left[a, i, k] * left[a, i, k]
+                shift_square = own[faults, k] + prior
+                alone = with_y[faults, k] / shift_square
+                residual = (
+                    weighted - alone * with_y[faults, k] - out[2, mark, i] - variance * beliefs
+                )
+                out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, least)
