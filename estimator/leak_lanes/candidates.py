@@ -1,7 +1,7 @@
 """Scores every fault from every onset in one compiled call, as `score_faults` does."""
 
-from math import log1p
-from typing import Final
+from math import log1p, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,10 @@ from estimator.accounts import (
     Regression,
     Scores,
 )
-from estimator.leaks import SETTLED_PART, WITNESSES, Candidates, Finding
+from estimator.leaks import RIVAL_GAIN, SETTLED_PART, WITNESSES, Candidates, Finding
 from rig.jit import njit
 
-from .scoring import fit_nuisances, nuisance_belief, score
+from .scoring import first_nuisance, fit_nuisances, nuisance_belief, score
 
 Array = NDArray[np.float64]
 
@@ -31,22 +31,51 @@ _LL, _LF, _LY = Places.FAULT_SQUARES, Places.FAULT_CROSSED, Places.FAULT_PRODUCT
 _SIZE, _SECONDS, _BLOCKS = Places.SIZES, Places.SECONDS, Places.BLOCKS
 
 
+class Scored(NamedTuple):
+    """Scores of all candidates as compiled code returns them; marks come first in all arrays."""
+
+    variance: float
+    """Noise variance that the nuisances, and a known fault, leave."""
+    freedom: float
+    """Degrees of freedom of the noise variance once one further column is fitted."""
+    null_bias: tuple[float, float]
+    """Most likely size of the spool's null bias in its tolerances, and its variance."""
+    most: float
+    """Greatest gain of a usable candidate in twice the log likelihood."""
+    ff: Array
+    """Products of the nuisances, and a known fault, with each other, (m, m)."""
+    fy: Array
+    """Their products with the missing flow, (m,)."""
+    squares: Array
+    """Products of the faults and the null's shift with each other, (marks, 6, 6)."""
+    crossed: Array
+    """Their products with the nuisances, and a known fault, (marks, 6, m)."""
+    products: Array
+    """Their products with the missing flow, (marks, 6)."""
+    sizes: Array
+    """Mean absolute flow of each fault per unit coefficient, L/min, (marks, 5)."""
+    blocks: Array
+    """Number of blocks since each mark, (marks,)."""
+    scores: Array
+    """The fields of `Scores`, (4, marks, 5)."""
+    usable: NDArray[np.bool_]
+    """Which candidates are usable, (marks, 5), as in `Candidates`."""
+    gain: Array
+    """Gain of every candidate, usable or not, (marks, 5)."""
+
+
 class CompiledRegression(Regression):
-    """The regression of the missing flow on the nuisances, which compiled code has made.
+    """The regression of the missing flow on the nuisances, which compiled code has made."""
 
-    Args:
-        variance: the estimated noise variance.
-        freedom: degrees of freedom of the noise variance once one further column is fitted.
-        belief: most likely sizes of the nuisances, float64 (m,), and their covariance, (m, m).
-    """
-
-    def __init__(self, variance: float, freedom: float, belief: tuple[Array, Array]) -> None:
-        self.variance, self.freedom = variance, freedom
-        self._belief = belief
+    def __init__(self, scored: Scored) -> None:
+        self.variance, self.freedom = scored.variance, scored.freedom
+        self._scored = scored
 
     def nuisances(self) -> tuple[Array, Array]:
         """Return the nuisances' most likely sizes (m,) and their covariance (m, m)."""
-        return self._belief
+        scored = self._scored
+        mean, covariance = nuisance_belief(scored.ff, scored.fy, self.variance)
+        return mean, covariance
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -63,9 +92,7 @@ def _scored(total, before, blocks, least, fault, mark, unit):
         unit: prior standard deviation of the known fault's coefficient, SI.
 
     Returns:
-        Variance and freedom; the nuisances' mean and covariance; products of the faults with each
-        other, with nuisances and with missing flow; their sizes and numbers of blocks; the scores;
-        usable; and the gain of every candidate, usable or not.
+        The fields of `Scored`.
     """
     marks = before.shape[0]
     m = _N + 1 if fault >= 0 else _N
@@ -102,10 +129,9 @@ def _scored(total, before, blocks, least, fault, mark, unit):
             later = max(j, mark)
             for i in range(_SHAPES):
                 crossed[j, i, _N] = unit * squares[later, i, fault]
-    lower, inverse = np.empty((m, m)), np.empty((m, m))
-    variance, used = fit_nuisances(ff, fy, total[_YY], 2.0 * blocks, least, lower, inverse)
+    variance, used = fit_nuisances(ff, fy, total[_YY], 2.0 * blocks, least)
     freedom = NOISE_WEIGHT + 2.0 * blocks - used - 1.0
-    mean, covariance = nuisance_belief(ff, fy, variance)
+    null_bias = first_nuisance(ff, fy, variance)
     scores = np.empty((4, marks, FAULT_COUNT))
     usable = np.empty((marks, FAULT_COUNT), np.bool_)
     weighed = variance
@@ -122,19 +148,42 @@ def _scored(total, before, blocks, least, fault, mark, unit):
             break
         weighed = left
     gain = np.empty((marks, FAULT_COUNT))
+    most = 0.0
     for j in range(marks):
         for i in range(FAULT_COUNT):
             gain[j, i] = freedom * log1p(scores[2, j, i] / (freedom * scores[3, j, i]))
+            if usable[j, i]:
+                most = max(most, gain[j, i])
     return (
-        variance, freedom, mean, covariance, squares, crossed, products, sizes, number, scores,
-        usable, gain,
+        variance, freedom, null_bias, most, ff, fy, squares, crossed, products, sizes, number,
+        scores, usable, gain,
     )  # fmt: skip
 
 
-def compiled_candidates(
-    sums: AccountSums, least: float, beside: Finding | None = None
-) -> Candidates:
-    """Return the scores of every fault from every mark on, as `score_faults` does.
+@njit(cache=True, error_model="numpy", nogil=True)
+def any_stands_out(scores, sizes, usable, gain, most, limit, dead_zone):
+    """Return whether `LeakTest.best` may find a fault: some candidate is sure and likely there.
+
+    Args:
+        scores: as in `Scored`.
+        sizes: as in `Scored`.
+        usable: as in `Scored`.
+        gain: as in `Scored`.
+        most: greatest gain of any usable candidate, and of a change of a known fault.
+        limit: value that the statistic must exceed.
+        dead_zone: flow in L/min that each fault must exceed, (5,).
+    """
+    for j in range(sizes.shape[0]):
+        for i in range(FAULT_COUNT):
+            if usable[j, i] and gain[j, i] >= most - RIVAL_GAIN and gain[j, i] > 0.0:
+                error = scores[3, j, i] / scores[1, j, i]
+                if scores[0, j, i] > limit * sqrt(error) + dead_zone[i] / sizes[j, i]:
+                    return True
+    return False
+
+
+def scored_blocks(sums: AccountSums, least: float, beside: Finding | None) -> Scored:
+    """Return the scores of every fault from every mark on.
 
     Args:
         sums: sums over the blocks so far.
@@ -145,23 +194,31 @@ def compiled_candidates(
     known = (-1, 0, 0.0)
     if beside is not None:
         known = beside.fault, sums.mark_of(beside.onset), 100.0 * beside.coefficient
-    (
-        variance, freedom, mean, covariance, squares, crossed, products, sizes, blocks, scores,
-        usable, gain,
-    ) = _scored(total, before, sums.blocks, least, *known)  # fmt: skip
+    return Scored(*_scored(total, before, sums.blocks, least, *known))
+
+
+def candidates_of(scored: Scored, known: tuple[int, int] | None) -> Candidates:
+    """Return scores as `LeakTest` takes them.
+
+    Args:
+        scored: the scores.
+        known: index and mark of the known fault; None without one.
+    """
+    gain, blocks = scored.gain, scored.blocks
     change = earlier = np.zeros(blocks.size)
-    if beside is not None:
-        fault, mark, _ = known
+    if known is not None:
+        fault, mark = known
         testable = (np.arange(change.size) > mark) & (blocks >= WITNESSES)
         change = np.where(testable, gain[:, fault], 0.0)
-        there = (blocks >= blocks[mark] + WITNESSES) & (scores[0, :, fault] > 0.0)
+        there = (blocks >= blocks[mark] + WITNESSES) & (scored.scores[0, :, fault] > 0.0)
         earlier = np.where(there, gain[:, fault], 0.0)
+    crossed = scored.crossed[:, :, :NUISANCE_COUNT]
     return Candidates(
-        CompiledRegression(variance, freedom, (mean, covariance)),
-        FaultProducts(squares, crossed[:, :, :_N], products, sizes, blocks),
-        Scores(*scores),
-        usable,
-        np.where(usable, gain, 0.0),
+        CompiledRegression(scored),
+        FaultProducts(scored.squares, crossed, scored.products, scored.sizes, blocks),
+        Scores(*scored.scores),
+        scored.usable,
+        np.where(scored.usable, gain, 0.0),
         change,
         earlier,
     )

@@ -16,6 +16,7 @@ from estimator.accounts import (
     nuisance_index,
 )
 from estimator.leaks import (
+    RIVAL_GAIN,
     Candidates,
     FaultSizes,
     Finding,
@@ -24,7 +25,7 @@ from estimator.leaks import (
     SupplyTest,
 )
 
-from .candidates import compiled_candidates
+from .candidates import Scored, any_stands_out, candidates_of, scored_blocks
 from .dropping import searched
 from .sizing import sized
 from .whitening import whitened
@@ -95,11 +96,36 @@ class CompiledLeakTest(LeakTest):
     def __init__(self, *setting: object) -> None:
         super().__init__(*setting)  # type: ignore[arg-type]
         self._sized: dict[_Sudden, Finding] = {}
+        self._raw: dict[tuple[int, int] | None, Scored] = {}
+        self._threshold: tuple[float, float] | None = None
 
     def add(self, block: AccountBlock) -> None:
         """Add one block; an incomplete one is ignored."""
         self._sized = {}
+        self._raw = {}
+        self._threshold = None
         super().add(block)
+
+    def threshold(self, freedom: float) -> float:
+        """Return the value that a healthy rig exceeds at the stated rate, as `LeakTest` does."""
+        if self._threshold is None or self._threshold[0] != freedom:
+            self._threshold = freedom, super().threshold(freedom)
+        return self._threshold[1]
+
+    def best(self, beside: Finding | None = None) -> Finding | None:
+        """Return the fault with the greatest gain whose statistic exceeds the limit; else None."""
+        if beside is None:
+            raw = self._scored_blocks(None)
+            limit = self.threshold(raw.freedom)
+            if not any_stands_out(
+                raw.scores, raw.sizes, raw.usable, raw.gain, raw.most, limit, self.dead_zone
+            ):
+                return None
+        return super().best(beside)
+
+    def likely(self) -> list[Finding]:
+        """Return each fault whose gain is `RIVAL_GAIN` or more, greatest gain first."""
+        return super().likely() if self._scored_blocks(None).most >= RIVAL_GAIN else []
 
     def null_bias(self) -> tuple[float, float]:
         """Return the spool's null bias less the model's, and its standard deviation, both in m."""
@@ -107,8 +133,14 @@ class CompiledLeakTest(LeakTest):
         if not self.blocks:
             return 0.0, sigma
         first = next(iter(self.search()), None)
-        mean, covariance = self.candidates(first).regression.nuisances()
-        return sigma * float(mean[_NULL_BIAS]), sigma * sqrt(covariance[_NULL_BIAS, _NULL_BIAS])
+        mean, variance = self._scored_blocks(first).null_bias
+        return sigma * mean, sigma * sqrt(variance)
+
+    def _scored_blocks(self, beside: Finding | None) -> Scored:
+        key = None if beside is None else (beside.fault, beside.onset)
+        if key not in self._raw:
+            self._raw[key] = scored_blocks(self.sums, self._least_variance, beside)
+        return self._raw[key]
 
     def _in_noise(self, block: AccountBlock) -> tuple[Array, Array, Array]:
         white: tuple[Array, Array, Array] = whitened(
@@ -117,7 +149,8 @@ class CompiledLeakTest(LeakTest):
         return white
 
     def _scores(self, beside: Finding | None) -> Candidates:
-        return compiled_candidates(self.sums, self._least_variance, beside)
+        known = None if beside is None else (beside.fault, self.mark(beside))
+        return candidates_of(self._scored_blocks(beside), known)
 
     def _sizes(self) -> FaultSizes:
         products = self.candidates().products

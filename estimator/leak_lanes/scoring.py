@@ -3,7 +3,9 @@
 The results are those of `estimator.accounts.regression` up to round-off. That module diagonalises
 the products of the nuisances, F'F; here F'F + v I is factored by Cholesky anew for each noise
 variance v, which takes less time, as the matrix is small and a few variances settle it. With
-L L' that matrix and w = L^-1 c for each column c, the scores follow from products of the w.
+L L' that matrix and w = L^-1 c for each column c, the scores follow from products of the w. The
+noise variance itself is found in axes in which F'F is tridiagonal, where a variance is tried in
+a time that is proportional to the number of nuisances.
 """
 
 from math import sqrt
@@ -57,7 +59,61 @@ def invert_factor(lower, inverse):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def fit_nuisances(squares, products, total, count, least, lower, inverse):
+def tridiagonalised(matrix, vector):
+    """Return a symmetric matrix in axes in which it is tridiagonal, and a vector in these axes.
+
+    The axes follow from Householder's reflections (Golub and Van Loan 2013, section 8.3.1).
+
+    Args:
+        matrix: (m, m); overwritten.
+        vector: (m,); overwritten by the vector in the new axes.
+
+    Returns:
+        The diagonal, (m,), and the elements beside it, (m - 1,).
+    """
+    m = vector.size
+    diagonal, beside = np.empty(m), np.empty(m - 1)
+    axis, change = np.empty(m), np.empty(m)
+    for k in range(m - 2):
+        length = 0.0
+        for i in range(k + 1, m):
+            axis[i] = matrix[i, k]
+            length += axis[i] * axis[i]
+        length = sqrt(length)
+        diagonal[k] = matrix[k, k]
+        beside[k] = -length if axis[k + 1] >= 0.0 else length
+        axis[k + 1] -= beside[k]
+        square, along = 0.0, 0.0
+        for i in range(k + 1, m):
+            square += axis[i] * axis[i]
+            along += axis[i] * vector[i]
+        if square == 0.0:
+            continue
+        scale = 2.0 / square
+        for i in range(k + 1, m):
+            vector[i] -= scale * along * axis[i]
+            change[i] = 0.0
+        for j in range(k + 1, m):
+            part = scale * axis[j]
+            for i in range(k + 1, m):
+                change[i] += part * matrix[j, i]
+        middle = 0.0
+        for i in range(k + 1, m):
+            middle += axis[i] * change[i]
+        middle *= 0.5 * scale
+        for i in range(k + 1, m):
+            change[i] -= middle * axis[i]
+        for j in range(k + 1, m):
+            of_axis, of_change = axis[j], change[j]
+            for i in range(k + 1, m):
+                matrix[j, i] -= of_axis * change[i] + of_change * axis[i]
+    diagonal[m - 2], diagonal[m - 1] = matrix[m - 2, m - 2], matrix[m - 1, m - 1]
+    beside[m - 2] = matrix[m - 1, m - 2]
+    return diagonal, beside
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def fit_nuisances(squares, products, total, count, least):
     """Estimate the noise variance, as `regression._noise_variance` does.
 
     Args:
@@ -66,33 +122,36 @@ def fit_nuisances(squares, products, total, count, least, lower, inverse):
         total: y'y.
         count: number of values in y.
         least: lower bound of the variance.
-        lower: scratch (m, m).
-        inverse: scratch (m, m).
 
     Returns:
         The variance, and the degrees of freedom that F takes.
     """
     m = products.size
+    vector = products.copy()
+    diagonal, beside = tridiagonalised(squares.copy(), vector)
     variance = 1.0
     used = 0.0
-    white = np.empty(m)
+    # Pivots of T + v I from its first row on and from its last row on; T is tridiagonal.
+    down, up, sizes = np.empty(m), np.empty(m), np.empty(m)
     for _ in range(_ROUNDS):
-        factor(squares, variance, lower)
-        invert_factor(lower, inverse)
-        trace = 0.0
-        for i in range(m):
-            white[i] = 0.0
-            for k in range(i + 1):
-                white[i] += inverse[i, k] * products[k]
-                trace += inverse[i, k] * inverse[i, k]
+        down[0] = diagonal[0] + variance
+        sizes[0] = vector[0]
+        for i in range(1, m):
+            ratio = beside[i - 1] / down[i - 1]
+            down[i] = diagonal[i] + variance - ratio * beside[i - 1]
+            sizes[i] = vector[i] - ratio * sizes[i - 1]
+        up[m - 1] = diagonal[m - 1] + variance
+        sizes[m - 1] /= down[m - 1]
+        trace = 1.0 / down[m - 1]
+        for i in range(m - 2, -1, -1):
+            up[i] = diagonal[i] + variance - beside[i] * beside[i] / up[i + 1]
+            sizes[i] = (sizes[i] - beside[i] * sizes[i + 1]) / down[i]
+            trace += 1.0 / (down[i] + up[i] - diagonal[i] - variance)
         explained = 0.0
         again = 0.0
-        for k in range(m):
-            explained += white[k] * white[k]
-            size = 0.0
-            for i in range(k, m):
-                size += inverse[i, k] * white[i]
-            again += size * size
+        for i in range(m):
+            explained += sizes[i] * vector[i]
+            again += sizes[i] * sizes[i]
         used = m - variance * trace
         residual = total - explained - variance * again
         estimate = max((NOISE_WEIGHT + residual) / (NOISE_WEIGHT + count - used), least)
@@ -101,6 +160,27 @@ def fit_nuisances(squares, products, total, count, least, lower, inverse):
         if settled:
             break
     return variance, used
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def first_nuisance(squares, products, variance):
+    """Return the most likely size of the first nuisance, and its variance."""
+    m = products.size
+    lower = np.empty((m, m))
+    factor(squares, variance, lower)
+    white, unit = np.empty(m), np.empty(m)
+    mean, square = 0.0, 0.0
+    for i in range(m):
+        white[i] = products[i]
+        unit[i] = 1.0 if i == 0 else 0.0
+        for j in range(i):
+            white[i] -= lower[i, j] * white[j]
+            unit[i] -= lower[i, j] * unit[j]
+        white[i] /= lower[i, i]
+        unit[i] /= lower[i, i]
+        mean += unit[i] * white[i]
+        square += unit[i] * unit[i]
+    return mean, variance * square
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

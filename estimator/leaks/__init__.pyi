@@ -29,7 +29,7 @@ from .fault_size import (
 )
 from .finding import Finding as Finding
 from .found import Found as Found, found_in as found_in
-from .leak_statistic import LeakTest as LeakTest
+from .leak_statistic import RIVAL_GAIN as RIVAL_GAIN, LeakTest as LeakTest
 from .oil_account import Samples as Samples
 from .pattern import (
     LEARNING_S as LEARNING_S,
