@@ -1,6 +1,7 @@
 """Scores every fault from every onset in one compiled call, as `score_faults` does."""
 
-from math import log1p, sqrt
+from functools import cached_property
+from math import exp, log, log1p, pi, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -161,8 +162,11 @@ def _scored(total, before, blocks, least, fault, mark, unit):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def any_stands_out(scores, sizes, usable, gain, most, limit, dead_zone):
-    """Return whether `LeakTest.best` may find a fault: some candidate is sure and likely there.
+def standing_out(scores, sizes, usable, gain, most, limit, dead_zone):
+    """Return the greatest gain of each fault among its candidates that stand out, and its mark.
+
+    As in `LeakTest`, a candidate stands out if its coefficient is surely above the dead zone and no
+    other cause explains far more.
 
     Args:
         scores: as in `Scored`.
@@ -172,14 +176,43 @@ def any_stands_out(scores, sizes, usable, gain, most, limit, dead_zone):
         most: greatest gain of any usable candidate, and of a change of a known fault.
         limit: value that the statistic must exceed.
         dead_zone: flow in L/min that each fault must exceed, (5,).
+
+    Returns:
+        The gains, 0 where no candidate stands out, and the marks, (5,) each.
     """
+    greatest, marks = np.zeros(FAULT_COUNT), np.zeros(FAULT_COUNT, np.int64)
     for j in range(sizes.shape[0]):
         for i in range(FAULT_COUNT):
-            if usable[j, i] and gain[j, i] >= most - RIVAL_GAIN and gain[j, i] > 0.0:
+            if usable[j, i] and gain[j, i] >= most - RIVAL_GAIN and gain[j, i] > greatest[i]:
                 error = scores[3, j, i] / scores[1, j, i]
                 if scores[0, j, i] > limit * sqrt(error) + dead_zone[i] / sizes[j, i]:
-                    return True
-    return False
+                    greatest[i], marks[i] = gain[j, i], j
+    return greatest, marks
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def log_evidence(scores, sizes, usable, dead_zone, lasting, greatest_flow):
+    """Return `LeakTest.log_evidence`, (5,).
+
+    Args:
+        scores: as in `Scored`.
+        sizes: as in `Scored`.
+        usable: as in `Scored`.
+        dead_zone: flow in L/min that each fault must exceed, (5,).
+        lasting: as for `LeakTest.log_evidence`.
+        greatest_flow: as for `LeakTest.log_evidence`.
+    """
+    found = np.full(FAULT_COUNT, -np.inf)
+    for i in range(FAULT_COUNT):
+        for j in range(sizes.shape[0]):
+            if usable[j, i]:
+                error = sqrt(scores[3, j, i] * lasting / scores[1, j, i])
+                surplus = max(scores[0, j, i] - dead_zone[i] / sizes[j, i], 0.0) / error
+                width = log(sqrt(2.0 * pi) / greatest_flow * sizes[j, i] * error)
+                one = 0.5 * surplus * surplus + min(width, 0.0)
+                above, below = max(found[i], one), min(found[i], one)
+                found[i] = above + log1p(exp(below - above))
+    return found
 
 
 def scored_blocks(sums: AccountSums, least: float, beside: Finding | None) -> Scored:
@@ -197,28 +230,51 @@ def scored_blocks(sums: AccountSums, least: float, beside: Finding | None) -> Sc
     return Scored(*_scored(total, before, sums.blocks, least, *known))
 
 
-def candidates_of(scored: Scored, known: tuple[int, int] | None) -> Candidates:
-    """Return scores as `LeakTest` takes them.
+class CompiledCandidates(Candidates):
+    """Scores as `LeakTest` takes them; the gains, which are rarely asked for, are made when needed.
 
     Args:
         scored: the scores.
         known: index and mark of the known fault; None without one.
     """
-    gain, blocks = scored.gain, scored.blocks
-    change = earlier = np.zeros(blocks.size)
-    if known is not None:
+
+    def __init__(self, scored: Scored, known: tuple[int, int] | None) -> None:
+        crossed = scored.crossed[:, :, :NUISANCE_COUNT]
+        self.__dict__.update(
+            regression=CompiledRegression(scored),
+            products=FaultProducts(
+                scored.squares, crossed, scored.products, scored.sizes, scored.blocks
+            ),
+            scores=Scores(*scored.scores),
+            usable=scored.usable,
+            _scored=scored,
+            _known=known,
+        )
+
+    @cached_property
+    def gain(self) -> Array:  # type: ignore[override]
+        """Return the gain of each candidate, 0 where it is not usable, (marks, 5)."""
+        scored: Scored = self.__dict__["_scored"]
+        return np.where(scored.usable, scored.gain, 0.0)
+
+    @cached_property
+    def change(self) -> Array:  # type: ignore[override]
+        """Return the gain of a change of the known fault at each mark, (marks,)."""
+        scored, known = self.__dict__["_scored"], self.__dict__["_known"]
+        if known is None:
+            return np.zeros(scored.blocks.size)
         fault, mark = known
-        testable = (np.arange(change.size) > mark) & (blocks >= WITNESSES)
-        change = np.where(testable, gain[:, fault], 0.0)
-        there = (blocks >= blocks[mark] + WITNESSES) & (scored.scores[0, :, fault] > 0.0)
-        earlier = np.where(there, gain[:, fault], 0.0)
-    crossed = scored.crossed[:, :, :NUISANCE_COUNT]
-    return Candidates(
-        CompiledRegression(scored),
-        FaultProducts(scored.squares, crossed, scored.products, scored.sizes, blocks),
-        Scores(*scored.scores),
-        scored.usable,
-        np.where(scored.usable, gain, 0.0),
-        change,
-        earlier,
-    )
+        testable = (np.arange(scored.blocks.size) > mark) & (scored.blocks >= WITNESSES)
+        return np.where(testable, scored.gain[:, fault], 0.0)
+
+    @cached_property
+    def before(self) -> Array:  # type: ignore[override]
+        """Return the gain of a fault of the known one's kind that began earlier, (marks,)."""
+        scored, known = self.__dict__["_scored"], self.__dict__["_known"]
+        if known is None:
+            return np.zeros(scored.blocks.size)
+        fault, mark = known
+        there = (scored.blocks >= scored.blocks[mark] + WITNESSES) & (
+            scored.scores[0, :, fault] > 0.0
+        )
+        return np.where(there, scored.gain[:, fault], 0.0)

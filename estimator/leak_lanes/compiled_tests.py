@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from estimator.leaks import (
     SupplyTest,
 )
 
-from .candidates import Scored, any_stands_out, candidates_of, scored_blocks
+from .candidates import CompiledCandidates, Scored, log_evidence, scored_blocks, standing_out
 from .dropping import searched
 from .sizing import sized
 from .whitening import whitened
@@ -93,35 +93,43 @@ class CompiledSizes(FaultSizes):
 class CompiledLeakTest(LeakTest):
     """A leak test whose scores and sizes are computed by compiled code, without a baseline."""
 
-    def __init__(self, *setting: object) -> None:
-        super().__init__(*setting)  # type: ignore[arg-type]
+    def __init__(self, *setting: Any) -> None:
+        super().__init__(*setting)
         self._sized: dict[_Sudden, Finding] = {}
         self._raw: dict[tuple[int, int] | None, Scored] = {}
-        self._threshold: tuple[float, float] | None = None
+        self._thresholds: dict[float, float] = {}
 
     def add(self, block: AccountBlock) -> None:
         """Add one block; an incomplete one is ignored."""
         self._sized = {}
         self._raw = {}
-        self._threshold = None
+        self._thresholds = {}
         super().add(block)
 
     def threshold(self, freedom: float) -> float:
         """Return the value that a healthy rig exceeds at the stated rate, as `LeakTest` does."""
-        if self._threshold is None or self._threshold[0] != freedom:
-            self._threshold = freedom, super().threshold(freedom)
-        return self._threshold[1]
+        if freedom not in self._thresholds:
+            self._thresholds[freedom] = super().threshold(freedom)
+        return self._thresholds[freedom]
 
-    def best(self, beside: Finding | None = None) -> Finding | None:
-        """Return the fault with the greatest gain whose statistic exceeds the limit; else None."""
-        if beside is None:
-            raw = self._scored_blocks(None)
-            limit = self.threshold(raw.freedom)
-            if not any_stands_out(
-                raw.scores, raw.sizes, raw.usable, raw.gain, raw.most, limit, self.dead_zone
-            ):
-                return None
-        return super().best(beside)
+    def log_evidence(self, lasting: float, greatest_flow: float) -> Array:
+        """Return the logarithm of each fault's likelihood beside none, summed over onsets: (5,)."""
+        raw = self._scored_blocks(None)
+        found: Array = log_evidence(
+            raw.scores, raw.sizes, raw.usable, self.dead_zone, lasting, greatest_flow
+        )
+        return found
+
+    def _standing_out(
+        self, beside: Finding | None, limit: float, dead_zone: Array
+    ) -> tuple[Array, NDArray[np.int64]]:
+        raw, most = self._scored_blocks(beside), 0.0
+        if beside is not None:
+            most = float(self.candidates(beside).change.max())
+        gain, marks = standing_out(
+            raw.scores, raw.sizes, raw.usable, raw.gain, max(most, raw.most), limit, dead_zone
+        )
+        return gain, marks
 
     def likely(self) -> list[Finding]:
         """Return each fault whose gain is `RIVAL_GAIN` or more, greatest gain first."""
@@ -150,7 +158,7 @@ class CompiledLeakTest(LeakTest):
 
     def _scores(self, beside: Finding | None) -> Candidates:
         known = None if beside is None else (beside.fault, self.mark(beside))
-        return candidates_of(self._scored_blocks(beside), known)
+        return CompiledCandidates(self._scored_blocks(beside), known)
 
     def _sizes(self) -> FaultSizes:
         products = self.candidates().products
@@ -159,6 +167,16 @@ class CompiledLeakTest(LeakTest):
 
 class CompiledSupplyTest(SupplyTest):
     """A test of the supply pressure whose search for the likeliest drop is compiled."""
+
+    def __init__(self, *setting: Any) -> None:
+        super().__init__(*setting)
+        self._limit = 0, 0.0
+
+    def limit(self) -> float:
+        """Return the value that the statistic exceeds on a healthy rig at the stated rate."""
+        if self._limit[0] != self._blocks or not self._blocks:
+            self._limit = self._blocks, super().limit()
+        return self._limit[1]
 
     def _likeliest_of(
         self, rows: Array, tried: range
@@ -179,5 +197,10 @@ class CompiledDetector(OilAccountDetector):
 
 def load_compiled() -> None:
     """Load or compile what `CompiledDetector` runs only once it finds a fault."""
+    sums, zone = AccountSums(), np.ones(FAULT_COUNT)
     ones = np.ones((1, 2, NUISANCE_COUNT)), np.ones((1, 2, FAULT_COUNT + 1))
-    sized(*AccountSums().packed, (np.ones((1, 2)), *ones), 0, 0, -1, 0, 0.0, 1.0, 1.0)
+    sized(*sums.packed, (np.ones((1, 2)), *ones), 0, 0, -1, 0, 0.0, 1.0, 1.0)
+    raw = scored_blocks(sums, 1.0, None)
+    CompiledCandidates(raw, None).regression.nuisances()
+    standing_out(raw.scores, raw.sizes, raw.usable, raw.gain, 0.0, 1.0, zone)
+    log_evidence(raw.scores, raw.sizes, raw.usable, zone, 1.0, 1.0)

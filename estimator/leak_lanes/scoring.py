@@ -18,7 +18,7 @@ from rig.jit import njit
 
 _ROUNDS: Final = 100
 _SETTLED: Final = 1e-4
-_TOGETHER: Final = 64
+_TOGETHER: Final = 16
 """Number of onsets whose columns are solved together; these fit the processor's first cache."""
 
 
@@ -232,83 +232,77 @@ def score(crossed, squares, products, ff, fy, total, freedom, variance, least, o
         white[i] = part / lower[i, i]
         weighted -= white[i] * white[i]
     prior = variance / (NULL_SHIFT * NULL_SHIFT)
-    columns = np.empty((m, shapes, _TOGETHER))
-    left = np.empty((m, faults, _TOGETHER))
+    columns = np.empty((m, shapes * _TOGETHER))
+    left = np.empty((m, faults * _TOGETHER))
+    own, with_y = np.empty(shapes * _TOGETHER), np.empty(shapes * _TOGETHER)
+    with_shift, shifted = np.empty(shapes * _TOGETHER), np.empty(faults * _TOGETHER)
     for first in range(0, marks, _TOGETHER):
+        # Column i of the onset with index k is at q = i count + k.
         count = min(_TOGETHER, marks - first)
-        for k in range(count):
-            for i in range(shapes):
-                for a in range(m):
-                    columns[a, i, k] = crossed[first + k, i, a]
-        for a in range(m):
-            for b in range(a):
-                part = lower[a, b]
-                for i in range(shapes):
-                    for k in range(count):
-                        columns[a, i, k] -= part * columns[b, i, k]
-            scale = 1.0 / lower[a, a]
-            for i in range(shapes):
-                for k in range(count):
-                    columns[a, i, k] *= scale
-        information = squares[first : first + count]
-        own, with_y, with_shift = (
-            np.empty((shapes, count)), np.empty((shapes, count)), np.empty((shapes, count)),
-        )  # fmt: skip
+        width, fault_width = shapes * count, faults * count
         for i in range(shapes):
             for k in range(count):
-                own[i, k] = information[k, i, i]
-                with_y[i, k] = products[first + k, i]
-                with_shift[i, k] = information[k, i, faults]
-            for a in range(m):
+                q = i * count + k
+                own[q] = squares[first + k, i, i]
+                with_y[q] = products[first + k, i]
+                with_shift[q] = squares[first + k, i, faults]
+                for a in range(m):
+                    columns[a, q] = crossed[first + k, i, a]
+        for a in range(m):
+            here = columns[a]
+            for b in range(a):
+                part, there = lower[a, b], columns[b]
+                for q in range(width):
+                    here[q] -= part * there[q]
+            scale, of_y = 1.0 / lower[a, a], white[a]
+            for q in range(width):
+                here[q] *= scale
+                own[q] -= here[q] * here[q]
+                with_y[q] -= here[q] * of_y
+            for i in range(shapes):
                 for k in range(count):
-                    own[i, k] -= columns[a, i, k] * columns[a, i, k]
-                    with_y[i, k] -= columns[a, i, k] * white[a]
-                    with_shift[i, k] -= columns[a, i, k] * columns[a, faults, k]
-        shifted = np.empty((faults, count))
+                    with_shift[i * count + k] -= here[i * count + k] * here[fault_width + k]
         for i in range(faults):
             for k in range(count):
-                shift_square = own[faults, k] + prior
-                crossing = with_shift[i, k]
-                alone = with_y[faults, k] / shift_square
-                information_left = own[i, k] - crossing * crossing / shift_square
-                projection = with_y[i, k] - crossing * alone
-                mark = first + k
-                known = information_left > LEAST_INFORMATION * squares[mark, i, i]
-                coefficient = projection / information_left if known else 0.0
+                q, mark = i * count + k, first + k
+                shift_square = own[fault_width + k] + prior
+                alone = with_y[fault_width + k] / shift_square
+                crossing = with_shift[q]
+                information = own[q] - crossing * crossing / shift_square
+                projection = with_y[q] - crossing * alone
+                known = information > LEAST_INFORMATION * squares[mark, i, i]
+                coefficient = projection / information if known else 0.0
                 out[0, mark, i] = coefficient
-                out[1, mark, i] = information_left if known else 0.0
+                out[1, mark, i] = information if known else 0.0
                 out[2, mark, i] = coefficient * projection
-                shifted[i, k] = alone - coefficient * crossing / shift_square
+                shifted[q] = alone - coefficient * crossing / shift_square
                 for a in range(m):
-                    left[a, i, k] = (
+                    left[a, q] = (
                         white[a]
-                        - coefficient * columns[a, i, k]
-                        - shifted[i, k] * columns[a, faults, k]
+                        - coefficient * columns[a, q]
+                        - shifted[q] * columns[a, fault_width + k]
                     )
         # What is left, in the axes of F: the sizes of the nuisances beside the fault.
         for at in range(m):
             a = m - 1 - at
+            here = left[a]
             for b in range(a + 1, m):
-                part = lower[b, a]
-                for i in range(faults):
-                    for k in range(count):
-                        left[a, i, k] -= part * left[b, i, k]
+                part, there = lower[b, a], left[b]
+                for q in range(fault_width):
+                    here[q] -= part * there[q]
             scale = 1.0 / lower[a, a]
-            for i in range(faults):
-                for k in range(count):
-                    left[a, i, k] *= scale
+            for q in range(fault_width):
+                here[q] *= scale
         for i in range(faults):
             for k in range(count):
-                mark = first + k
+                q, mark = i * count + k, first + k
                 if out[1, mark, i] == 0.0:
                     out[3, mark, i] = variance
                     continue
-                beliefs = prior / variance * shifted[i, k] * shifted[i, k]
+                beliefs = prior / variance * shifted[q] * shifted[q]
                 for a in range(m):
-                    beliefs += left[a, i, k] * left[a, i, k]
-                shift_square = own[faults, k] + prior
-                alone = with_y[faults, k] / shift_square
-                residual = (
-                    weighted - alone * with_y[faults, k] - out[2, mark, i] - variance * beliefs
-                )
+                    beliefs += left[a, q] * left[a, q]
+                of_shift = with_y[fault_width + k]
+                explained = of_shift / (own[fault_width + k] + prior) * of_shift + out[2, mark, i]
+                residual = weighted - explained - variance * beliefs
                 out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, least)
