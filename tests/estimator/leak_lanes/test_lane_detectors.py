@@ -20,9 +20,9 @@ from tools.simulated.lanes import SimulatedLanes
 Array = NDArray[np.float64]
 History = list[tuple[float, Decision]]
 
-SECONDS = 24
+SECONDS = 20
 BLOCK = 500
-ONSET = 10_000
+ONSET = 8_000
 NAMES = (
     "healthy",
     "external_leakage_1",
@@ -52,13 +52,13 @@ def rows() -> Array:
     """Return the readings (ticks, 6, LANES) of eight rigs, which `NAMES` describes."""
     unlike = NOMINAL._replace(bulk_modulus=0.87 * NOMINAL.bulk_modulus, spool_null_bias=3e-6)
     rigs = [NOMINAL, NOMINAL, unlike, NOMINAL, NOMINAL, NOMINAL, unlike, NOMINAL]
-    rigs[4] = NOMINAL._replace(supply_droop=8e11)
+    rigs[4] = NOMINAL._replace(supply_droop=3e12)
     faults = [
         NO_FAULT,
         NO_FAULT._replace(external_leakage_1=leak(0.3, 6.9e6)),
         NO_FAULT._replace(external_leakage_2=leak(0.08, 6.9e6)),
         NO_FAULT._replace(internal_leakage=leak(0.2, 2.5e6)),
-        NO_FAULT._replace(supply_leakage=leak(6.0, 13.8e6)),
+        NO_FAULT._replace(supply_leakage=leak(12.0, 13.8e6)),
         NO_FAULT._replace(return_blockage=2e13),
         NO_FAULT,
         NO_FAULT._replace(external_leakage_1=leak(0.6, 6.9e6)),
@@ -69,15 +69,15 @@ def rows() -> Array:
         [0.3 + (0.05 + 0.01 * i) * np.sin((1.5 + 0.3 * i) * t) for i in range(LANES)], axis=1
     )
     # The ram of one lane is held for a while, so that its spool rests at null.
-    setpoint[6000:8000, 3] = setpoint[6000, 3]
+    setpoint[5500:7000, 3] = setpoint[5500, 3]
     open_loop = np.zeros_like(setpoint)
     # Full strokes against an end and back empty a chamber.
     strokes = slice(3000, 4200)
     setpoint[strokes, 7] = np.where(np.sin(9.0 * t[strokes]) > 0.0, 10.0, -10.0)
     open_loop[strokes, 7] = 1.0
     found = lanes.advance(setpoint, open_loop)
-    found[7000:7100, 0, 7] = np.nan
-    found[8000:8100, 1, 7] = found[8000, 1, 7]
+    found[6000:6100, 0, 7] = np.nan
+    found[7000:7100, 1, 7] = found[7000, 1, 7]
     return np.asarray(found)
 
 
