@@ -252,13 +252,13 @@ class CompiledCandidates(Candidates):
         )
 
     @cached_property
-    def gain(self) -> Array:  # type: ignore[override]
+    def gain(self) -> Array:
         """Return the gain of each candidate, 0 where it is not usable, (marks, 5)."""
         scored: Scored = self.__dict__["_scored"]
         return np.where(scored.usable, scored.gain, 0.0)
 
     @cached_property
-    def change(self) -> Array:  # type: ignore[override]
+    def change(self) -> Array:
         """Return the gain of a change of the known fault at each mark, (marks,)."""
         scored, known = self.__dict__["_scored"], self.__dict__["_known"]
         if known is None:
@@ -268,7 +268,7 @@ class CompiledCandidates(Candidates):
         return np.where(testable, scored.gain[:, fault], 0.0)
 
     @cached_property
-    def before(self) -> Array:  # type: ignore[override]
+    def before(self) -> Array:
         """Return the gain of a fault of the known one's kind that began earlier, (marks,)."""
         scored, known = self.__dict__["_scored"], self.__dict__["_known"]
         if known is None:

@@ -66,7 +66,7 @@ def compare(setting: Setting, chunks: Sequence[Cases], console: Console) -> None
             after, in_lanes_s = judged(Group(setting, cases, at), LaneDetectors)
             before, in_turn_s = judged(Group(setting, cases, at), DetectorsInTurn)
             differ = np.count_nonzero(before["verdict"] != after["verdict"])
-            found += LANES, in_turn_s, in_lanes_s, differ
+            found += np.array([LANES, in_turn_s, in_lanes_s, differ], dtype=np.float64)
         total += found
         table.add_row(f"{cases.chunk}", *_cells(found, setting))
     table.add_row("all", *_cells(total, setting))

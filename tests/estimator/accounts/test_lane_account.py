@@ -43,7 +43,7 @@ def test_each_lane_has_the_account_of_one_rig() -> None:
     for block in range(2):
         first = block * BLOCK_TICKS + (block > 0)
         readings, states = samples(first, BLOCK_TICKS + (block == 0))
-        time_s = (first + np.arange(len(readings))) * TICK
+        time_s: Array = (first + np.arange(len(readings), dtype=np.float64)) * TICK
         found = lanes.add(float(time_s[-1]), readings, states, nulls)
         for lane in range(LANES):
             expected = alone(own[lane], time_s, readings[:, :, lane], states[:, :, lane])

@@ -84,7 +84,7 @@ def rows() -> Array:
 @pytest.fixture(scope="module")
 def both() -> Judged:
     readings = rows()
-    time_s = np.arange(len(readings)) * TICK
+    time_s: Array = np.arange(len(readings), dtype=np.float64) * TICK
     states = ProductLanes(Model()).advance(readings)
     detectors = LaneDetectors(Model(), 1.0)
     in_lanes: list[History] = [[] for _ in range(LANES)]
