@@ -236,6 +236,7 @@ def score(crossed, squares, products, ff, fy, total, freedom, variance, least, o
     left = np.empty((m, faults * _TOGETHER))
     own, with_y = np.empty(shapes * _TOGETHER), np.empty(shapes * _TOGETHER)
     with_shift, shifted = np.empty(shapes * _TOGETHER), np.empty(faults * _TOGETHER)
+    sizes, beliefs = np.empty(faults * _TOGETHER), np.empty(faults * _TOGETHER)
     for first in range(0, marks, _TOGETHER):
         # Column i of the onset with index k is at q = i count + k.
         count = min(_TOGETHER, marks - first)
@@ -275,13 +276,15 @@ def score(crossed, squares, products, ff, fy, total, freedom, variance, least, o
                 out[0, mark, i] = coefficient
                 out[1, mark, i] = information if known else 0.0
                 out[2, mark, i] = coefficient * projection
+                sizes[q] = coefficient
                 shifted[q] = alone - coefficient * crossing / shift_square
-                for a in range(m):
-                    left[a, q] = (
-                        white[a]
-                        - coefficient * columns[a, q]
-                        - shifted[q] * columns[a, fault_width + k]
-                    )
+                beliefs[q] = prior / variance * shifted[q] * shifted[q]
+        for a in range(m):
+            here, there, of_y = left[a], columns[a], white[a]
+            for i in range(faults):
+                for k in range(count):
+                    q = i * count + k
+                    here[q] = of_y - sizes[q] * there[q] - shifted[q] * there[fault_width + k]
         # What is left, in the axes of F: the sizes of the nuisances beside the fault.
         for at in range(m):
             a = m - 1 - at
@@ -293,16 +296,14 @@ def score(crossed, squares, products, ff, fy, total, freedom, variance, least, o
             scale = 1.0 / lower[a, a]
             for q in range(fault_width):
                 here[q] *= scale
+                beliefs[q] += here[q] * here[q]
         for i in range(faults):
             for k in range(count):
                 q, mark = i * count + k, first + k
                 if out[1, mark, i] == 0.0:
                     out[3, mark, i] = variance
                     continue
-                beliefs = prior / variance * shifted[q] * shifted[q]
-                for a in range(m):
-                    beliefs += left[a, q] * left[a, q]
                 of_shift = with_y[fault_width + k]
                 explained = of_shift / (own[fault_width + k] + prior) * of_shift + out[2, mark, i]
-                residual = weighted - explained - variance * beliefs
+                residual = weighted - explained - variance * beliefs[q]
                 out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, least)
