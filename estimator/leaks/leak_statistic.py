@@ -305,8 +305,8 @@ class LeakTest:
         candidates = self.candidates(beside)
         dead_zone = self.dead_zone
         if beside is not None:
-            size = candidates.products.sizes[self.mark(beside), beside.fault]
-            dead_zone = np.maximum(dead_zone, self.relative_dead_zone * beside.coefficient * size)
+            flow = beside.coefficient * candidates.products.sizes[self.mark(beside), beside.fault]
+            dead_zone = np.maximum(dead_zone, self.relative_dead_zone * flow)
         limit = self.threshold(candidates.regression.freedom)
         gain, marks = self._standing_out(beside, limit, dead_zone)
         for fault in np.argsort(-gain):
