@@ -1,4 +1,8 @@
-from .block_noise import RecentBlocks as RecentBlocks, lasting_noise as lasting_noise
+from .block_noise import (
+    MOST_LASTING as MOST_LASTING,
+    RecentBlocks as RecentBlocks,
+    lasting_noise as lasting_noise,
+)
 from .crossings import (
     between as between,
     noise_limit as noise_limit,
@@ -7,16 +11,27 @@ from .crossings import (
 from .flow import (
     BLOCK_S as BLOCK_S,
     BLOCK_TICKS as BLOCK_TICKS,
+    FROZEN_SAMPLES as FROZEN_SAMPLES,
     AccountBlock as AccountBlock,
     FlowAccount as FlowAccount,
     reference_drop as reference_drop,
     reference_flow as reference_flow,
 )
-from .joint_fit import JointFit as JointFit, Stretch as Stretch, around as around
+from .joint_fit import (
+    MOST_LEVERAGE as MOST_LEVERAGE,
+    JointFit as JointFit,
+    Stretch as Stretch,
+    around as around,
+)
+from .lane_account import LaneAccounts as LaneAccounts
 from .noise import (
     DEAD_ZONE as DEAD_ZONE,
+    MODEL_NOISE as MODEL_NOISE,
     MOST_MODEL_ERROR as MOST_MODEL_ERROR,
+    OWN_NOISE as OWN_NOISE,
     RELATIVE_DEAD_ZONE as RELATIVE_DEAD_ZONE,
+    SENSOR_PARTS as SENSOR_PARTS,
+    SENSOR_PLACES as SENSOR_PLACES,
     checked_model_error as checked_model_error,
     dead_zones as dead_zones,
     whitening as whitening,
@@ -31,6 +46,7 @@ from .nuisances import (
     nuisance_index as nuisance_index,
 )
 from .regression import (
+    LEAST_INFORMATION as LEAST_INFORMATION,
     NOISE_WEIGHT as NOISE_WEIGHT,
     Regression as Regression,
     Scores as Scores,
@@ -41,4 +57,9 @@ from .row import (
     INTERNAL_LEAKAGE as INTERNAL_LEAKAGE,
     SUPPLY_LEAKAGE as SUPPLY_LEAKAGE,
 )
-from .sums import SHIFT as SHIFT, AccountSums as AccountSums, FaultProducts as FaultProducts
+from .sums import (
+    SHIFT as SHIFT,
+    AccountSums as AccountSums,
+    FaultProducts as FaultProducts,
+    Places as Places,
+)

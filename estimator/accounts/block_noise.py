@@ -30,6 +30,18 @@ class RecentBlocks:
         self._nuisances = np.zeros((RECENT, 2, NUISANCE_COUNT))
         self._faults = np.zeros((RECENT, 2, SHAPE_COUNT))
 
+    @property
+    def kept(self) -> tuple[Array, Array, Array] | None:
+        """Return missing flow, nuisances and faults of all blocks that were ever added.
+
+        They are (blocks, 2), (blocks, 2, n) and (blocks, 2, 6), and must not be changed. None if
+        some blocks are no longer kept.
+        """
+        if self._blocks > RECENT:
+            return None
+        here = slice(self._blocks)
+        return self._missing[here], self._nuisances[here], self._faults[here]
+
     def add(self, missing: Array, nuisances: Array, faults: Array) -> None:
         """Add a block; if there are `RECENT` of them, it replaces the oldest.
 

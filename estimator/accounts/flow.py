@@ -56,12 +56,18 @@ Cavities open and close again. A block therefore ends only when neither chamber 
 it grows by half a second at a time."""
 
 
-_SHARE: Final = 0.01
+SPOOL_SHARE: Final = 0.01
 """Weight of the latest sample in the running averages of the spool and of its noise, which thus
 cover some 0.1 s."""
 SPOOL_NOISE: Final = 0.43 * DATA_SHEET.spool_noise
 """Standard deviation in m of the product filter's estimate of a spool at rest, by the transducer's
 noise. If the estimate varies by more, the spool moves."""
+
+FROZEN_SAMPLES: Final = 40
+"""A pressure with this many equal readings in a row counts as not measured, for noise of 30 kPa
+would not allow that. The detector only leaves such samples out, on any rig; the loop, which trips
+on them, derives its count from the chance of a false trip
+(`rig.loop.interlocks.check_tolerances.frozen_samples`)."""
 
 _REACH: Final = 5
 """Greatest number of ticks from one measured sample to the next that count as bridged.
@@ -69,7 +75,7 @@ _REACH: Final = 5
 In between, the flow is that of the valve's model, whose spool is off by 2 um (`product_noise`).
 This makes 0.2 L/min, independent from gap to gap. Over the n gaps of a block it is
 0.2 L/min / n^0.5, or 0.02 L/min with gaps of 5 ms. That is twice the noise that the test expects of
-a block (`noise.NOISE`); the test estimates the noise and allows for it."""
+a block (`noise.MODEL_NOISE`); the test estimates the noise and allows for it."""
 _BRIDGED_PART: Final = 0.9
 """Least part of a block's time that must be bridged for the block to be complete."""
 
@@ -139,8 +145,8 @@ def _accumulate(samples, null, par, last, row, rows):
             last[5] = 0.0
         dry = min(p1, p2) < DRY
         difference = spool - last[6]
-        last[6] += _SHARE * difference
-        last[7] += _SHARE * (difference * difference - last[7])
+        last[6] += SPOOL_SHARE * difference
+        last[7] += SPOOL_SHARE * (difference * difference - last[7])
         if last[0] >= 0.0:
             if last[0] == 0.0:
                 row[LEAST] = row[LEAST + 1] = last[4]
@@ -190,6 +196,11 @@ class FlowAccount:
         self._row = np.zeros(WIDTH)
 
     @property
+    def memory(self) -> Array:
+        """Memory between samples, (8,), as `_accumulate` describes it; it may be written to."""
+        return self._last
+
+    @property
     def samples_left(self) -> int:
         """Return the least number of further samples with which a block can be finished."""
         samples = int(self._last[0])
@@ -213,10 +224,11 @@ class FlowAccount:
         """
         rows = np.empty((samples.shape[1] // BLOCK_TICKS + 1, WIDTH))
         count = _accumulate(samples, null, self._parameters, self._last, self._row, rows)
-        return [_block(row) for row in rows[:count]]
+        return [block_of(row) for row in rows[:count]]
 
 
-def _block(row: Array) -> AccountBlock:
+def block_of(row: Array) -> AccountBlock:
+    """Return the block whose sums, divided by its number of samples, are a row: (`row.WIDTH`,)."""
     nuisances = row[NUISANCE:FAULT].reshape(NUISANCE_COUNT, 2).T
     measured = row[SUPPLY + 1] or float("nan")
     return AccountBlock(

@@ -14,7 +14,7 @@ Integers = NDArray[np.int64]
 Stretch = tuple[int, int]
 """Indices of two marks: the stretch has the blocks from the first mark up to the second."""
 
-_MOST_LEVERAGE: Final = 0.999
+MOST_LEVERAGE: Final = 0.999
 """Upper bound of a block's leverage. A block that alone determines a coefficient has leverage one,
 by which could not be divided."""
 
@@ -104,7 +104,7 @@ class JointFit:
             forms[start:] = self._sums.weighted(weights, start, self._sums.marks)
         for stretch in self._passed_over:
             forms[slice(*stretch)] = 0.0
-        return forms[:, 0], np.clip(forms[:, 1], 0.0, _MOST_LEVERAGE)
+        return forms[:, 0], np.clip(forms[:, 1], 0.0, MOST_LEVERAGE)
 
     def error_of_sum(self, count: int) -> float:
         """Return the variance of the sum of the last `count` coefficients.

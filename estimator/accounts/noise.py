@@ -12,7 +12,7 @@ from .nuisances import NUISANCES, nuisance_index
 
 Array = NDArray[np.float64]
 
-NOISE: Final = 0.01
+MODEL_NOISE: Final = 0.01
 """Standard deviation in L/min of a block's missing flow that errors of the model are expected to
 make."""
 SENSOR_ERRORS: Final = {
@@ -42,13 +42,15 @@ RELATIVE_DEAD_ZONE: Final = 0.05
 the first one's flow, and a fault that has fallen to this part of its size counts as ended."""
 MOST_MODEL_ERROR: Final = 10.0
 """Greatest permitted value of `model_error`, the factor on what is allowed for model errors."""
-_SENSORS: Final = [nuisance_index(name) for name in SENSOR_ERRORS]
-_IN_SIGMAS: Final = np.array(
+SENSOR_PLACES: Final = [nuisance_index(name) for name in SENSOR_ERRORS]
+"""Indices in `NUISANCES` of the sensors' errors, in the order of `SENSOR_ERRORS`."""
+SENSOR_PARTS: Final = np.array(
     [
         error / NUISANCES[at].sigma
-        for error, at in zip(SENSOR_ERRORS.values(), _SENSORS, strict=True)
+        for error, at in zip(SENSOR_ERRORS.values(), SENSOR_PLACES, strict=True)
     ]
 )
+"""These errors as parts of the tolerances of the nuisances."""
 
 
 def checked_model_error(model_error: float) -> float:
@@ -66,7 +68,7 @@ def checked_model_error(model_error: float) -> float:
 
 def sensor_noise(block: AccountBlock) -> Array:
     """Return the covariance (2, 2) of a block's missing flows by sensor noise, in (m^3/s)^2."""
-    errors = block.nuisances[:, _SENSORS] * _IN_SIGMAS
+    errors = block.nuisances[:, SENSOR_PLACES] * SENSOR_PARTS
     own = (OWN_NOISE * LITRE_PER_MINUTE) ** 2
     return np.asarray(errors @ errors.T + own * np.eye(2))
 
@@ -83,7 +85,7 @@ def whitening(block: AccountBlock, model_error: float) -> Array:
     Returns:
         float64 (2, 2), s/m^3, to be multiplied from the left with missing flows and signatures.
     """
-    model = np.full(2, model_error * NOISE * LITRE_PER_MINUTE)
+    model = np.full(2, model_error * MODEL_NOISE * LITRE_PER_MINUTE)
     model = np.hypot(model, model_error * block.doubts)
     return np.linalg.inv(np.linalg.cholesky(sensor_noise(block) + np.diag(model**2)))
 

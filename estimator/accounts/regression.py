@@ -27,7 +27,7 @@ NOISE_WEIGHT: Final = 8.0
 values."""
 LEAST_VARIANCE: Final = 0.25
 """Lower bound of the estimated noise variance for a model with the usual errors."""
-_LEAST_INFORMATION: Final = 1e-6
+LEAST_INFORMATION: Final = 1e-6
 """If the nuisances leave a column less than this part of its information, they explain it entirely,
 up to round-off."""
 
@@ -134,7 +134,7 @@ def _score(rotated, squares, products, values, projected, total, freedom, varian
             projection -= crossed * alone
             out[:, mark, i] = 0.0
             out[3, mark, i] = variance
-            if information > _LEAST_INFORMATION * squares[mark, i, i]:
+            if information > LEAST_INFORMATION * squares[mark, i, i]:
                 coefficient = projection / information
                 explained = coefficient * projection
                 shifted = alone - coefficient * crossed / shift_square

@@ -1,5 +1,7 @@
 """The columns of a block of the oil account, and compiled code that adds one sample to them.
 
+The code takes one rig or several in lanes (`rig.lanes`). It therefore chooses by `select`.
+
 A row of sums holds, in this order: the end time, the part of its time that is bridged, the number
 of samples, the sum of the measured supply pressure, the number of samples with one, the flow drawn
 from the supply at these samples and its signed square; then pairs of values for chambers 1 and 2,
@@ -12,6 +14,7 @@ from typing import Final
 
 from estimator.filters import settled_return, settled_supply
 from rig.jit import njit
+from rig.lanes import anywhere, select
 from rig.plant import (
     FAULTS,
     NO_FAULT,
@@ -109,11 +112,15 @@ def _rectified(distance, deviation):
         deviation: standard deviation of the normal noise e, m.
     """
     away = abs(distance)
-    if away >= _FAR * deviation:
-        return 0.0
-    scaled = away / deviation
-    density = _PEAK * exp(-0.5 * scaled * scaled)
-    return deviation * (density - scaled * erfc(scaled / _ROOT_OF_TWO))
+    near = away < _FAR * deviation
+    added_by_noise = 0.0 * away
+    if anywhere(near):
+        # Where the distance is not small, what is computed here is not used.
+        scaled = select(near, away, 0.0) / select(near, deviation, 1.0)
+        density = _PEAK * exp(-0.5 * scaled * scaled)
+        rectified = deviation * (density - scaled * erfc(scaled / _ROOT_OF_TWO))
+        added_by_noise = select(near, rectified, 0.0)
+    return added_by_noise
 
 
 @inlined
@@ -134,12 +141,14 @@ def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
     The two values are for the flow into chamber 1 and the flow out of chamber 2. `g1` and `g2` are
     those of plain edges. Pressures are in Pa; the opening, null bias included, is in m.
     """
-    if abs(opening) < par.valve_deadband:
-        g1 = g2 = 0.0
-    elif abs(lapped(opening, par)) < par.valve_underlap_leakage:
+    shut = abs(opening) < par.valve_deadband
+    ajar = abs(lapped(opening, par)) < par.valve_underlap_leakage
+    if anywhere(ajar):
         conductance = valve_conductance(par)
-        g1 = conductance * (signed_root(supply - p1) + signed_root(p1 - back))
-        g2 = conductance * (signed_root(p2 - back) + signed_root(supply - p2))
+        both_1 = conductance * (signed_root(supply - p1) + signed_root(p1 - back))
+        both_2 = conductance * (signed_root(p2 - back) + signed_root(supply - p2))
+        g1, g2 = select(ajar, both_1, g1), select(ajar, both_2, g2)
+    g1, g2 = select(shut, 0.0, g1), select(shut, 0.0, g2)
     return g1, (1.0 - par.valve_flow_asymmetry) * g2
 
 
@@ -197,7 +206,7 @@ def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
     row[_NULL_BIAS] -= g1
     row[_NULL_BIAS + 1] += g2
     away = abs(true_opening)
-    into, out_of = (g1, g2) if extending else (-g1, -g2)
+    into, out_of = select(extending, g1, -g1), select(extending, g2, -g2)
     row[_EDGE_1] += into * min(away / _REACH_1, 1.0)
     row[_EDGE_1 + 1] -= out_of * min(away / _REACH_1, 1.0)
     row[_EDGE_2] += into * min(away / _REACH_2, 1.0)
@@ -214,24 +223,23 @@ def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
     row[_LANDS + 1] -= supply + back - 2.0 * p2
     row[_DISCHARGE] -= q1
     row[_DISCHARGE + 1] += q2
-    if extending:
-        row[_SUPPLY_1] -= q1
-        row[_RETURN_2 + 1] += q2
-        row[_PRESSURE] -= slope_1
-        row[_BIAS_1] -= slope_1
-        row[_BIAS_2 + 1] -= slope_2
-        row[_BACK + 1] -= slope_2
-        row[_BACKED_UP + 1] -= slope_2 * q2 * q2
-        row[_DROOP] += slope_1 * q1 * q1
-    else:
-        row[_RETURN_1] -= q1
-        row[_SUPPLY_2 + 1] += q2
-        row[_PRESSURE + 1] += slope_2
-        row[_BIAS_1] += slope_1
-        row[_BIAS_2 + 1] += slope_2
-        row[_BACK] += slope_1
-        row[_BACKED_UP] += slope_1 * q1 * q1
-        row[_DROOP + 1] -= slope_2 * q2 * q2
+    forward_1, forward_2 = select(extending, q1, 0.0), select(extending, q2, 0.0)
+    slope_in_1, slope_out_2 = select(extending, slope_1, 0.0), select(extending, slope_2, 0.0)
+    slope_out_1, slope_in_2 = select(extending, 0.0, slope_1), select(extending, 0.0, slope_2)
+    row[_SUPPLY_1] -= forward_1
+    row[_RETURN_2 + 1] += forward_2
+    row[_RETURN_1] -= select(extending, 0.0, q1)
+    row[_SUPPLY_2 + 1] += select(extending, 0.0, q2)
+    row[_PRESSURE] -= slope_in_1
+    row[_PRESSURE + 1] += slope_in_2
+    row[_BIAS_1] += select(extending, -slope_1, slope_1)
+    row[_BIAS_2 + 1] += select(extending, -slope_2, slope_2)
+    row[_BACK] += slope_out_1
+    row[_BACK + 1] -= slope_out_2
+    row[_BACKED_UP] += slope_out_1 * q1 * q1
+    row[_BACKED_UP + 1] -= slope_out_2 * q2 * q2
+    row[_DROOP] += slope_in_1 * q1 * q1
+    row[_DROOP + 1] -= slope_in_2 * q2 * q2
     row[_DELAY] -= g1 * spool_rate
     row[_DELAY + 1] += g2 * spool_rate
 
@@ -248,13 +256,16 @@ def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
     row[SIZE + 1] += abs(e2)
     row[SIZE + 2] += abs(e12)
     # Where noise decides whether an edge is open, the flow says nothing about the lines.
-    if away > _FAR * deviation:
-        fed, returned = (slope_1, slope_2 * q2 * q2) if extending else (slope_2, slope_1 * q1 * q1)
-        chamber = 0 if extending else 1
-        row[_SUPPLY_LEAK + chamber] += fed if extending else -fed
-        row[_BLOCKAGE + 1 - chamber] += -returned if extending else returned
-        row[SIZE + 3] += abs(fed)
-        row[SIZE + 4] += abs(returned)
+    certain = away > _FAR * deviation
+    fed = select(certain, select(extending, slope_1, slope_2), 0.0)
+    fall_1, fall_2 = slope_1 * q1 * q1, slope_2 * q2 * q2
+    returned = select(certain, select(extending, fall_2, fall_1), 0.0)
+    row[_SUPPLY_LEAK] += select(extending, fed, 0.0)
+    row[_SUPPLY_LEAK + 1] -= select(extending, 0.0, fed)
+    row[_BLOCKAGE] += select(extending, 0.0, returned)
+    row[_BLOCKAGE + 1] -= select(extending, returned, 0.0)
+    row[SIZE + 3] += abs(fed)
+    row[SIZE + 4] += abs(returned)
 
     row[DOUBT] += _doubt(conductance * opening, drop_1)
     row[DOUBT + 1] += _doubt(conductance * opening, drop_2)
@@ -263,9 +274,9 @@ def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
     row[DOUBT] += blur * abs(g1)
     row[DOUBT + 1] += blur * abs(g2)
     untold = conductance * (null_spread - away)
-    if untold > 0.0:
-        row[DOUBT] += untold * abs(through_1)
-        row[DOUBT + 1] += untold * abs(through_2)
+    if anywhere(untold > 0.0):
+        row[DOUBT] += max(untold, 0.0) * abs(through_1)
+        row[DOUBT + 1] += max(untold, 0.0) * abs(through_2)
 
 
 @inlined
@@ -280,7 +291,7 @@ def add_supply(opening, p1, p2, supply, par, row):
         par: the `Parameters` that are assumed.
         row: (WIDTH,) sums, updated; flow in m^3/s.
     """
-    drop = supply - (p1 if opening >= 0.0 else p2)
+    drop = supply - select(opening >= 0.0, p1, p2)
     drawn = valve_conductance(par) * abs(lapped(opening, par)) * signed_root(drop)
     row[SUPPLY] += supply
     row[SUPPLY + 1] += 1.0

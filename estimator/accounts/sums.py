@@ -52,6 +52,25 @@ _SECONDS: Final = _SIZE + _M
 _BLOCKS: Final = _SECONDS + 1
 _SUPPLY: Final = _BLOCKS + 1
 _WIDTH: Final = _SUPPLY + 3
+
+
+class Places:
+    """Where in a packed row of sums each kind of sum begins, for compiled code that reads them.
+
+    `FAULT_` marks sums of the six fault columns, of which the last is the null's shift (`SHIFT`).
+    """
+
+    SQUARES: Final = _FF
+    PRODUCTS: Final = _FY
+    MISSING: Final = _YY
+    FAULT_SQUARES: Final = _LL
+    FAULT_CROSSED: Final = _LF
+    FAULT_PRODUCTS: Final = _LY
+    SIZES: Final = _SIZE
+    SECONDS: Final = _SECONDS
+    BLOCKS: Final = _BLOCKS
+
+
 _FAULT_PARTS: Final = (_LL, _LF, _LY, _SIZE, _SECONDS, _BLOCKS, _SUPPLY)
 
 
@@ -98,6 +117,14 @@ class AccountSums:
     def mark_blocks(self) -> NDArray[np.int64]:
         """Return the index of the block that follows each mark: int64 (marks,)."""
         return self._mark_blocks[: self.marks]
+
+    @property
+    def packed(self) -> tuple[Array, Array]:
+        """Return the packed sums over all blocks (width,), and those before each mark.
+
+        The latter are (marks, width). Both are in the order of `Places`, and must not be changed.
+        """
+        return self._total, self._before[: self.marks]
 
     def add(
         self,

@@ -22,8 +22,19 @@ from .detection import (
     OilAccountDetector as OilAccountDetector,
     leak_flow as leak_flow,
 )
-from .finding import Growth as Growth
+from .fault_scores import (
+    SETTLED_PART as SETTLED_PART,
+    WITNESSES as WITNESSES,
+    Candidates as Candidates,
+)
+from .fault_size import (
+    GREAT_FLOW as GREAT_FLOW,
+    SETTLING_BLOCKS as SETTLING_BLOCKS,
+    FaultSizes as FaultSizes,
+)
+from .finding import Finding as Finding, Growth as Growth
 from .found import Found as Found, found_in as found_in
+from .leak_statistic import RIVAL_GAIN as RIVAL_GAIN, LeakTest as LeakTest
 from .oil_account import Samples as Samples
 from .pattern import (
     LEARNING_S as LEARNING_S,
@@ -44,4 +55,5 @@ from .replaying import (
     replay as replay,
     samples_of as samples_of,
 )
+from .supply_statistic import SIGNS as SIGNS, SUPPLY_SIGMA as SUPPLY_SIGMA, SupplyTest as SupplyTest
 from .travel import travel_needed as travel_needed

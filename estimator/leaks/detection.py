@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from math import exp, hypot, isnan, sqrt
-from typing import Final, Protocol
+from typing import ClassVar, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,12 @@ class OilAccountDetector:
             empty.
         drawn_up: the blocks that the samples of the last `update` finished.
         begun: how often the test has started anew and dropped all earlier blocks.
+        account: the oil account.
+        leak_test, supply_test: classes of the tests, which a derived class may replace.
     """
+
+    leak_test: ClassVar[type[LeakTest]] = LeakTest
+    supply_test: ClassVar[type[SupplyTest]] = SupplyTest
 
     def __init__(
         self,
@@ -86,9 +91,9 @@ class OilAccountDetector:
     ) -> None:
         self._parameters = model.parameters
         self._setting = false_alarms_per_day, expected, model_error
-        self._test = LeakTest(*self._setting)
-        self._account = OilAccount(model.parameters, self._test)
-        self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
+        self._test = self.leak_test(*self._setting)
+        self.account = OilAccount(model.parameters, self._test)
+        self._supply = self.supply_test(model.parameters, false_alarms_per_day, model_error)
         self._returns = ReturnTest(model.parameters, *self._setting) if returning else None
         self._drift = DriftWatch(model.parameters, *self._setting)
         self._first_s = self._last_s = float("nan")
@@ -107,7 +112,7 @@ class OilAccountDetector:
         The test looks for faults that last, which blocks with a leak that has ended do not fit.
         """
         self.begun += 1
-        self._test = self._account.test = LeakTest(*self._setting)
+        self._test = self.account.test = self.leak_test(*self._setting)
         self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
         self._named = None
         self._drift.begin_anew()
@@ -118,17 +123,36 @@ class OilAccountDetector:
         The blocks that they finish are tested, and stand in `drawn_up`. `decide` is to be called
         after each half second of samples, as its calls tell for how long a fault has been found.
         """
-        if isnan(self._first_s):
-            self._first_s = float(samples.time_s[0])
-        self._last_s = float(samples.time_s[-1])
-        self.drawn_up = []
+        self._advance(samples.time_s)
         self._drift.see(samples.position)
-        for block in self._account.add(samples, run):
-            self._supply.add(block)
-            self._drift.add(block)
-            if self._returns is not None:
-                self._returns.add(block)
-            self.drawn_up.append(block)
+        for block in self.account.add(samples, run):
+            self._add(block)
+
+    def take(self, block: AccountBlock, time_s: Array) -> None:
+        """Add a block that was drawn up elsewhere, which ends with the last of the next samples.
+
+        It takes the place of `update` with these samples.
+
+        Args:
+            block: the block.
+            time_s: time of each of the samples, s, (n,).
+        """
+        self._advance(time_s)
+        self.account.take(block)
+        self._add(block)
+
+    def _advance(self, time_s: Array) -> None:
+        if isnan(self._first_s):
+            self._first_s = float(time_s[0])
+        self._last_s = float(time_s[-1])
+        self.drawn_up = []
+
+    def _add(self, block: AccountBlock) -> None:
+        self._supply.add(block)
+        self._drift.add(block)
+        if self._returns is not None:
+            self._returns.add(block)
+        self.drawn_up.append(block)
 
     @property
     def accuses(self) -> bool:

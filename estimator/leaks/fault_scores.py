@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 WITNESSES: Final = 4
 """Fewest blocks with a fault from which it is claimed; the spread of fewer says too little."""
-_SETTLED_PART: Final = 0.8
+SETTLED_PART: Final = 0.8
 """If a fault leaves less than this part of the noise variance, the variance is estimated anew.
 
 The noise was then largely the fault itself."""
@@ -73,7 +73,7 @@ def score_faults(sums: AccountSums, least: float, beside: Finding | None = None)
         scores = regression.score(crossed, products, variance)
         usable = visible & (scores.coefficient > 0.0)
         left = scores.variance.min(where=usable, initial=variance)
-        if left > _SETTLED_PART * variance:
+        if left > SETTLED_PART * variance:
             break
         variance = float(left)
     freedom = regression.freedom

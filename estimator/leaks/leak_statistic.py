@@ -11,10 +11,11 @@ docs/detection.md has the formulae.
 """
 
 from dataclasses import replace
-from math import sqrt
+from math import pi, sqrt
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.accounts import (
     BLOCK_S,
@@ -42,6 +43,8 @@ from estimator.accounts import (
 from .fault_scores import WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes
 from .finding import Finding
+
+Array = NDArray[np.float64]
 
 MINIMUM_BLOCKS: Final = 16
 """Fewest blocks (8 s) with which a fault is claimed. Their 32 values outnumber the nuisances and a
@@ -144,17 +147,25 @@ class LeakTest:
         """Add one block; an incomplete one is ignored."""
         if not block.complete:
             return
+        rows = self._in_noise(block)
+        self._recent.add(*rows)
+        self.sums.add(block, rows, self._kept)
+        self._scored.clear()
+        self._findings = self._healthy_noise = None
+
+    def _in_noise(self, block: AccountBlock) -> tuple[Array, Array, Array]:
+        """Return a block's missing flow (2,), nuisances (2, n) and faults with null shift (2, 6).
+
+        They are in units of the block's expected noise. The nuisances are in units of what is known
+        of them before any block, and the missing flow is without their expected mean.
+        """
         white = whitening(block, self.model_error)
         nuisances = white @ block.nuisances
         missing = white @ block.missing - nuisances @ self._expected.mean
         # The spool's null may shift just where a fault begins; a fault must explain more than that.
         shift = self.model_error * block.nuisances[:, _NULL_BIAS]
         shapes = white @ np.column_stack([block.faults, shift])
-        rows = missing, nuisances @ self._root, shapes
-        self._recent.add(*rows)
-        self.sums.add(block, rows, self._kept)
-        self._scored.clear()
-        self._findings = self._healthy_noise = None
+        return missing, nuisances @ self._root, shapes
 
     def search(self) -> list[Finding]:
         """Return the faults found in all blocks so far, at most two; [] before `MINIMUM_BLOCKS`."""
@@ -290,8 +301,11 @@ class LeakTest:
         """
         key = None if beside is None else (beside.fault, beside.onset)
         if key not in self._scored:
-            self._scored[key] = score_faults(self.sums, self._least_variance, beside)
+            self._scored[key] = self._scores(beside)
         return self._scored[key]
+
+    def _scores(self, beside: Finding | None) -> Candidates:
+        return score_faults(self.sums, self._least_variance, beside)
 
     def best(self, beside: Finding | None = None) -> Finding | None:
         """Return the fault with the greatest gain whose statistic exceeds the limit; else None.
@@ -303,12 +317,36 @@ class LeakTest:
             beside: a fault that was found and is fitted along; None for the first fault.
         """
         candidates = self.candidates(beside)
-        scores, sizes, usable = candidates.scores, candidates.products.sizes, candidates.usable
         dead_zone = self.dead_zone
         if beside is not None:
-            flow = beside.coefficient * sizes[self.mark(beside), beside.fault]
+            flow = beside.coefficient * candidates.products.sizes[self.mark(beside), beside.fault]
             dead_zone = np.maximum(dead_zone, self.relative_dead_zone * flow)
         limit = self.threshold(candidates.regression.freedom)
+        gain, marks = self._standing_out(beside, limit, dead_zone)
+        for fault in np.argsort(-gain):
+            mark = int(marks[fault])
+            if gain[fault] <= 0.0:
+                return None
+            variance = float(candidates.scores.variance[mark, fault])
+            finding = self._sizes().sudden(int(fault), mark, beside, dead_zone[fault], variance)
+            if finding.statistic > limit:
+                return replace(finding, likelihood=float(gain[fault]), limit=limit)
+        return None
+
+    def _standing_out(
+        self, beside: Finding | None, limit: float, dead_zone: Array
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Return the greatest gain of each fault among its candidates that stand out, and its mark.
+
+        Both are (5,); a gain is 0 if none stands out.
+
+        Args:
+            beside: a fault that was found and is fitted along, or None.
+            limit: value that the statistic must exceed.
+            dead_zone: flow in L/min that each fault must exceed, (5,).
+        """
+        candidates = self.candidates(beside)
+        scores, sizes, usable = candidates.scores, candidates.products.sizes, candidates.usable
         error = scores.variance / np.where(usable, scores.information, 1.0)
         dead = dead_zone / np.where(usable, sizes, 1.0)
         sure = scores.coefficient > limit * np.sqrt(error) + dead
@@ -317,15 +355,26 @@ class LeakTest:
         best = max(candidates.gain.max(), candidates.change.max())
         likely = candidates.gain >= best - RIVAL_GAIN
         gain = np.where(sure & likely, candidates.gain, 0.0)
-        for fault in np.argsort(-gain.max(axis=0)):
-            mark = int(np.argmax(gain[:, fault]))
-            if gain[mark, fault] <= 0.0:
-                return None
-            variance = float(scores.variance[mark, fault])
-            finding = self._sizes().sudden(int(fault), mark, beside, dead_zone[fault], variance)
-            if finding.statistic > limit:
-                return replace(finding, likelihood=float(gain[mark, fault]), limit=limit)
-        return None
+        return gain.max(axis=0), np.argmax(gain, axis=0)
+
+    def log_evidence(self, lasting: float, greatest_flow: float) -> Array:
+        """Return the logarithm of each fault's likelihood beside none, summed over onsets: (5,).
+
+        Every flow up to `greatest_flow` is equally probable. A flow within the dead zone is no
+        evidence of a fault.
+
+        Args:
+            lasting: factor by which lasting noise raises the variance of a coefficient.
+            greatest_flow: L/min.
+        """
+        candidates = self.candidates()
+        scores, usable = candidates.scores, candidates.usable
+        size = np.where(usable, candidates.products.sizes, 1.0)
+        error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
+        surplus = np.maximum(scores.coefficient - self.dead_zone / size, 0.0) / error
+        width = np.log(sqrt(2.0 * pi) / greatest_flow * size * error)
+        logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
+        return np.asarray(np.logaddexp.reduce(logs, axis=0))
 
     def likeliest(self) -> Finding | None:
         """Return the fault with the greatest gain, even if it may be noise.

@@ -257,18 +257,12 @@ def fault_probabilities(test: LeakTest) -> Array:
     They follow by Bayes' rule. Every onset is equally probable, and so is every flow up to
     `GREATEST_FLOW`. A flow within the dead zone is no evidence of a fault.
     """
-    candidates = test.candidates()
-    scores, usable = candidates.scores, candidates.usable
     lasting = next((fault.lasting for fault in test.likely()), 1.0)
-    size = np.where(usable, candidates.products.sizes, 1.0)
-    error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
-    surplus = np.maximum(scores.coefficient - test.dead_zone / size, 0.0) / error
-    width = np.log(sqrt(2.0 * pi) / GREATEST_FLOW * size * error)
     onsets = max(test.sums.marks, 1)
-    logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
-    each = np.logaddexp.reduce(logs, axis=0) + log(PRIOR / onsets)
+    each = test.log_evidence(lasting, GREATEST_FLOW) + log(PRIOR / onsets)
     pair = -np.inf
     if len(findings := test.search()) > 1:
+        candidates = test.candidates()
         flows = [f.deviation * candidates.products.sizes[test.mark(f), f.fault] for f in findings]
         pair = sum(
             0.5 * f.statistic**2 + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)

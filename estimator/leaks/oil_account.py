@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.accounts import AccountBlock, FlowAccount
+from estimator.accounts import FROZEN_SAMPLES, AccountBlock, FlowAccount
 from estimator.filters import FilterRun
 from rig.plant import Parameters
 
@@ -15,11 +15,6 @@ from .leak_statistic import LeakTest
 Array = NDArray[np.float64]
 
 _ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
-_FROZEN_SAMPLES: Final = 40
-"""A pressure with this many equal readings in a row counts as not measured, for noise of 30 kPa
-would not allow that. The detector only leaves such samples out, on any rig; the loop, which trips
-on them, derives its count from the chance of a false trip
-(`rig.loop.interlocks.check_tolerances.frozen_samples`)."""
 
 
 class Samples(NamedTuple):
@@ -45,11 +40,14 @@ class OilAccount:
     Args:
         parameters: the parameters of the rig that are assumed.
         test: the test that takes every block.
+
+    Attributes:
+        flow: the running block of the account.
     """
 
     def __init__(self, parameters: Parameters, test: LeakTest) -> None:
         self.test = test
-        self._account = FlowAccount(parameters)
+        self.flow = FlowAccount(parameters)
         self._assumed_bias = parameters.spool_null_bias
         self._further_bias = test.null_bias()
 
@@ -65,21 +63,30 @@ class OilAccount:
         rows = np.array([run.time_s, *estimates, fresh, samples.supply_pressure])
         first = 0
         while first < run.time_s.size:
-            end = first + self._account.samples_left
-            further_bias, spread = self._further_bias
-            null = self._assumed_bias + further_bias, spread
-            for block in self._account.add(np.ascontiguousarray(rows[:, first:end]), null):
-                self.test.add(block)
-                self._further_bias = self.test.null_bias()
+            end = first + self.flow.samples_left
+            part = np.ascontiguousarray(rows[:, first:end])
+            for block in self.flow.add(part, self.null):
+                self.take(block)
                 yield block
             first = end
+
+    @property
+    def null(self) -> tuple[float, float]:
+        """Return the null bias of the rig's spool and its standard deviation, m."""
+        further_bias, spread = self._further_bias
+        return self._assumed_bias + further_bias, spread
+
+    def take(self, block: AccountBlock) -> None:
+        """Pass a finished block to the test, and take the null bias for the next one from it."""
+        self.test.add(block)
+        self._further_bias = self.test.null_bias()
 
 
 def _alive(values: Array) -> NDArray[np.bool_]:
     """Return for each value whether the transducer seems to measure: bool (n,).
 
-    It does not in a run of `_FROZEN_SAMPLES` or more equal values.
+    It does not in a run of `FROZEN_SAMPLES` or more equal values.
     """
     starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
     lengths = np.diff([*starts, values.size])
-    return np.repeat(lengths < _FROZEN_SAMPLES, lengths)
+    return np.repeat(lengths < FROZEN_SAMPLES, lengths)

@@ -67,7 +67,7 @@ PROPORTIONAL_ERROR: Final = 0.05
 valve's flow is off by 5 %."""
 _LEAK_FLOW: Final = 20.0 * LITRE_PER_MINUTE
 """Prior standard deviation (m^3/s) of a leak of the supply line; it scales the unknown e."""
-_SIGNS: Final = np.array([-1.0, 2.0 * DROOP_SIGMA * _LEAK_FLOW / PROPORTIONAL_SIGMA])
+SIGNS: Final = np.array([-1.0, 2.0 * DROOP_SIGMA * _LEAK_FLOW / PROPORTIONAL_SIGMA])
 """Factors that turn the columns of p_0 and r into those of d and e. A drop d lowers the pressure
 that p_0 raises; e has the leak's prior in place of the droop's."""
 _ROUNDS: Final = 4
@@ -127,6 +127,20 @@ class SupplyTest:
         self._starts[at] = block.start_s
         self._blocks += 1
 
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """Return what the search for a drop goes by, for compiled code.
+
+        These are the expected variance of the noise, Pa^2; its weight in blocks; the greatest
+        number of fits; the change of the variance at which they end; the unit of the first unknown,
+        Pa; the parts of the dead zone by wander, Pa, by the proportional droop and by the other
+        one, both ratios; and the model error.
+        """
+        return (
+            NOISE**2, _NOISE_WEIGHT, float(_ROUNDS), _CONVERGED, float(self._scale[0]),
+            WANDER * self._assumed[0], PROPORTIONAL_ERROR, DROOP_ERROR, self._model_error,
+        )  # fmt: skip
+
     def limit(self) -> float:
         """Return the value that the statistic exceeds on a healthy rig at the stated rate.
 
@@ -172,12 +186,40 @@ class SupplyTest:
 
     def _searched(self) -> Finding | None:
         rows = self._rows[np.arange(max(self._blocks - ONSETS, 0), self._blocks) % ONSETS]
-        # Products since each onset, and of all blocks. A drop older than the rows keeps its onset.
-        since = np.cumsum((rows[:, :, None] * rows[:, None, :])[::-1], axis=0)[::-1]
-        total = self._before + self._since + since[0]
+        # A drop older than the rows keeps its onset.
         held = self._since[0, 0] > 0.0
         first = 0 if self._blocks > ONSETS else WITNESSES
-        onsets = np.arange(first, 1 if held else rows.shape[0] - WITNESSES + 1)
+        onsets = range(first, 1 if held else rows.shape[0] - WITNESSES + 1)
+        found = self._likeliest_of(rows, onsets)
+        if found is None:
+            return None
+        at, drop, deviation, statistic, spread = found
+        onset = self._blocks - rows.shape[0] + at
+        if held and self._likeliest is not None:
+            onset, onset_s = self._likeliest.onset, self._likeliest.onset_s
+        else:
+            onset_s = float(self._starts[onset % ONSETS])
+        return Finding(
+            SUPPLY_LEAKAGE, onset, drop, deviation, statistic, statistic**2, onset_s, spread
+        )  # fmt: skip
+
+    def _likeliest_of(
+        self, rows: Array, tried: range
+    ) -> tuple[int, float, float, float, float] | None:
+        """Return the likeliest drop among some onsets; None if the pressure did not drop.
+
+        Args:
+            rows: rows of the blocks that are kept, oldest first, (blocks, 4).
+            tried: indices in `rows` of the onsets.
+
+        Returns:
+            Index of the onset, drop and its standard error in Pa, statistic, and the factor by
+            which uneven or lasting noise has raised the variance.
+        """
+        # Products since each onset, and of all blocks.
+        since = np.cumsum((rows[:, :, None] * rows[:, None, :])[::-1], axis=0)[::-1]
+        total = self._before + self._since + since[0]
+        onsets = np.arange(tried.start, tried.stop)
         since = since[onsets] + self._since
         contrasts = self._contrasts(since)
         variance = NOISE**2
@@ -199,14 +241,7 @@ class SupplyTest:
         droops = self._droop_changes(since[best], total) * estimate[1:3]
         dead += float(np.abs(droops) @ (PROPORTIONAL_ERROR, DROOP_ERROR))
         statistic = (drop - self._model_error * dead) / deviation
-        onset = self._blocks - rows.shape[0] + int(onsets[best])
-        if held and self._likeliest is not None:
-            onset, onset_s = self._likeliest.onset, self._likeliest.onset_s
-        else:
-            onset_s = float(self._starts[onset % ONSETS])
-        return Finding(
-            SUPPLY_LEAKAGE, onset, drop, deviation, statistic, statistic**2, onset_s, spread
-        )  # fmt: skip
+        return int(onsets[best]), drop, deviation, statistic, spread
 
     def _droop_changes(self, since: Array, total: Array) -> Array:
         """Return how much the droops change the mean supply pressure from before to after an onset.
@@ -229,7 +264,7 @@ class SupplyTest:
         """
         contrasts = np.zeros((since.shape[0], 5))
         contrasts[:, 3] = self._scale[0]
-        contrasts[:, 4] = -_SIGNS[1] * self._scale[0] * since[:, 0, 1] / since[:, 0, 0]
+        contrasts[:, 4] = -SIGNS[1] * self._scale[0] * since[:, 0, 1] / since[:, 0, 0]
         return contrasts
 
     def _spread(self, rows: Array, estimate: Array, onset: int, variance: float) -> float:
@@ -242,7 +277,7 @@ class SupplyTest:
             variance: noise variance of the fit, Pa^2.
         """
         left = rows[:, 3] - rows[:, :3] @ estimate[:3]
-        left[onset:] -= rows[onset:, :2] @ (_SIGNS * estimate[3:])
+        left[onset:] -= rows[onset:, :2] @ (SIGNS * estimate[3:])
         # Two unknowns are fitted to the blocks since the onset alone.
         uneven = float((left[onset:] ** 2).sum()) / (left[onset:].size - 2) / variance
         return max(uneven, 1.0) * lasting_noise(left[:, None], self._model_error)
@@ -262,12 +297,12 @@ def _fitted(since: Array, total: Array, variance: float) -> tuple[Array, Array, 
     """
     squares = np.empty((since.shape[0], 5, 5))
     squares[:, :3, :3] = total[:3, :3]
-    squares[:, :3, 3:] = since[:, :3, :2] * _SIGNS
+    squares[:, :3, 3:] = since[:, :3, :2] * SIGNS
     squares[:, 3:, :3] = squares[:, :3, 3:].transpose(0, 2, 1)
-    squares[:, 3:, 3:] = since[:, :2, :2] * np.outer(_SIGNS, _SIGNS)
+    squares[:, 3:, 3:] = since[:, :2, :2] * np.outer(SIGNS, SIGNS)
     products = np.empty((since.shape[0], 5))
     products[:, :3] = total[:3, 3]
-    products[:, 3:] = since[:, :2, 3] * _SIGNS
+    products[:, 3:] = since[:, :2, 3] * SIGNS
     # A drop may be as great as the supply pressure itself: next to no prior.
     prior = np.diag([1.0, 1.0, 1.0, SUPPLY_SIGMA**2, 1.0])
     covariance = np.linalg.inv(squares / variance + prior)

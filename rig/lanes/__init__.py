@@ -9,6 +9,11 @@ A compiled function that was written for floats takes lanes as well, under two c
 from lazy_loader import attach_stub
 
 # These teach the compiler what operators and functions do with lanes.
-from . import arithmetic as arithmetic, exponential as exponential, sines as sines
+from . import (
+    arithmetic as arithmetic,
+    error_function as error_function,
+    exponential as exponential,
+    sines as sines,
+)
 
 __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Judges cases by the product filter in lanes, and by a detector for each lane.
+"""Judges cases by the product filter and its detector in lanes (`estimator.leak_lanes`).
 
 A detector without any evidence of a fault is not asked for its verdict: the verdict would name no
 fault, and computing it takes longer than all the rest.
@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.filters import FILTERS, OUTPUTS, FilterRun, ProductLanes
-from estimator.leaks import Decision, OilAccountDetector, Samples
+from estimator.filters import ProductLanes
+from estimator.leak_lanes import CompiledDetector, LaneDetectors
+from estimator.leaks import Decision
 from rig.lanes import LANES, empty_lanes
 from rig.loop import LANE_READINGS, LOGGED, MOST_STEPS
 from rig.plant import TICK
@@ -34,10 +35,7 @@ def judged_by_product(group: Group) -> Figures:
         SweepError: a rig needed more integration steps than are allowed.
     """
     setting = group.setting
-    detectors = [
-        OilAccountDetector(setting.model, setting.false_alarms_per_day, returning=False)
-        for _ in range(LANES)
-    ]
+    detectors = LaneDetectors(setting.model, setting.false_alarms_per_day)
     decisions = [Decision("inconclusive")] * LANES
     verdicts: list[list[str]] = []
     ends_s: list[float] = []
@@ -55,10 +53,10 @@ def judged_by_product(group: Group) -> Figures:
         states = np.concatenate([before, filters.advance(readings[-1:])])
         ends_s.append(float(time_s[-1]))
         last = len(ends_s) == setting.blocks
-        samples = [_samples(time_s, readings[:, :, lane]) for lane in range(LANES)]
+        detectors.update(time_s, readings, states)
         decisions = [
-            _decided(detectors[i], decisions[i], samples[i], states[:, :, i], last=last)
-            for i in range(LANES)
+            _decided(detector, held, last=last)
+            for detector, held in zip(detectors.each, decisions, strict=True)
         ]
         verdicts.append([each.verdict for each in decisions])
     healthy = np.array([each.probabilities.get("healthy", np.nan) for each in decisions])
@@ -126,15 +124,8 @@ def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
         yield ticks * TICK, readings
 
 
-def _samples(time_s: Array, readings: Array) -> Samples:
-    position, p1, p2, spool, supply, command = np.ascontiguousarray(readings.T)
-    return Samples(time_s, command, position, p1, p2, spool, supply)
-
-
-def _decided(
-    detector: OilAccountDetector, held: Decision, samples: Samples, states: Array, *, last: bool
-) -> Decision:
-    """Give the detector of a case the next block, and return the decision after the block.
+def _decided(detector: CompiledDetector, held: Decision, *, last: bool) -> Decision:
+    """Return the decision of a case after a block that its detector has taken.
 
     The detector is only asked for a new decision if it sees a sign of a fault, if the decision
     before named a fault, or in the last block; else the decision before is returned.
@@ -142,12 +133,6 @@ def _decided(
     Args:
         detector: the detector; updated.
         held: the decision before this block.
-        samples: the readings of the case in the block.
-        states: the filter's estimates in the block, (ticks, 11).
         last: whether this is the last block, after which there is always a decision.
     """
-    outputs = np.full((len(states), len(OUTPUTS)), np.nan)
-    estimates = np.ascontiguousarray(states)
-    run = FilterRun(FILTERS["product"], samples.time_s, estimates, outputs, np.empty((0, 0)))
-    detector.update(samples, run)
     return detector.decide() if last or held.names_a_fault or detector.accuses else held

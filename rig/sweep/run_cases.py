@@ -168,6 +168,10 @@ def _load(setting: Setting, cases: Cases) -> float:
     nothing = (Asked(),) * len(setting.asked)
     short = replace(setting, ticks=_LEAST_BLOCKS * BLOCK + 1, asked=nothing)
     judge_cases(short, _still_case(setting, cases))
+    if setting.filter_name == "product":
+        from estimator.leak_lanes import load_compiled
+
+        load_compiled()
     _loaded.add(setting.filter_name)
     return time.perf_counter() - start
 
