@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.loop.interlocks.ladder import EXPLANATIONS
+from rig.loop.interlocks.ladder import EXPLANATIONS, Cause
 from rig.recording import RecordingError, recover
 from rig.recording.formats.mcap_reader import read_mcap
 from rig.recording.recording import Table
@@ -175,8 +175,9 @@ def cause_of(out: Path, recording: Table | None, printed: str) -> str:
     if report.exists():
         return str(json.loads(report.read_text())["cause"])
     for event in recording.events if recording else ():
-        if event.kind == "trip":
-            return event.text.partition(":")[0]
+        name = event.text.partition(":")[0]
+        if event.kind == "trip" and name in Cause.__members__:
+            return name
     for cause, (sentence, _) in EXPLANATIONS.items():
         if sentence and re.search(rf"tripped(?: by the \w+)?: {re.escape(sentence)}", printed):
             return cause.name

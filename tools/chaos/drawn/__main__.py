@@ -108,6 +108,8 @@ def row_of(case: Case, evidence: Evidence, found: list[str]) -> dict[str, Any]:
     """Return a case's row of the results: what failed, what came of it, and what did not hold."""
     nulled_ns = null_ns(evidence)
     begun = [each.at_ns for each in evidence.struck if each.fault.null_ms is not None]
+    # A fault that comes later cannot be why the valve is at null.
+    begun = [at_ns for at_ns in begun if nulled_ns is not None and at_ns <= nulled_ns]
     null_ms = None if nulled_ns is None or not begun else 1e-6 * (nulled_ns - min(begun))
     since_ns = min((each.at_ns for each in evidence.struck), default=0)
     return {

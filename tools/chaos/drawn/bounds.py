@@ -23,6 +23,11 @@ FOREIGN_MASTER: Final = Bound(
 FOLDER_REMOVED: Final = Bound(
     1500.0, "a look every 0.25 s, a ramp of 0.5 s, and 0.75 s to copy what is held open"
 )
+ORDINARY: Final = Bound(
+    200.0,
+    "supervisor and field process have no real-time priority: what they must notice may take so "
+    "much longer than is claimed while the machine has other work",
+)
 BYPASS_AFTER_NULL: Final = Bound(
     1500.0,
     "the loop's silence of 0.5 s, at most, until the field process acts; 0.2 s until null is "
@@ -42,6 +47,7 @@ DATA: Final = Bound(1500.0, "the recorder writes to disk each second; 0.5 s for 
 TABLE: Final = {
     "valve at null after another master's write or claim": FOREIGN_MASTER,
     "valve at null after the run's folder was removed": FOLDER_REMOVED,
+    "more, for what supervisor or field process must notice": ORDINARY,
     "bypass valves shut after the valve's null": BYPASS_AFTER_NULL,
     "pump unloaded after the valve's null": PUMP_AFTER_NULL,
     "bypass valves shut where their field process, wires or supervisor failed": BYPASS_BY_WATCHDOG,

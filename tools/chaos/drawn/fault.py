@@ -6,6 +6,8 @@ from typing import Final
 
 from tools.chaos.scenario import Step
 
+from .bounds import ORDINARY
+
 DEVICES: Final = ("valve", "bypass", "pump")
 
 
@@ -95,7 +97,8 @@ def null_deadlines(struck: Iterable[Struck]) -> Iterator[tuple[str, int]]:
     for each in known:
         if each.fault.null_ms is None:
             continue
-        until_ns = each.at_ns + round(1e6 * each.fault.null_ms)
+        slack_ms = ORDINARY.ms if each.fault.needs & {"supervisor", "field"} else 0.0
+        until_ns = each.at_ns + round(1e6 * (each.fault.null_ms + slack_ms))
         others = (other for other in known if other is not each and other.at_ns <= until_ns)
         if not any(other.fault.takes & each.fault.needs for other in others):
             yield each.fault.name, until_ns

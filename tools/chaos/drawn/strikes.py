@@ -6,6 +6,7 @@ import socket
 import struct
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +26,8 @@ _LOOP_REGISTERS, _CLAIM, _NULL = 0, 640, 768
 _FULL_EXTENSION: Final = struct.unpack(">4H", struct.pack(">HHf", 1, 1, 10.0))
 """Registers 0 to 3: a counter, the valve's enable, and a command of 10 V."""
 _FORGERIES: Final = 20
+_ANSWER_S: Final = 0.3
+"""How long another master waits for a connection or an answer, s."""
 
 
 def pause(part: str, seconds: float) -> Step:
@@ -56,7 +59,7 @@ def null_request(stage: Stage) -> None:
 def no_modbus(stage: Stage) -> None:
     """Send the I/O node what is no Modbus, on a connection of its own."""
     stage.injected_ns = time.monotonic_ns()
-    with _connection(stage) as line:
+    with suppress(OSError), _connection(stage) as line:
         line.sendall(b"GET / HTTP/1.1\r\nHost: rig\r\n\r\n")
 
 
@@ -84,7 +87,7 @@ def _publish(session: zenoh.Session, payload: bytes) -> None:
 
 
 def _connection(stage: Stage) -> socket.socket:
-    return socket.create_connection(("127.0.0.1", _port(stage.folder)), timeout=5.0)
+    return socket.create_connection(("127.0.0.1", _port(stage.folder)), timeout=_ANSWER_S)
 
 
 def _port(folder: Path) -> int:
@@ -93,11 +96,15 @@ def _port(folder: Path) -> int:
 
 
 def _write(stage: Stage, address: int, words: Sequence[int]) -> None:
-    """Write holding registers of the I/O node; the answer, a refusal mostly, is not looked at."""
+    """Write holding registers of the I/O node.
+
+    The answer, a refusal mostly, is not looked at. There is none if the other fault is one of the
+    node's wires.
+    """
     body = struct.pack(
         f">BBHHB{len(words)}H", 1, _WRITE, address, len(words), 2 * len(words), *words
     )
-    with _connection(stage) as line:
+    with suppress(OSError), _connection(stage) as line:
         stage.injected_ns = time.monotonic_ns()
         line.sendall(struct.pack(">HHH", 1, 0, len(body)) + body)
         line.recv(260)
