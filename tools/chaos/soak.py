@@ -47,7 +47,7 @@ Series = dict[tuple[str, str], tuple[list[float], list[float]]]
 """(process, resource) -> times in s and values."""
 
 
-def tests(count: int, duration_s: float) -> Iterator[dict[str, Any]]:
+def planned_tests(count: int, duration_s: float) -> Iterator[dict[str, Any]]:
     """Yield so many tests, each with a leak that comes and goes in its first half."""
     fault = FIRST_FAULT | {"at": f"{0.1 * duration_s:g} s", "until": f"{0.5 * duration_s:g} s"}
     for number in range(count):
@@ -68,7 +68,7 @@ def soak(folder: Path, *, emulated: bool, hours: float) -> tuple[Series, float]:
         RuntimeError: the run did not end with exit code 0 or 1.
     """
     duration_s = _WIRE_TEST_S if emulated else _SIMULATED_TEST_S
-    planned = tuple(tests(ceil(3600.0 * hours / duration_s), duration_s))
+    planned = tuple(planned_tests(ceil(3600.0 * hours / duration_s), duration_s))
     series: Series = defaultdict(lambda: ([], []))
     with Stage(folder, tests=planned, emulated=emulated, plain_report=True) as stage:
         if emulated:

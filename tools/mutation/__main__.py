@@ -11,7 +11,7 @@ import ast
 import os
 import sys
 import time
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Final
 
@@ -84,7 +84,7 @@ def _try(subject: Subject, every: int) -> tuple[int, list[Mutant]]:
             reason = HARMLESS.get(mutant.name, "")
             print(f"{_place(subject.path)}:{mutant.line}: {mutant.name}  {reason}", flush=True)
 
-    trees = [ast.parse(source), *(mutant.tree for mutant in mutants)]
+    trees = chain([ast.parse(source)], (mutant.tree for mutant in mutants))
     try_all(subject.module, subject.path, trees, subject.tests, found)
     if fails != [False]:
         sys.exit(f"{subject.name}: its tests fail without any change, with the JIT off")

@@ -29,7 +29,9 @@ class Mutant:
         line: line of the change in the module.
         where: function, class or constant in which it is.
         before, after: the changed piece of code as it was and is.
-        tree: the syntax tree with the change.
+        source: the whole module as it was.
+        path: way to the change in its syntax tree.
+        changed: what stands there instead.
         left_out: the element of a tuple or set that is left out; empty for any other change.
     """
 
@@ -37,8 +39,17 @@ class Mutant:
     where: str
     before: str
     after: str
-    tree: ast.Module
+    source: str
+    path: "Path"
+    changed: ast.AST
     left_out: str = ""
+
+    @property
+    def tree(self) -> ast.Module:
+        """The module's syntax tree with the change, made anew each time."""
+        tree = ast.parse(self.source)
+        _put(tree, self.path, self.changed)
+        return ast.fix_missing_locations(tree)
 
     @property
     def name(self) -> str:
@@ -53,13 +64,10 @@ def mutants_of(source: str) -> Iterator[Mutant]:
     tree = ast.parse(source)
     for path, node, where in _places(tree, (), ""):
         for changed in _changes(node, path):
-            copied = copy.deepcopy(tree)
-            after = _put(copied, path, changed)
-            ast.fix_missing_locations(copied)
             left_out = _left_out(node, changed)
             line = (left_out or node).lineno  # type: ignore[attr-defined]
             missing = _shown(left_out) if left_out is not None else ""
-            yield Mutant(line, where, _shown(node), after, copied, missing)
+            yield Mutant(line, where, _shown(node), _shown(changed), source, path, changed, missing)
 
 
 Path = tuple[tuple[str, int], ...]
@@ -164,8 +172,8 @@ def _with(node: ast.AST, **fields: object) -> ast.AST:
     return changed
 
 
-def _put(tree: ast.AST, path: Path, changed: ast.AST) -> str:
-    """Put a changed node at its place in a tree; return its code."""
+def _put(tree: ast.AST, path: Path, changed: ast.AST) -> None:
+    """Put a changed node at its place in a tree."""
     node = tree
     for name, index in path[:-1]:
         value = getattr(node, name)
@@ -175,9 +183,8 @@ def _put(tree: ast.AST, path: Path, changed: ast.AST) -> str:
         setattr(node, name, changed)
     else:
         getattr(node, name)[index] = changed
-    return _shown(changed)
 
 
 def _shown(node: ast.AST) -> str:
-    text = " ".join(ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).split())
+    text = " ".join(ast.unparse(node).split())
     return text if len(text) <= 100 else f"{text[:97]}..."
