@@ -1,10 +1,10 @@
 """How fast a process's memory, descriptors or disk grow, with an interval, and what is a leak."""
 
-from collections.abc import Sequence
 from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 BLOCKS: Final = 12
 """Number of stretches of equal length of which the means are taken. Samples within one depend on
@@ -51,15 +51,15 @@ class Slope(NamedTuple):
     high: float
 
 
-def slope(times_s: Sequence[float], values: Sequence[float]) -> Slope:
+def slope(times_s: ArrayLike, values: ArrayLike) -> Slope:
     """Return how fast a series grows after its warm-up.
 
     A line is fitted to the means of `BLOCKS` stretches, and its interval follows from how the means
     scatter about it.
 
     Args:
-        times_s: times of the samples, s, increasing.
-        values: the samples.
+        times_s: (n,) times of the samples, s, increasing.
+        values: (n,) the samples.
 
     Raises:
         ValueError: there are fewer than two samples for each stretch.

@@ -1,7 +1,8 @@
 """An interlock that tests feed with samples that are sound unless they say otherwise."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import nan
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,7 @@ class Judge:
 
     def step(
         self,
+        changed: Mapping[str, float] | None = None,
         *,
         fresh: bool = True,
         new: bool = True,
@@ -60,9 +62,10 @@ class Judge:
         driving: bool = True,
         homed: bool = True,
         place: int = 0,
-        **values: float,
+        **more: float,
     ) -> Found:
-        """Judge one tick; `new` says whether the device took its sample anew."""
+        """Judge one tick whose sample has changed; `new`: whether the device took it anew."""
+        values = {**(changed or {}), **more}
         self.counter += 1
         self.sample |= values
         # Noise of the transducers, so that nothing looks frozen.
@@ -86,6 +89,8 @@ class Judge:
         )  # fmt: skip
         return Action(action), Cause(cause), channel_name(channel_at)
 
-    def steps(self, count: int, **given: float) -> list[Found]:
+    def steps(
+        self, count: int, changed: Mapping[str, float] | None = None, **given: Any
+    ) -> list[Found]:
         """Judge so many ticks that are alike."""
-        return [self.step(**given) for _ in range(count)]  # type: ignore[arg-type]
+        return [self.step(changed, **given) for _ in range(count)]

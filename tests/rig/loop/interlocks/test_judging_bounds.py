@@ -12,6 +12,7 @@ from rig.io.limits import ChannelLimit, Response
 from rig.io.signals import FAST_INPUTS
 from rig.loop.interlocks.judging import (
     Interlock,
+    Tick,
     allowed_command,
     held_position,
     interlock,
@@ -64,6 +65,20 @@ def test_a_valve_must_be_enabled_within_twenty_ticks_of_driving(judge: Judge) ->
     judge.step(valve_enabled=1.0)
     assert judge.steps(20, valve_enabled=0.0) == [NOTHING] * 20
     assert judge.step() == trip(Cause.VALVE_NOT_ENABLED, "valve_enabled")
+
+
+def test_a_valve_that_is_off_gets_no_command_whatever_is_sent() -> None:
+    judge = Judge()
+    judge.step(command=0.5, valve_enabled=0.0, driving=False)
+    assert judge.evidence.command_V == 0.0
+    judge.step(command=0.5, valve_enabled=1.0)
+    assert judge.evidence.command_V == 0.5
+
+
+def test_a_tick_of_a_simulated_rig_belongs_to_no_segment_and_to_no_place() -> None:
+    assert Tick._field_defaults | {"error": None} == {
+        "error": None, "segment": 0, "number": 0, "place": 0,
+    }  # fmt: skip
 
 
 # -- device ----------------------------------------------------------------------------------------
@@ -154,11 +169,11 @@ def test_the_emergency_stop_comes_before_what_it_makes_of_the_device(judge: Judg
 @pytest.mark.parametrize("channel", ["position_m", "pressure_1_Pa", "pressure_2_Pa"])
 def test_three_missing_values_in_a_row_trip(judge: Judge, channel: str) -> None:
     for _ in range(2):
-        assert judge.steps(2, **{channel: nan}) == [NOTHING] * 2
-        assert judge.step(**{channel: 7e6 if "pressure" in channel else 0.3}) == NOTHING
-    judge.steps(2, **{channel: nan})
+        assert judge.steps(2, {channel: nan}) == [NOTHING] * 2
+        assert judge.step({channel: 7e6 if "pressure" in channel else 0.3}) == NOTHING
+    judge.steps(2, {channel: nan})
     assert not np.isnan(judge.memory.trusted).all()
-    assert judge.step(**{channel: nan}) == trip(Cause.SENSOR_NAN, channel)
+    assert judge.step({channel: nan}) == trip(Cause.SENSOR_NAN, channel)
     assert np.isnan(judge.memory.trusted[FAST_INPUTS.index(channel)])
 
 
@@ -311,7 +326,7 @@ def limited(*limits: ChannelLimit) -> Judge:
 
 
 def load(action: Response = "indicate", **given: float) -> ChannelLimit:
-    return ChannelLimit("load_N", **{"high": 1e4, "low": -1e4} | given, action=action)  # type: ignore[arg-type]
+    return ChannelLimit("load_N", **{"high": 1e4, "low": -1e4} | given, action=action)
 
 
 @pytest.mark.parametrize(("value", "cause"), [(1e4, Cause.LIMIT_HIGH), (-1e4, Cause.LIMIT_LOW)])

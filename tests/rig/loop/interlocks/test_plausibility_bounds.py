@@ -209,14 +209,6 @@ def test_the_nominal_spool_follows_a_command_as_a_second_order_lag() -> None:
         assert judge.evidence.spool_velocity == pytest.approx(velocity, rel=1e-9)
 
 
-def test_a_valve_that_is_off_gets_no_command_whatever_is_sent() -> None:
-    judge = Judge()
-    judge.step(command=0.5, valve_enabled=0.0, driving=False)
-    assert judge.evidence.command_V == 0.0
-    judge.step(command=0.5, valve_enabled=1.0)
-    assert judge.evidence.command_V == 0.5
-
-
 # -- where each check begins to hold ---------------------------------------------------------------
 
 
