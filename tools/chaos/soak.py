@@ -166,10 +166,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="rig-soak-") as folder:
             series, took_s = soak(Path(folder), emulated=rig == "emulated", hours=hours)
         print(f"{rig}: took {took_s / 60.0:.1f} min", flush=True)
-        for row, leaking in rows(rig, series):
-            table.append(row)
-            leaks += leaking
-    print(markdown(_HEAD, table))
+        found = list(rows(rig, series))
+        print(markdown(_HEAD, (row for row, _ in found)), flush=True)
+        table += [row for row, _ in found]
+        leaks += sum(leaking for _, leaking in found)
     print(f"{leaks} leaks")
     if not leaks and given.wire >= WIRE_MIN and given.simulated >= SIMULATED_H:
         fill(PAGE, {"soak": markdown(_HEAD, table)})
