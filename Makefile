@@ -66,7 +66,7 @@ chaos: $(INSTALLED_DEV) ## let everything fail that can, on the emulated rig, fo
 drawn: $(INSTALLED_DEV) ## play 300 drawn cases of two faults on the emulated rig (goes on where it was stopped)
 	@$(BIN)/python -m tools.chaos.drawn
 
-mutation: $(INSTALLED_DEV) ## change the code that keeps the rig safe in 885 places, and see whether a test notices
+mutation: $(INSTALLED_DEV) ## change the code that keeps the rig safe, one place at a time, and see whether a test notices
 	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation
 
 soak: $(INSTALLED_DEV) ## 30 min on the emulated rig, 24 h simulated: do memory, descriptors or disk grow?

@@ -199,6 +199,10 @@ def test_the_accounts_are_those_of_the_page(seed: int, homed: bool) -> None:
             )
 
 
+def test_before_the_first_sample_nothing_is_known() -> None:
+    assert Judge().evidence == Evidence() == (0.0,) * len(Evidence._fields)
+
+
 def test_the_nominal_spool_follows_a_command_as_a_second_order_lag() -> None:
     judge = Judge()
     judge.step(command=0.5, fresh=False)
@@ -346,7 +350,7 @@ def test_without_a_position_only_the_spool_is_checked() -> None:
 
 def test_a_ram_that_is_homed_anew_keeps_no_step_across_it() -> None:
     judge = Judge()
-    judge.step(homed=False, position_m=-0.2)
+    assert judge.step(homed=False, position_m=-0.2) == NOTHING
     assert judge.evidence.started == 1.0
     assert judge.step(homed=True, position_m=0.3) == NOTHING
     assert judge.evidence.started == 2.0
