@@ -79,6 +79,10 @@ def soak(folder: Path, *, emulated: bool, hours: float) -> tuple[Series, float]:
         began_s = time.monotonic()
         while stage.run.poll() is None:
             now_s = time.monotonic() - began_s
+            if len(stage.living()) <= len(stage.children):
+                # One of its processes has ended, so that the others give back what they have.
+                time.sleep(_SAMPLE_S)
+                continue
             for process, resource, value in _looked_at(stage, emulated=emulated):
                 at_s, values = series[process, resource.name]
                 at_s.append(now_s)

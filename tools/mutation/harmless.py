@@ -13,6 +13,7 @@ HARMLESS: Final = {
     "allowed_command: `load_pressure * above > 0.0` -> `load_pressure * above >= 0.0`": "Where the "
     "product is 0, both branches give the same command.",
     "_device: `output < lowest - tol.command_V` -> `output <= lowest - tol.command_V`": _EXACT,
+    "_above_supply: `p2 > limit` -> `p2 >= limit`": _EXACT,
     "_unhomed: without `_NONE`": _SHAPE,
     "_unhomed: `0.0` -> `1.0`": "1 V Pa is nothing beside the 8 MPa that must be exceeded.",
 }
