@@ -15,7 +15,7 @@ UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
 install = $(UV) $(1) 2>/dev/null || $(PIP) $(1)
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
 
-.PHONY: help demo test test-long check lint format types imports rooms bench bench-loop chaos gate reference trials audit lock clean
+.PHONY: help demo test test-long check lint format types imports rooms bench bench-loop chaos drawn mutation soak gate reference trials audit lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -63,6 +63,15 @@ bench-loop: $(INSTALLED_DEV) ## measure the loop against cyclictest: idle, with 
 chaos: $(INSTALLED_DEV) ## let everything fail that can, on the emulated rig, for docs/safety.md; kill campaigns and go on
 	@$(BIN)/python -m tools.chaos
 	@$(BIN)/python -m tools.chaos.endurance
+
+drawn: $(INSTALLED_DEV) ## play 300 drawn cases of two faults on the emulated rig (goes on where it was stopped)
+	@$(BIN)/python -m tools.chaos.drawn
+
+mutation: $(INSTALLED_DEV) ## change the code that keeps the rig safe, one place at a time, and see whether a test notices
+	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation
+
+soak: $(INSTALLED_DEV) ## 30 min on the emulated rig, 24 h simulated: do memory, descriptors or disk grow?
+	@$(BIN)/python -m tools.chaos.soak
 
 trials: $(INSTALLED_DEV) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
 	@$(BIN)/python -m tools.hidden_effects

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.loop.interlocks.ladder import EXPLANATIONS
+from rig.loop.interlocks.ladder import EXPLANATIONS, Cause
 from rig.recording import RecordingError, recover
 from rig.recording.formats.mcap_reader import read_mcap
 from rig.recording.recording import Table
@@ -72,7 +72,7 @@ def judge(stage: Stage) -> Outcome:
     recording = readable(stage.out / "leaks.mcap", stage.out / "recovered.mcap")
     return Outcome(
         exit_code=stage.run.returncode,
-        cause=_cause(stage.out, recording, stage.printed),
+        cause=cause_of(stage.out, recording, stage.printed),
         **{f"{part}_s": _after(stage, at) for part, at in safe_at(events).items()},
         lost_s=None if recording is None else lost_s(stage.trace, stage.injected_ns, recording),
         report=report.read_text() if report.exists() else "",
@@ -161,17 +161,30 @@ def _after(stage: Stage, at_ns: int | None) -> float | None:
     return None if at_ns is None else 1e-9 * (at_ns - stage.injected_ns)
 
 
-def _cause(out: Path, recording: Table | None, printed: str) -> str:
+def cause_of(out: Path, recording: Table | None, printed: str) -> str:
+    """Return the first-out cause of a run's trip, or why the run was stopped.
+
+    It is empty if the run came to its end, or if nothing that is left of it tells a cause.
+
+    Args:
+        out: the run's folder.
+        recording: its recording, if one can be read.
+        printed: what the run printed.
+    """
     report = out / "trip-1.json"
     if report.exists():
         return str(json.loads(report.read_text())["cause"])
     for event in recording.events if recording else ():
-        if event.kind == "trip":
-            return event.text.partition(":")[0]
+        name = event.text.partition(":")[0]
+        if event.kind == "trip" and name in Cause.__members__:
+            return name
     for cause, (sentence, _) in EXPLANATIONS.items():
         if sentence and re.search(rf"tripped(?: by the \w+)?: {re.escape(sentence)}", printed):
             return cause.name
-    (test,) = json.loads((out / "results.json").read_text())["tests"]
+    results = out / "results.json"
+    if not results.exists():
+        return ""
+    (test,) = json.loads(results.read_text())["tests"]
     return str(test["message"])
 
 

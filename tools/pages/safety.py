@@ -17,6 +17,7 @@ from rig.plant.integrator import TICK
 from rig.plant.parameters import NOMINAL
 from rig.plant.sensors import DATA_SHEET
 from rig.supervisor.states import TRANSITIONS, VALVE_ENABLED, State, Transition
+from tools.chaos.drawn.bounds import TABLE
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "safety.md"
 
@@ -97,10 +98,18 @@ def thresholds_table() -> Iterator[str]:
     yield from (f"| {name} | {value} |" for name, value in values.items())
 
 
+def promises_table() -> Iterator[str]:
+    """Yield the lines of the table of what drawn cases of chaos must keep, in Markdown."""
+    yield "| what | within | which is |"
+    yield "|---|---|---|"
+    yield from (f"| {name} | {each.ms:g} ms | {each.why} |" for name, each in TABLE.items())
+
+
 TABLES: Final[Mapping[str, Callable[[], Iterator[str]]]] = {
     "transitions": transitions_table,
     "causes": causes_table,
     "thresholds": thresholds_table,
+    "promises": promises_table,
 }
 """The functions that write the tables, by the name in the table's comment on the page."""
 
