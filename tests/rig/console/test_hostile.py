@@ -219,10 +219,10 @@ def test_a_stop_does_not_wait_for_other_orders(site: Site, monkeypatch: pytest.M
     held = threading.Event()
     send = site.client.send
 
-    def slow(command: str, *told: Any) -> Answer:
+    def slow(command: str, *told: Any, **more: Any) -> Answer:
         if command == "hold":
             held.wait(30)
-        return send(command, *told)
+        return send(command, *told, **more)
 
     monkeypatch.setattr(site.client, "send", slow)
     who = site.cookie()
