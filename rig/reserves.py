@@ -85,6 +85,11 @@ def _require_address_space() -> None:
         raise ShortageError(state, action)
 
 
+def limits_address_space() -> bool:
+    """Return whether this process may only have a limited address space."""
+    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+
+
 def refusal(error: OSError) -> str:
     """Return what the system refused, on which file, and the remedy, in one line."""
     what = f"{error.filename}: " if error.filename else ""

@@ -56,6 +56,8 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="rig-failing-") as folder:
             try:
                 for tried in _trials(rig, Path(folder), given.texts, sample, given.seed):
+                    if tried is None:
+                        continue
                     found[rig].append(tried)
                     print(_told(tried), flush=True)
             except StageError as error:
@@ -73,7 +75,7 @@ def main() -> int:
 
 def _trials(
     rig: str, folder: Path, texts: list[str], sample: int | None, seed: int
-) -> Iterator[Tried]:
+) -> Iterator[Tried | None]:
     began = time.monotonic()
     if rig == "simulated":
         simulated = SimulatedTrials(folder)

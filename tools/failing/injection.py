@@ -28,7 +28,8 @@ _BY_LIBRARY: Final = (f"{os.sep}numba{os.sep}", f"{os.sep}lazy_loader{os.sep}")
 cache of compiled code is read wherever a compiled function is called first, and faces of packages
 are read wherever a package is imported."""
 _HELPERS: Final = tuple(
-    _ROOT + name for name in ("rig/surviving.py", "rig/recording/targets.py", "rig/recording/bounds.py")
+    _ROOT + name
+    for name in ("rig/surviving.py", "rig/recording/targets.py", "rig/recording/bounds.py")
 )
 """Modules of the product that open, write or start something for whoever asks them: what counts is
 who asked."""
@@ -263,7 +264,9 @@ def _site(kind: str, frame: FrameType | None) -> Site | None:
 
 def _shown(frame: FrameType) -> str:
     file = frame.f_code.co_filename
-    return file.removeprefix(_ROOT) if file.startswith(_PRODUCT) else file.rpartition("-packages/")[2]
+    if file.startswith(_PRODUCT):
+        return file.removeprefix(_ROOT)
+    return file.rpartition("-packages/")[2]
 
 
 def _process() -> str:

@@ -1,4 +1,4 @@
-"""Judges a run in which a call failed: is it safe, does it tell the truth, can one go on with it."""
+"""Judges a run in which a call failed: is it safe, does it tell the truth, can one go on."""
 
 import json
 import re
@@ -33,13 +33,16 @@ class Ended:
     alive: tuple[str, ...] = ()
 
 
-def problems_of(ended: Ended, folder: Path, expected_rows: dict[str, int]) -> list[str]:
+def problems_of(
+    ended: Ended, folder: Path, expected_rows: dict[str, int], *, reported: bool = True
+) -> list[str]:
     """Return a sentence for each point in which a run was not as it should be.
 
     Args:
         ended: how it ended.
         folder: its folder, which may be missing.
         expected_rows: for each recording of an untroubled run, its number of rows.
+        reported: whether a run that passed writes a report.
     """
     found = []
     if ended.exit_code is None:
@@ -52,6 +55,8 @@ def problems_of(ended: Ended, folder: Path, expected_rows: dict[str, int]) -> li
         found.append("it told a crash of the program, not a cause with a remedy")
     if ended.exit_code and not ended.printed.strip():
         found.append("it told nothing")
+    if reported and ended.exit_code == 0 and not (folder / "report.html").is_file():
+        found.append("exit code 0 without a report")
     return found + _untruths(ended, folder, expected_rows) + _unreadable(folder)
 
 
@@ -71,8 +76,6 @@ def _untruths(ended: Ended, folder: Path, expected_rows: dict[str, int]) -> list
             kept = rows_of(folder / name)
             if kept != rows:
                 found.append(f"exit code 0, and {name} has {kept} rows of {rows}")
-        if not (folder / "report.html").is_file():
-            found.append("exit code 0 without a report")
     return found
 
 
@@ -87,10 +90,11 @@ def _unreadable(folder: Path) -> list[str]:
         except JournalError as error:
             found.append(f"the journal: {error}")
     results = _json(folder / "results.json")
-    recorded_s = {test["recording"]: test["recorded_s"] for test in (results or {"tests": []})["tests"]}
+    tests = [] if results is None else results["tests"]
+    recorded_s = {test["recording"]: test["recorded_s"] for test in tests}
     for recording in sorted(folder.glob("*.mcap")):
         rows, told_s = rows_of(recording), recorded_s.get(recording.name, 0.0)
-        if rows is None and recording.stat().st_size:
+        if rows is None and told_s:
             found.append(f"{recording.name} cannot be read, nor recovered")
         elif 1e-3 * (rows or 0) < told_s - LOST_S:
             found.append(f"{told_s:g} s were recorded, and {recording.name} has {rows} rows")

@@ -10,7 +10,8 @@ from .trying import Tried
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "failing.md"
 _HEAD: Final = (
-    "what fails", "failures", "the run came to its end", "told, exit code 1", "refused, exit code 2",
+    "what fails", "failures", "the run came to its end", "told, exit code 1",
+    "refused, exit code 2",
     "stopped or tripped, exit code 3", "killed by a library", "gone on, all tests passed",
     "not as it should be",
 )  # fmt: skip

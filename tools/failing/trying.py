@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from .injection import Order, Site
-from .judging import Ended, problems_of, rows_of
+from .judging import ENDINGS, Ended, problems_of, rows_of
 from .simulated import CAMPAIGN, Runner, arguments_of, in_fork, in_process
 
 RECORDINGS: Final = ("one.mcap", "two.mcap")
@@ -73,8 +73,10 @@ class SimulatedTrials:
             raise RuntimeError(f"an untroubled run ended with {ended.exit_code}: {ended.printed}")
         return Counter(site for site, _ in noted(self._notes))
 
-    def tried(self, site: Site, after: int = 0, *, cold: bool = False) -> Tried:
+    def tried(self, site: Site, after: int = 0, *, cold: bool = False) -> Tried | None:
         """Let a site fail, go on with the run, and return what came of it.
+
+        It is None if the site was not reached as often this time, as threads differ in that.
 
         Args:
             site: the site.
@@ -86,6 +88,8 @@ class SimulatedTrials:
         ended = self._run(runner, Order(str(self._notes), site, after))
         found = problems_of(ended, self._out, self._rows)
         if not any(fails for _, fails in noted(self._notes)):
+            if after:
+                return None
             found.append("it was not reached")
         return self._gone_on(named(site, after), site.kind, ended, found)
 
@@ -93,18 +97,8 @@ class SimulatedTrials:
         """Run with a limit on the address space, in bytes, go on without, and return what came."""
         self._clear()
         ended = self._run(in_process, Order(str(self._notes), None, 0, limit))
-        found = problems_of(self._without_aborts(ended), self._out, self._rows)
+        found = problems_of(without_aborts(ended), self._out, self._rows)
         return self._gone_on(f"address space of {limit / 2**20:.0f} MiB", "memory", ended, found)
-
-    def _without_aborts(self, ended: Ended) -> Ended:
-        """Return an end without what is no fault of the product where memory is short.
-
-        The compiler's library ends a process for which it finds no memory, which is a kill of the
-        supervisor. Python tells of modules that it could not load by a traceback.
-        """
-        killed = ended.exit_code is not None and (ended.exit_code < 0 or ended.exit_code > 3)
-        return replace(ended, exit_code=None if ended.exit_code is None else 1, printed="killed") \
-            if killed else ended
 
     def _gone_on(self, name: str, group: str, ended: Ended, found: list[str]) -> Tried:
         resumed: Ended | None = None
@@ -143,6 +137,16 @@ def load_everything(campaign: Path, out: Path, printed: Path) -> None:
         except SystemExit as ended:
             if ended.code:
                 raise RuntimeError(f"an untroubled run ended with {ended.code}") from None
+
+
+def without_aborts(ended: Ended) -> Ended:
+    """Return an end in which a kill by a library that found no memory is a plain one.
+
+    The compiler's library aborts a process then, and numpy's ends it. To a run it is what a kill
+    of its supervisor is.
+    """
+    code = ended.exit_code
+    return ended if code is None or code in ENDINGS else replace(ended, exit_code=1)
 
 
 def named(site: Site, after: int) -> str:

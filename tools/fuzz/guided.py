@@ -1,9 +1,9 @@
 """Fuzzes one target with atheris, which is guided by the branches that an input takes.
 
 Run by `python -m tools.fuzz`, as a process of its own for each target, as
-`python -m tools.fuzz.guided TARGET FOLDER SECONDS SEED`. Finds are written to FOLDER: the input, and
-what is wrong in a file beside it with `.txt` added. An input that hangs, or takes too much memory,
-ends the process; libFuzzer then leaves it as `timeout-...` or `oom-...`.
+`python -m tools.fuzz.guided TARGET FOLDER SECONDS SEED`. Finds are written to FOLDER: the input,
+and what is wrong in a file beside it with `.txt` added. An input that hangs, or takes too much
+memory, ends the process; libFuzzer then leaves it as `timeout-...` or `oom-...`.
 """
 
 import hashlib

@@ -240,7 +240,8 @@ async def _served(console: Console, scope: dict[str, Any], body: bytes) -> None:
             statuses.append(int(message["status"]))
 
     await console.application()(scope, receive, send)
-    assert statuses and statuses[0] < 500, f"status {statuses}"
+    assert statuses, "no answer"
+    assert statuses[0] < 500, f"status {statuses[0]}"
 
 
 def _requests() -> list[bytes]:

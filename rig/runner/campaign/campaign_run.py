@@ -418,8 +418,9 @@ class _CampaignRun(Setting):
 
     def write(self) -> None:
         """Write `results.json` and `junit.xml` with all outcomes so far."""
-        write_results(self.outcome, self.keeper.folder / RESULTS)
         write_junit(self.outcome, self.keeper.folder / JUNIT)
+        # They come last, so that they say of no run that it passed which could not write the rest.
+        write_results(self.outcome, self.keeper.folder / RESULTS)
         self.written_at = time.monotonic()
 
     @property

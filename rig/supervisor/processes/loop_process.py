@@ -51,8 +51,9 @@ from rig.loop import (
     wire_ticks,
     with_limits,
 )
+from rig.surviving import start
 
-from .child import News, child_ends
+from .child import News, child_ends, run_to_end
 from .driven import Tally
 from .health import trip
 
@@ -179,7 +180,7 @@ class LoopProcess:
             self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
         self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
-        self._thread.start()
+        start(self._thread)
         self._running.wait()
         self._pipe.send(Opened(self._grants, driver.rate_hz))
 
@@ -365,4 +366,4 @@ def main() -> None:
     """Run this process as the loop process of a session, until that ends or SIGTERM comes."""
     process = LoopProcess(*child_ends())
     signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
-    process.run()
+    run_to_end("loop", process.run)
