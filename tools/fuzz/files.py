@@ -8,7 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from estimator.leaks.baseline_file import load_baseline
+from estimator.accounts import NUISANCES, NuisanceBelief
+from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
+from estimator.leaks.baseline_file import content_of, load_baseline
+from estimator.leaks.pattern import HealthyLevel
 from rig.configuration import check
 from rig.recording import Recording, export, read_recording, recover
 from rig.recording.formats import write_mcap
@@ -119,9 +122,16 @@ def _in_folder(name: str) -> str:
     return name
 
 
-def _kept(kind: str) -> list[bytes]:
-    """Return the inputs of a kind that stand in the corpus."""
-    return [path.read_bytes() for path in sorted((ROOT / "tools/fuzz/corpus" / kind).glob("*"))]
+def _baseline() -> bytes:
+    count = len(NUISANCES)
+    level = HealthyLevel(np.full(2, 1e4), np.full(2, 1e3), 100)
+    baseline = Baseline(
+        NuisanceBelief(np.zeros(count), np.eye(count)),
+        dict.fromkeys(PATTERN_FILTERS, level),
+        {"one.mcap": "0" * 64},
+        "nominal",
+    )
+    return json.dumps(content_of(baseline)).encode()
 
 
 FILES: Final = (
@@ -171,7 +181,7 @@ FILES: Final = (
     Target(
         "baseline",
         as_file("baseline.json", lambda path: load_baseline(path, "nominal")),
-        lambda: _kept("baseline"),
+        lambda: [_baseline()],
     ),
     Target("counters", as_file("counters.json", _counters), lambda: [_COUNTERS]),
 )  # fmt: skip
