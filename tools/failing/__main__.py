@@ -2,8 +2,8 @@
 
 Run as `python -m tools.failing [--rig RIG] [--all] [--sites N] [--seed S] [TEXT ...]`. On the
 simulated rig all sites are tried, on the emulated one N of them, drawn by the seed, or all of them
-with `--all`. With texts, only sites whose names contain one of them are tried. The page is written
-only if everything of both rigs was tried.
+with `--all`. With texts, only sites whose names contain one of them are tried; `memory` stands for
+the steps of the address space. A rig's table is written if no texts are given and nothing failed.
 """
 
 import argparse
@@ -11,8 +11,8 @@ import random
 import signal
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -37,6 +37,8 @@ EMULATED_MIB: Final = (500, 1000, 1500, 2048, 2300, 2600, 3000)
 
 Failure = tuple[Site, int]
 """A site, and how often it is reached before it fails."""
+Trial = Callable[[], Tried | None]
+"""Lets something fail, and returns what came of it; None if it was not reached this time."""
 
 
 def main() -> int:
@@ -50,55 +52,58 @@ def main() -> int:
     given = parser.parse_args()
     for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(ignored, signal.default_int_handler)
-    found: dict[str, list[Tried]] = {rig: [] for rig in RIGS}
+    failed = 0
     for rig in RIGS if given.rig is None else (given.rig,):
         sample = None if given.all or rig == "simulated" else given.sites
         with tempfile.TemporaryDirectory(prefix="rig-failing-") as folder:
             try:
-                for tried in _trials(rig, Path(folder), given.texts, sample, given.seed):
-                    if tried is None:
-                        continue
-                    found[rig].append(tried)
-                    print(_told(tried), flush=True)
+                total, trials = _planned(rig, Path(folder), given.texts, sample, given.seed)
             except StageError as error:
                 print(f"FAILED {rig}: {error}")
                 return 1
-    failed = sum(bool(tried.problems) for each in found.values() for tried in each)
-    for rig, tried in found.items():
-        if tried:
-            print(f"{rig}\n{table_of(tried)}")
-    print(f"{failed} failed")
-    if not failed and given.rig is None and not given.texts:
-        fill(PAGE, {rig: table_of(tried) for rig, tried in found.items()})
+            print(f"{rig}: {len(trials)} of {total} failures", flush=True)
+            tried = []
+            for trial in trials:
+                result = trial()
+                if result is not None:
+                    tried.append(result)
+                    print(_told(result), flush=True)
+        wrong = sum(bool(each.problems) for each in tried)
+        table = table_of(tried, total)
+        print(f"{table}\n{wrong} failed")
+        if not (wrong or given.texts):
+            fill(PAGE, {rig: table})
+        failed += wrong
     return failed
 
 
-def _trials(
+def _planned(
     rig: str, folder: Path, texts: list[str], sample: int | None, seed: int
-) -> Iterator[Tried | None]:
-    began = time.monotonic()
+) -> tuple[int, list[Trial]]:
+    """Return how many failures there are on a rig, and the trials of those that are chosen.
+
+    Raises:
+        StageError: an untroubled run on the emulated rig does not come to its end.
+    """
+    memory = not texts or "memory" in texts
     if rig == "simulated":
         simulated = SimulatedTrials(folder)
         warm, cold = simulated.sites()
-        chosen = _failures(warm, texts)
-        chosen_cold = _failures(cold, texts)
-        print(f"simulated: {len(warm) + len(cold)} sites", flush=True)
-        yield from (simulated.tried(*each) for each in chosen)
-        yield from (simulated.tried(*each, cold=True) for each in chosen_cold)
-        if not texts or "memory" in texts:
-            yield from (simulated.with_address_space(each * MIB) for each in SIMULATED_MIB)
-    else:
-        emulated = EmulatedTrials(folder)
-        sites = emulated.sites()
-        chosen = _failures(sites, texts)
-        print(f"emulated: {len(sites)} sites, {len(chosen)} failures", flush=True)
-        if sample is not None and sample < len(chosen):
-            chosen = random.Random(seed).sample(chosen, sample)
-        yield from (emulated.tried(*each) for each in chosen)
-        if not texts or "memory" in texts:
-            limits = EMULATED_MIB if sample is None else EMULATED_MIB[::3]
-            yield from (emulated.with_address_space(each * MIB) for each in limits)
-    print(f"{rig}: {time.monotonic() - began:.0f} s")
+        trials: list[Trial] = [partial(simulated.tried, *each) for each in _failures(warm, texts)]
+        trials += [partial(simulated.tried, *each, cold=True) for each in _failures(cold, texts)]
+        limits = SIMULATED_MIB if memory else ()
+        trials += [partial(simulated.with_address_space, each * MIB) for each in limits]
+        return len(trials), trials
+    emulated = EmulatedTrials(folder)
+    chosen = _failures(emulated.sites(), texts)
+    total = len(chosen) + (len(EMULATED_MIB) if memory else 0)
+    limits = EMULATED_MIB if memory else ()
+    if sample is not None and sample < len(chosen):
+        chosen = random.Random(seed).sample(chosen, sample)
+        limits = limits[::3]
+    trials = [partial(emulated.tried, *each) for each in chosen]
+    trials += [partial(emulated.with_address_space, each * MIB) for each in limits]
+    return total, trials
 
 
 def _failures(sites: dict[Site, int], texts: list[str]) -> list[Failure]:

@@ -74,6 +74,11 @@ class Site(NamedTuple):
     line: int
     function: str
 
+    @property
+    def in_product(self) -> bool:
+        """Whether the place is in the product's own code, not in a library that is being loaded."""
+        return (_ROOT + self.file).startswith(_PRODUCT) and self.function != "<module>"
+
     def __str__(self) -> str:
         return f"{self.process}: {self.kind} at {self.file}:{self.line} ({self.function})"
 

@@ -17,11 +17,11 @@ _HEAD: Final = (
 )  # fmt: skip
 
 
-def table_of(tried: Sequence[Tried]) -> str:
-    """Return the table of some failures, a row for each kind of call, in Markdown."""
+def table_of(tried: Sequence[Tried], total: int) -> str:
+    """Return the table of some failures of `total`, a row for each kind of call, in Markdown."""
     groups = list(dict.fromkeys(each.group for each in tried))
     rows = [_row(group, [each for each in tried if each.group == group]) for group in groups]
-    return markdown(_HEAD, [*rows, _row("all", tried)])
+    return markdown(_HEAD, [*rows, _row(f"tried, of {total}", tried)])
 
 
 def _row(name: str, tried: Sequence[Tried]) -> tuple[str, ...]:
