@@ -24,7 +24,6 @@ from rig.runner.run_folder.keeping import FolderKeeper
 from rig.stream.settings import StreamSettings
 from rig.supervisor import connected_rig
 from rig.supervisor.connected_rig import ConnectedRig
-from rig.supervisor.processes import child
 from rig.supervisor.processes.child import Child, run_to_end
 from rig.supervisor.processes.streaming import Stream
 from rig.surviving import start
@@ -63,7 +62,7 @@ def test_a_thread_that_is_not_granted_is_an_error_of_the_system_with_a_remedy() 
 @pytest.mark.usefixtures("no_threads")
 def test_without_a_thread_no_folder_is_kept_and_no_descriptor_stays_open(tmp_path: Path) -> None:
     (tmp_path / JOURNAL).touch()
-    keeper = FolderKeeper(tmp_path, list, lambda folder: None, lambda line: None)
+    keeper = FolderKeeper(tmp_path, lambda: None, lambda folder: None, lambda line: None)
     before = opened()
     with pytest.raises(OSError, match="no further thread"):
         keeper.__enter__()
@@ -107,7 +106,7 @@ def test_a_process_that_nobody_can_hear_is_not_left_alive(
 ) -> None:
     ended: list[str] = []
     process = SimpleNamespace(kill=lambda: ended.append("killed"), wait=lambda: ended.append("-"))
-    monkeypatch.setattr(child.subprocess, "Popen", lambda *_, **__: process)
+    monkeypatch.setattr("rig.supervisor.processes.child.subprocess.Popen", lambda *_, **__: process)
     board = Board.create(1)
     with pytest.raises(OSError, match="no further thread"):
         Child("part", "none", board, tmp_path / "log", lambda news: None)
@@ -132,7 +131,7 @@ def test_a_session_whose_safety_thread_does_not_start_ends_its_parts(
     parts = [SimpleNamespace(end=lambda name=name: ended.append(name)) for name in "lfr"]
     started = SimpleNamespace(loop=parts[0], field=parts[1], recorder=parts[2])
     monkeypatch.setattr(connected_rig, "held", held)
-    monkeypatch.setattr(connected_rig.Parts, "start", lambda *_: started)
+    monkeypatch.setattr("rig.supervisor.connected_rig.Parts.start", lambda *_: started)
     safety = SimpleNamespace(start=refuse, tripped=False)
     monkeypatch.setattr(connected_rig, "SafetyThread", lambda *_: safety)
     monkeypatch.setattr(ConnectedRig, "_open", lambda self: None)

@@ -28,7 +28,7 @@ RIGS: Final = ("simulated", "emulated")
 SAMPLE: Final = 12
 """Sites that are tried on the emulated rig unless all are: each takes half a minute."""
 MIB: Final = 1 << 20
-SIMULATED_MIB: Final = tuple(range(100, 1700, 100))
+SIMULATED_MIB: Final = tuple(range(100, 1700, 200))
 """Limits of the address space on the simulated rig, in MiB: from less than the interpreter and
 numpy need to more than a whole run does, which is some 1300 MiB with the compiler's library."""
 EMULATED_MIB: Final = (500, 1000, 1500, 2048, 2300, 2600, 3000)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -91,7 +91,7 @@ def _header(**content: Any) -> dict[str, Any]:
 
 def _messages() -> list[bytes]:
     one = np.zeros(1, "<f8").tobytes()
-    contents = (
+    contents: tuple[dict[str, Any], ...] = (
         {"channels_id": 0, "first_row": 0, "rows": 1, "test": 1, "newest_ns": 1,
          "time_s": one, "values": np.zeros(1, "<f4").tobytes()},
         {"id": 0, "names": ["position_m"], "units": ["m"]},
@@ -121,12 +121,15 @@ def _commands() -> list[bytes]:
     return [sealed, pack(body)]
 
 
+_MODES: Final[tuple[Literal["fc23", "fc16_fc3"], ...]] = ("fc23", "fc16_fc3")
+
+
 @cache
 def _plans() -> list[Any]:
     rig = load_rig(str(ROOT / "config/rigs/emulated.yaml"))
     (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
     given: Any = fast.options
-    return [exchange_plans(given.map, mode, given.unit)[0] for mode in ("fc23", "separate")]
+    return [exchange_plans(given.map, mode, given.unit)[0] for mode in _MODES]
 
 
 def _modbus(data: bytes) -> None:
@@ -153,7 +156,7 @@ def _can(data: bytes) -> None:
     channel = f"fuzz{next(_numbers)}"
     drive = CanValveOptions(interface="virtual", channel=channel, node=_NODE, full_stroke=2.5e-4)
     valve = Ds408Valve("drive", drive, lambda: 0.0)
-    dbc = str(ROOT / "config/dbc/pump_unit.dbc")
+    dbc = ROOT / "config/dbc/pump_unit.dbc"
     pump = CanPump("pump", CanPumpOptions(interface="virtual", channel=channel, dbc=dbc))
     try:
         at = 0

@@ -174,6 +174,10 @@ def run_campaign(
         )
         try:
             run.run(started, given or {})
+        except OSError:
+            # The results that can still be written say that this ended the run.
+            run.ended_with = EXIT_STOPPED
+            raise
         finally:
             desk.close()
             run.write()

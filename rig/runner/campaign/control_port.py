@@ -66,9 +66,7 @@ class ControlPort:
         try:
             self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             self._bind(self._listener)
-            self._thread = threading.Thread(
-                target=self._serve, args=(self._listener,), name="control", daemon=True
-            )
+            self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
             start(self._thread)
         except OSError as error:
             # The campaign also runs on a file system that has no sockets.
@@ -103,12 +101,13 @@ class ControlPort:
         with suppress(OSError):
             (self._folder / SOCKET).unlink(missing_ok=True)
 
-    def _serve(self, listener: socket.socket) -> None:
+    def _serve(self) -> None:
         """Serve each client by a thread of its own until the port is closed."""
         while not self._ending.is_set():
             with self._survives:
+                assert self._listener is not None
                 try:
-                    client, _ = listener.accept()
+                    client, _ = self._listener.accept()
                 except OSError:
                     if self._ending.wait(_AGAIN_S):
                         return

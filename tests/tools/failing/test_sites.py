@@ -1,5 +1,6 @@
 """Each call of the system that a run makes may fail once, and the run stays safe and truthful."""
 
+import json
 import random
 from contextlib import suppress
 from pathlib import Path
@@ -72,6 +73,20 @@ def test_a_few_sites_that_are_drawn_fail_without_harm(reached: Reached, tmp_path
     for number, site in enumerate(random.Random(SEED).sample(reached.sites, 3)):
         (tmp_path / str(number)).mkdir()
         tried(reached, site, tmp_path / str(number))
+
+
+def test_a_run_whose_results_once_could_not_be_written_does_not_say_that_it_passed(
+    reached: Reached, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.runner.campaign.campaign_run._WRITE_EVERY_S", -1.0)
+    site = named(reached, "rename", "write_junit")
+    # The first time they are written as the run begins, the second time after its test.
+    with (
+        Injection(Order(str(tmp_path / "notes"), site, 1)),
+        pytest.raises(OSError, match="Input/output"),
+    ):
+        run(reached.campaign, tmp_path / "out")
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["exit_code"] == 3
 
 
 def test_without_a_thread_for_its_deadline_the_rig_is_made_safe_all_the_same(

@@ -249,6 +249,7 @@ def test_the_port_is_there_again_once_there_are_descriptors(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     listener = served.port._listener
+    assert listener is not None
 
     class Starved:
         """A listener for whose next connections there is no descriptor."""
