@@ -331,7 +331,8 @@ class _CampaignRun(Setting):
                 self._skip(index)
             else:
                 self._run_test(index)
-            if time.monotonic() - self.written_at > _WRITE_EVERY_S:
+            # After the last test they are written once the rig is left: the run passes only then.
+            if time.monotonic() - self.written_at > _WRITE_EVERY_S and self._next() is not None:
                 self.write()
 
     def _next(self) -> int | None:
