@@ -8,11 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
 from rig.configuration.reading.document import Sources
 from rig.loop.board import Board
+from rig.loop.wire.orders import Open
 from rig.recording.formats.mcap_stream import McapStream
 from rig.recording.targets import replacing
 from rig.reserves import refusal
@@ -25,6 +27,7 @@ from rig.stream.settings import StreamSettings
 from rig.supervisor import connected_rig
 from rig.supervisor.connected_rig import ConnectedRig
 from rig.supervisor.processes.child import Child, run_to_end
+from rig.supervisor.processes.loop_process import LoopProcess
 from rig.supervisor.processes.streaming import Stream
 from rig.surviving import start
 
@@ -203,3 +206,29 @@ def test_a_file_that_cannot_be_read_now_is_not_blamed_on_its_path(
     assert sources.read_bytes(tmp_path / "rig.yaml") is None
     (problem,) = sources.problems.found
     assert "ulimit -n" in str(problem)
+
+
+@pytest.mark.usefixtures("no_threads")
+def test_a_loop_that_gets_no_thread_makes_its_device_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+    driver = SimpleNamespace(
+        open=lambda: done.append("open"),
+        safe_state=lambda: done.append("safe"),
+        close=lambda: done.append("close"),
+        rate_hz=1000.0,
+    )
+    order: Any = MagicMock()
+    order.driver.create_fast.return_value = driver
+    monkeypatch.setattr(LoopProcess, "_orders", lambda self: iter([order]))
+    monkeypatch.setattr(LoopProcess, "_run_segment", lambda *_: None)
+    for name in ("pace", "interlock", "corrections_of"):
+        monkeypatch.setattr(f"rig.supervisor.processes.loop_process.{name}", MagicMock())
+    order.__class__ = Open
+    board = Board.create(1)
+    process = LoopProcess(board, MagicMock())
+    monkeypatch.setattr(process, "_memory", MagicMock())
+    monkeypatch.setattr(process, "_tend_null", lambda: None)
+    with pytest.raises(OSError, match="no further thread"):
+        process.run()
+    os.close(board.fd)
+    assert done == ["open", "safe", "close"]

@@ -94,7 +94,7 @@ class EmulatedTrials:
 
     def _told(self, name: str, group: str, process: str, ended: Ended, found: list[str]) -> Tried:
         told = " / ".join(ended.printed.strip().splitlines()[-4:])
-        return Tried(name, group, process, ended.exit_code, None, told, tuple(found))
+        return Tried(name, group, process, ended.exit_code, None, told, tuple(found), ended.killed)
 
     def _run(self, order: Order, patience_s: float = PATIENCE_S) -> tuple[Path, Ended, list[str]]:
         self._number += 1
@@ -124,8 +124,8 @@ class EmulatedTrials:
         events = [json.loads(line) for line in stage.record.read_text().splitlines()]
         found += [f"by its own record the {part} is not safe" for part in driven(events)]
         ended = Ended(code, printed, tuple(alive.values()))
-        judged = without_aborts(ended) if order.bytes_of_address_space else ended
-        return place, ended, found + problems_of(judged, stage.out, {})
+        ended = without_aborts(ended) if order.bytes_of_address_space else ended
+        return place, ended, found + problems_of(ended, stage.out, {})
 
 
 def _make_patient(path: Path) -> None:

@@ -26,11 +26,13 @@ class Ended:
         exit_code: its exit code; None if it had not ended in time and was killed.
         printed: what it printed, and the log of its session's processes.
         alive: the processes that were left, by their command lines.
+        killed: whether a library that found no memory ended the process, as a kill would.
     """
 
     exit_code: int | None
     printed: str
     alive: tuple[str, ...] = ()
+    killed: bool = False
 
 
 def problems_of(
@@ -47,7 +49,7 @@ def problems_of(
     found = []
     if ended.exit_code is None:
         found.append("it hung, and was killed")
-    elif ended.exit_code not in ENDINGS:
+    elif ended.exit_code not in ENDINGS and not ended.killed:
         found.append(f"it ended with exit code {ended.exit_code}")
     if ended.alive:
         found.append(f"left alive: {'; '.join(ended.alive)}")
@@ -64,7 +66,7 @@ def _untruths(ended: Ended, folder: Path, expected_rows: dict[str, int]) -> list
     """Return what a run says of itself that is not so."""
     results = _json(folder / "results.json")
     found = []
-    if results is not None and ended.exit_code is not None:
+    if results is not None and ended.exit_code is not None and not ended.killed:
         told = results["exit_code"]
         # The results are written before the report, which may fail.
         if told != ended.exit_code and not (told == 0 and ended.exit_code == 1):

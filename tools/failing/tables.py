@@ -25,8 +25,8 @@ def table_of(tried: Sequence[Tried], total: int) -> str:
 
 
 def _row(name: str, tried: Sequence[Tried]) -> tuple[str, ...]:
-    codes = [each.exit_code for each in tried]
-    killed = sum(code is not None and code not in (0, 1, 2, 3) for code in codes)
+    codes = [each.exit_code for each in tried if not each.killed]
+    killed = sum(each.killed for each in tried)
     resumed = [each.resumed for each in tried if each.resumed is not None]
     counts = (
         len(tried), *(codes.count(code) for code in (0, 1, 2, 3)), killed,

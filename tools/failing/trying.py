@@ -12,6 +12,8 @@ from .injection import Order, Site
 from .judging import ENDINGS, Ended, problems_of, rows_of
 from .simulated import CAMPAIGN, Runner, arguments_of, in_fork, in_process
 
+_OUT_OF_MEMORY: Final = "OpenBLAS error: Memory allocation"
+"""What numpy's library of linear algebra prints before it ends the process with exit code 1."""
 RECORDINGS: Final = ("one.mcap", "two.mcap")
 
 
@@ -28,6 +30,7 @@ class Tried:
             where the run had come to its end by itself.
         told: last line that the run printed.
         problems: in which points it was not as it should be.
+        killed: whether a library ended the run for want of memory.
     """
 
     name: str
@@ -37,6 +40,7 @@ class Tried:
     resumed: int | None
     told: str
     problems: tuple[str, ...]
+    killed: bool = False
 
 
 class SimulatedTrials:
@@ -97,7 +101,8 @@ class SimulatedTrials:
         """Run with a limit on the address space, in bytes, go on without, and return what came."""
         self._clear()
         ended = self._run(in_process, Order(str(self._notes), None, 0, limit))
-        found = problems_of(without_aborts(ended), self._out, self._rows)
+        ended = without_aborts(ended)
+        found = problems_of(ended, self._out, self._rows)
         return self._gone_on(f"address space of {limit / 2**20:.0f} MiB", "memory", ended, found)
 
     def _gone_on(self, name: str, group: str, ended: Ended, found: list[str]) -> Tried:
@@ -115,7 +120,9 @@ class SimulatedTrials:
         lines = ended.printed.strip().splitlines()
         code = None if resumed is None else resumed.exit_code
         told = " / ".join(lines[-3:])
-        return Tried(name, group, "supervisor", ended.exit_code, code, told, tuple(found))
+        return Tried(
+            name, group, "supervisor", ended.exit_code, code, told, tuple(found), ended.killed
+        )
 
     def _run(self, runner: Runner, order: Order | None, *options: str) -> Ended:
         return runner(arguments_of(self._campaign, self._out, *options), order, self._printed)
@@ -146,7 +153,8 @@ def without_aborts(ended: Ended) -> Ended:
     of its supervisor is.
     """
     code = ended.exit_code
-    return ended if code is None or code in ENDINGS else replace(ended, exit_code=1)
+    aborted = code is not None and code not in ENDINGS
+    return replace(ended, killed=aborted or _OUT_OF_MEMORY in ended.printed)
 
 
 def named(site: Site, after: int) -> str:

@@ -179,8 +179,10 @@ class LoopProcess:
         with telling_of_compiling(lambda name: self._report(f"compiles {name}")):
             self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
-        self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
-        start(self._thread)
+        thread = threading.Thread(target=self._loop, args=arguments, name="loop")
+        # The way out waits for a thread that was started only, and makes the device safe after it.
+        start(thread)
+        self._thread = thread
         self._running.wait()
         self._pipe.send(Opened(self._grants, driver.rate_hz))
 
