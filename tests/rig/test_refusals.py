@@ -14,6 +14,7 @@ import pytest
 
 from rig.configuration.reading.document import Sources
 from rig.loop.board import Board
+from rig.loop.interlocks.ladder import Cause
 from rig.loop.wire.orders import Open
 from rig.recording.formats.mcap_stream import McapStream
 from rig.recording.targets import replacing
@@ -225,10 +226,12 @@ def test_a_loop_that_gets_no_thread_makes_its_device_safe(monkeypatch: pytest.Mo
         monkeypatch.setattr(f"rig.supervisor.processes.loop_process.{name}", MagicMock())
     order.__class__ = Open
     board = Board.create(1)
-    process = LoopProcess(board, MagicMock())
+    pipe = MagicMock()
+    process = LoopProcess(board, pipe)
     monkeypatch.setattr(process, "_memory", MagicMock())
     monkeypatch.setattr(process, "_tend_null", lambda: None)
-    with pytest.raises(OSError, match="no further thread"):
-        process.run()
+    monkeypatch.setattr(process, "_ended_by", Cause.OPERATOR_STOP, raising=False)
+    process.run()
     os.close(board.fd)
+    assert isinstance(pipe.send.call_args_list[0].args[0], OSError)
     assert done == ["open", "safe", "close"]

@@ -1,5 +1,6 @@
 """`rig run` runs a campaign, shows its progress, and writes its report."""
 
+import errno
 import os
 import time
 from collections.abc import Iterator
@@ -106,7 +107,8 @@ def command(
                     desk=desk,
                 )
             except OSError as error:
-                if error.filename and not _is_below(directory, error.filename):
+                elsewhere = error.filename and not _is_below(directory, error.filename)
+                if elsewhere or error.errno in (errno.EAGAIN, errno.ENOMEM):
                     click.echo(f"rig: {refusal(error)}", err=True)
                     return EXIT_STOPPED
                 state = f"results cannot be written to {directory}: {error.strerror or error}"

@@ -181,7 +181,11 @@ class LoopProcess:
         arguments = (order.settings.cpu, order.settings.priority)
         thread = threading.Thread(target=self._loop, args=arguments, name="loop")
         # The way out waits for a thread that was started only, and makes the device safe after it.
-        start(thread)
+        try:
+            start(thread)
+        except OSError as error:
+            self._pipe.send(error)
+            return
         self._thread = thread
         self._running.wait()
         self._pipe.send(Opened(self._grants, driver.rate_hz))
