@@ -3,6 +3,8 @@
 # PYTHON names the interpreter to make it with: make test PYTHON=python3.12
 
 PYTHON ?= python3
+# How long make fuzz searches, in all.
+MINUTES ?= 10
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -15,7 +17,8 @@ UV := $(BIN)/uv pip install --quiet --python $(BIN)/python
 install = $(UV) $(1) 2>/dev/null || $(PIP) $(1)
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
 
-.PHONY: help demo test test-long check lint format types imports rooms bench bench-loop chaos drawn mutation soak gate reference trials audit lock clean
+.PHONY: help demo test test-long check lint format types imports rooms bench bench-loop chaos drawn failing fuzz mutation \
+	soak gate reference trials audit lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -73,6 +76,13 @@ mutation: $(INSTALLED_DEV) ## change the code that keeps the rig safe, one place
 soak: $(INSTALLED_DEV) ## 30 min on the emulated rig, 24 h simulated: do memory, descriptors or disk grow?
 	@$(BIN)/python -m tools.chaos.soak
 
+failing: $(INSTALLED_DEV) ## let each call of the system fail once in turn, simulated and emulated, for docs/failing.md (hours)
+	@$(BIN)/python -m tools.failing --all
+
+fuzz: $(INSTALLED_DEV) ## feed all readers with bytes that nobody foresaw, for MINUTES (10), guided by coverage
+	@$(BIN)/python -c 'import atheris' 2>/dev/null || $(call install,--only-binary :all: --require-hashes -r requirements-fuzz-lock.txt)
+	@$(BIN)/python -m tools.fuzz --minutes $(MINUTES)
+
 trials: $(INSTALLED_DEV) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
 	@$(BIN)/python -m tools.hidden_effects
 
@@ -94,6 +104,7 @@ lock: ## resolve the dependencies of pyproject.toml anew into the locks (needs u
 	$(LOCK) --group build pyproject.toml -o requirements-lock.txt
 	$(LOCK) --group audit -o requirements-audit-lock.txt
 	$(LOCK) --group dev --constraint requirements-lock.txt pyproject.toml -o requirements-dev-lock.txt
+	$(LOCK) --group fuzz -o requirements-fuzz-lock.txt
 
 clean: ## remove .venv, caches and runs/demo
 	rm -rf $(VENV) $(AUDIT) runs/demo dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

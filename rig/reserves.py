@@ -21,6 +21,8 @@ ADDRESS_SPACE_BYTES: Final = 2 << 30
 with the same rig, the supervisor has up to 1.42 GiB, most of it reserved by libraries and never
 used; a run under a limit of 2.4 GiB goes as one without."""
 _FULL: Final = (errno.EMFILE, errno.ENFILE)
+SHORT: Final = (*_FULL, errno.ENOMEM, errno.EAGAIN, errno.EIO)
+"""Errors that say nothing of the path given, but of what the system has left, or of its disk."""
 
 
 class ShortageError(Exception):
@@ -83,10 +85,25 @@ def _require_address_space() -> None:
         raise ShortageError(state, action)
 
 
+def limits_address_space() -> bool:
+    """Return whether this process may only have a limited address space."""
+    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+
+
+def refusal(error: OSError) -> str:
+    """Return what the system refused, on which file, and the remedy, in one line."""
+    what = f"{error.filename}: " if error.filename else ""
+    return f"{what}{(error.strerror or str(error)).lower()}; {remedy_for(error)}"
+
+
 def remedy_for(error: OSError) -> str:
-    """Return the remedy for a file that could not be opened or written."""
+    """Return the remedy for a file, thread or process that the system could not give or write."""
     if error.errno in _FULL:
         return "allow this program to open more files (`ulimit -n 1024`)"
     if error.errno == errno.ENOMEM:
         return "end other programs, or allow this one more memory (`ulimit -v unlimited`)"
+    if error.errno == errno.EAGAIN:
+        return "end other programs, or allow this user more processes (`ulimit -u unlimited`)"
+    if error.errno == errno.EIO:
+        return "look whether the disk is damaged (`dmesg`)"
     return "free space, or give another --out"

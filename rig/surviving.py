@@ -4,6 +4,8 @@ A thread that ends by an exception leaves only a traceback that nobody reads, an
 done any more. With `Surviving` it only loses the one turn that failed, and the error is reported.
 """
 
+import errno
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -63,6 +65,19 @@ class Surviving:
         # The thread goes on even if the report fails.
         with suppress(Exception):
             self._tell(f"{self._what} goes on after a failure: {line}")
+
+
+def start(thread: threading.Thread) -> None:
+    """Start a thread; that the system grants none is an error like that of any other resource.
+
+    Raises:
+        OSError: the system grants no further thread (EAGAIN). Python itself raises a RuntimeError,
+            which would be taken for a mistake in the program.
+    """
+    try:
+        thread.start()
+    except RuntimeError:
+        raise OSError(errno.EAGAIN, "the system grants no further thread") from None
 
 
 def failure(error: BaseException) -> str:

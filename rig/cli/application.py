@@ -7,7 +7,7 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +23,8 @@ EXIT_STOPPED: Final = 3
 
 _PATH_ERRORS: Final = (errno.ENAMETOOLONG, errno.ELOOP)
 """Errors of the system for a path that has a name of over 255 bytes, or a loop of links."""
+_NO_SPACE: Final = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a disk that is full, or of which this user may have no more."""
 _LONGEST_SHOWN: Final = 100
 """Most characters that a message shows of a path that cannot be one."""
 
@@ -94,7 +96,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line, and exit with a code.
 
     The exit code is 0 if all went as expected, 1 if a test failed or this program crashed, 2 if
-    the input was bad (every problem is then on stderr), and 3 if it was stopped before its end.
+    the input was bad (every problem is then on stderr), and 3 if it was stopped before its end, by
+    somebody or because the system has no files, memory or disk space left.
 
     Args:
         arguments: the arguments of the command line, without the program's name; if None, those of
@@ -129,7 +132,13 @@ def _run(arguments: Sequence[str] | None) -> int:
         if (problem := _unusable_path(error)) is not None:
             click.echo(problem, err=True)
             return EXIT_BAD_INPUT
-        click.echo(f"rig: {one_line(error)}; traceback in {_keep_traceback()}", err=True)
+        if (refused := _refused_by_the_system(error)) is not None:
+            click.echo(f"rig: {refused}", err=True)
+            return EXIT_STOPPED
+        kept = "its traceback could not be kept"
+        with suppress(OSError):
+            kept = f"traceback in {_keep_traceback()}"
+        click.echo(f"rig: {one_line(error)}; {kept}", err=True)
         return EXIT_CRASHED
 
 
@@ -155,6 +164,26 @@ def _unusable_path(error: Exception) -> str | None:
     if isinstance(error, UnicodeEncodeError) and "surrogates" in error.reason:
         shown = error.object[:_LONGEST_SHOWN].encode(errors="replace").decode()
         return f"{shown}: is no UTF-8; write it in UTF-8"
+    return None
+
+
+def _refused_by_the_system(error: Exception) -> str | None:
+    """Return what the system has no more of, with the remedy; None if that is not the error.
+
+    That is not an error in the program, so that nobody needs its traceback.
+    """
+    from rig.reserves import SHORT, limits_address_space, refusal, remedy_for
+
+    if isinstance(error, MemoryError):
+        return refusal(OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)))
+    unnumbered = isinstance(error, ImportError) or (
+        isinstance(error, OSError) and error.errno is None
+    )
+    if unnumbered and limits_address_space():
+        # A library that finds no memory says that it cannot be loaded.
+        return f"{one_line(error)}; {remedy_for(OSError(errno.ENOMEM, ''))}"
+    if isinstance(error, OSError) and error.errno in (*SHORT, *_NO_SPACE):
+        return refusal(error)
     return None
 
 

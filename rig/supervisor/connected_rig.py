@@ -170,12 +170,12 @@ class ConnectedRig:
         )
         try:
             self._open()
+            self._devices.enter_context(telling_of_compiling(self._compiles))
+            self.safety.start()
         except BaseException:
             self.handle(Event.CONNECTION_FAILED)
             self._end_parts()
             raise
-        self._devices.enter_context(telling_of_compiling(self._compiles))
-        self.safety.start()
         self._onlooker.connected(self.board, self._channels)
         self.handle(Event.CONNECTED)
 

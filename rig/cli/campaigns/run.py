@@ -1,5 +1,6 @@
 """`rig run` runs a campaign, shows its progress, and writes its report."""
 
+import errno
 import os
 import time
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import load_campaign
 from rig.io import DriverError
-from rig.reserves import remedy_for
+from rig.reserves import refusal, remedy_for
 from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
 from rig.runner.campaign import Desk, Pace
 from rig.runner.run_folder import (
@@ -120,6 +121,10 @@ def command(
                     by=by,
                 )
             except OSError as error:
+                elsewhere = error.filename and not _is_below(directory, error.filename)
+                if elsewhere or error.errno in (errno.EAGAIN, errno.ENOMEM):
+                    click.echo(f"rig: {refusal(error)}", err=True)
+                    return EXIT_STOPPED
                 state = f"results cannot be written to {directory}: {error.strerror or error}"
                 click.echo(f"rig: {state}; {remedy_for(error)}", err=True)
                 return EXIT_STOPPED
@@ -132,6 +137,11 @@ def command(
     if report is not None:
         screen.print(f"report: {report}", soft_wrap=True)
     return outcome.exit_code if report is not None else max(outcome.exit_code, EXIT_CRASHED)
+
+
+def _is_below(directory: Path, file: str | bytes) -> bool:
+    """Return whether a file that could not be used is one of the run's, or its folder."""
+    return Path(os.fsdecode(file)).absolute().is_relative_to(directory.absolute())
 
 
 def _give_up() -> None:
@@ -150,6 +160,10 @@ def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
         from rig.report import write_report
 
         return write_report(outcome, directory)
+    except OSError as error:
+        again = f"then write it: rig run --resume {directory}"
+        click.echo(f"rig: no report: {refusal(error)}; {again}", err=True)
+        return None
     except Exception as error:
         log = log_error(directory, "report")
         click.echo(f"rig: no report: {one_line(error)}; traceback in {log}", err=True)

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import yaml
 
 from rig.recording import read_bounded
+from rig.reserves import SHORT, remedy_for
 
 from .problems import Place, Problems
 
@@ -172,6 +173,8 @@ class Sources:
             remedy = "check the path"
             if getattr(error, "errno", None) == errno.EFBIG:
                 remedy = "is it the right file?"
+            elif isinstance(error, OSError) and error.errno in SHORT:
+                remedy = remedy_for(error)
             named.refuse(f"cannot be read: {reason}", remedy, path)
             return None
         self.sha256[path] = hashlib.sha256(content).hexdigest()

@@ -7,6 +7,7 @@ fraction of that.
 
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,13 +72,24 @@ class McapStream:
         self._compressor = zstandard.ZstdCompressor(level=level)
         self._position = 0
         self.file: Final = path.open("wb")
+        try:
+            self._metadata_index = self._begin(metadata)
+        except BaseException:
+            # Closing writes what is left, which fails again where the disk is full.
+            with suppress(OSError):
+                self.file.close()
+            raise
+
+    def _begin(self, metadata: records.Metadata) -> records.MetadataIndex:
+        """Write all that comes before the first chunk; return the index of the metadata."""
         self._put(MCAP0_MAGIC)
         self._write([records.Header(profile="", library=f"rig.recording {LIBRARY_IDENTIFIER}")])
         offset = self._position
         self._write([metadata])
-        self._metadata_index = records.MetadataIndex(offset, self._position - offset, metadata.name)
-        self._write([*schemas, *channels])
+        index = records.MetadataIndex(offset, self._position - offset, metadata.name)
+        self._write([*self._schemas, *self._channels])
         self.file.flush()
+        return index
 
     def write_chunk(self, content: bytes, indexes: Mapping[int, NDArray[Any]]) -> None:
         """Write Message records as one compressed chunk, followed by an index for each channel id.

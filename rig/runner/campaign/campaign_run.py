@@ -176,6 +176,10 @@ def run_campaign(
         )
         try:
             run.run(started, given or {}, by)
+        except OSError:
+            # The results that can still be written say that this ended the run.
+            run.ended_with = EXIT_STOPPED
+            raise
         finally:
             desk.close()
             run.write()
@@ -332,7 +336,8 @@ class _CampaignRun(Setting):
                 self._skip(index)
             else:
                 self._run_test(index)
-            if time.monotonic() - self.written_at > _WRITE_EVERY_S:
+            # After the last test they are written once the rig is left: the run passes only then.
+            if time.monotonic() - self.written_at > _WRITE_EVERY_S and self._next() is not None:
                 self.write()
 
     def _next(self) -> int | None:
@@ -423,8 +428,9 @@ class _CampaignRun(Setting):
 
     def write(self) -> None:
         """Write `results.json` and `junit.xml` with all outcomes so far."""
-        write_results(self.outcome, self.keeper.folder / RESULTS)
         write_junit(self.outcome, self.keeper.folder / JUNIT)
+        # They come last, so that they say of no run that it passed which could not write the rest.
+        write_results(self.outcome, self.keeper.folder / RESULTS)
         self.written_at = time.monotonic()
 
     @property

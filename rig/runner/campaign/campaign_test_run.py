@@ -13,6 +13,7 @@ from estimator.leaks import Detector, PatternDetector
 from faults import CampaignTest, FaultSchedule
 from rig.loop import FULL, Action, Cause, StopRequestedError, TripError, explain
 from rig.plant import TICK
+from rig.reserves import refusal
 from rig.runner.outcomes import (
     Array,
     AwaitedEnd,
@@ -99,6 +100,10 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
             setting.stop.request("a full disk")
             sentence, remedy = explain(Cause.DISK_FULL)
             status, message = Status.TRIPPED, f"{sentence}; {remedy}"
+        elif isinstance(error, OSError):
+            # What the system refuses this test it refuses the next one, too.
+            setting.stop.request(f"what the system refused: {refusal(error)}")
+            status = Status.ABORTED
         else:
             where = log_error(setting.keeper.folder, f"test {test.name}")
             message = f"{type(error).__name__}: {error} (traceback in {where})"
@@ -212,7 +217,9 @@ class _RunningTest:
             raise
         finally:
             if self._deadline.ident is None:
-                self._deadline.start()
+                # Where the system grants no thread, the rig is made safe without a time limit.
+                with suppress(RuntimeError):
+                    self._deadline.start()
             # A full disk must not keep the rig from being made safe.
             with suppress(OSError):
                 self._setting.enters(Phase.CLEANUP)

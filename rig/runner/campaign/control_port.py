@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.control_socket import SOCKET, EndlessLineError, address_of, line_from, name_of
-from rig.surviving import Surviving, failure
+from rig.surviving import Surviving, failure, start
 
 from .operator_requests import Desk, RefusedError, Request
 
@@ -58,37 +58,39 @@ class ControlPort:
         self._lock = threading.Lock()
         # The connections that are served now, with the thread of each, the oldest first.
         self._clients: dict[socket.socket, threading.Thread] = {}
-        self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
+        self._listener: socket.socket | None = None
+        self._thread: threading.Thread | None = None
 
     def __enter__(self) -> "ControlPort":
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            self._bind()
+            self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            self._bind(self._listener)
+            self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
+            start(self._thread)
         except OSError as error:
             # The campaign also runs on a file system that has no sockets.
             self._refused(f"there is no control port: {error.strerror}")
-            return self
-        self._thread.start()
         return self
 
-    def _bind(self) -> None:
+    def _bind(self, listener: socket.socket) -> None:
         # A run that was killed may have left its socket.
         (self._folder / SOCKET).unlink(missing_ok=True)
         before = os.umask(0o177)
         try:
             with address_of(self._folder) as address:
-                self._listener.bind(address)
+                listener.bind(address)
         finally:
             os.umask(before)
-        self._listener.listen(_QUEUE)
+        listener.listen(_QUEUE)
 
     def __exit__(self, *_: object) -> None:
         self._ending.set()
         # The thread may be blocked in `accept`; shutting the socket down ends that call.
-        with suppress(OSError):
-            self._listener.shutdown(socket.SHUT_RDWR)
-        self._listener.close()
-        if self._thread.ident is not None:
+        if self._listener is not None:
+            with suppress(OSError):
+                self._listener.shutdown(socket.SHUT_RDWR)
+            self._listener.close()
+        if self._thread is not None and self._thread.ident is not None:
             self._thread.join(PATIENCE_S)
         # Who was answered with what is done now still gets that answer.
         until = time.monotonic() + PATIENCE_S
@@ -102,6 +104,7 @@ class ControlPort:
         """Serve each client by a thread of its own until the port is closed."""
         while not self._ending.is_set():
             with self._survives:
+                assert self._listener is not None
                 try:
                     client, _ = self._listener.accept()
                 except OSError:

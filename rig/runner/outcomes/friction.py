@@ -1,5 +1,6 @@
 """Identifies friction from the samples of a test, and converts it for `results.json`."""
 
+import errno
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import asdict
@@ -83,11 +84,18 @@ class FrictionWatch:
         return self._curve
 
     def _identified(self) -> FrictionCurve:
-        """Identify friction in another thread, and call `alive` from this one meanwhile."""
+        """Identify friction in another thread, and call `alive` from this one meanwhile.
+
+        Raises:
+            OSError: the system grants no further thread.
+        """
         lag, blocks = load_lag(self._model, self._sensors), self._collector.blocks
         known = blocks, lag, self._spring, self._model.parameters
         with ThreadPoolExecutor(1) as threads:
-            identified = threads.submit(identify_friction, *known)
+            try:
+                identified = threads.submit(identify_friction, *known)
+            except RuntimeError:
+                raise OSError(errno.EAGAIN, "the system grants no further thread") from None
             while not wait([identified], _ALIVE_S).done:
                 self._alive()
             return identified.result()

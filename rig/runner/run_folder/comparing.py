@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from rig.runner.outcomes import Figure
 
-from .archive import Run
+from .archive import Run, RunError
+from .directory import RESULTS
 from .resuming import changes_of
 
 
@@ -143,7 +144,12 @@ def compare(
         candidate: the run that is compared with it.
         tolerances: tolerances by a figure's name or the beginning of it; one of them replaces that
             of the same key in `TOLERANCES`.
+
+    Raises:
+        RunError: a run's results lack something that is compared.
     """
+    for run in (reference, candidate):
+        _require_figures(run)
     known = {**TOLERANCES, **(tolerances or {})}
     ours = {str(test["name"]): test for test in candidate.tests}
     theirs = {str(test["name"]): test for test in reference.tests}
@@ -156,6 +162,20 @@ def compare(
         if name not in theirs
     )
     return Comparison(reference, candidate, tuple(figures), tuple(_changes(reference, candidate)))
+
+
+def _require_figures(run: Run) -> None:
+    """Raise `RunError` unless a run's results have what is compared, as all do that a run wrote."""
+    try:
+        list(_changes(run, run))
+        for test in run.tests:
+            _word(test, "verdict")
+            _numbers(test)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RunError(
+            f"{run.folder / RESULTS}: is damaged ({type(error).__name__}: {error}); "
+            "restore the file, or run anew"
+        ) from None
 
 
 def _compare_tests(

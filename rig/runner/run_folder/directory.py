@@ -26,6 +26,8 @@ SCHEMA: Final = "rig-results"
 _OTHERS: Final = (SOCKET, JUNIT, REPORT, ERRORS, RESULTS)
 _SESSION_FILES: Final = ("session.log", "trip-[0-9]*.json", "trip-[0-9]*.txt", "trip-[0-9]*.csv")
 """Further files that a session with a rig on hardware writes (`rig.supervisor`), as patterns."""
+_PROBE: Final = ".probe-"
+"""Beginning of the name of the file by which it is tried whether a folder can be written to."""
 _LIBRARY: Final = b"rig.recording "
 """Text in the header of every recording that `McapWriter` writes, by which one is recognized."""
 ATTEMPT: Final = "~"
@@ -82,8 +84,12 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
         for file in earlier:
             file.unlink()
         path.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=path):
-            pass  # permissions alone do not show whether a file can be made
+        # Permissions alone do not show whether a file can be made.
+        with NamedTemporaryFile(dir=path, prefix=_PROBE, delete=False) as probe:
+            pass
+        # If it cannot be removed, that is no reason not to run.
+        with suppress(OSError):
+            Path(probe.name).unlink()
 
 
 def make_empty(directory: Path) -> None:
@@ -155,7 +161,8 @@ def _refuse_others(path: Path, earlier: list[Path], recordings: Iterable[str]) -
         return
     if not path.is_dir():
         raise DirectoryError(f"{path}: is a file; give --out a folder")
-    others = sorted(set(path.iterdir()) - set(earlier))
+    found = (file for file in path.iterdir() if not file.name.startswith(_PROBE))
+    others = sorted(set(found) - set(earlier))
     if others and not earlier:
         raise DirectoryError(
             f"{path}: holds {others[0].name}, and no results of an earlier run that could be "

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.recording import read_bounded
+from rig.reserves import SHORT
 
 JOURNAL: Final = "journal.jsonl"
 """Name of the journal in a run's folder."""
@@ -231,11 +232,16 @@ class Journal:
 def is_written(folder: Path, name: str = JOURNAL) -> bool:
     """Return whether a process has locked a folder's journal of this name to write it.
 
-    The result is False if there is no journal, or if it cannot be opened.
+    The result is False if there is no journal, or if this user may not open it.
+
+    Raises:
+        OSError: the system does not let it be opened now, so that nobody knows.
     """
     try:
         file = os.open(folder / name, os.O_RDONLY)
-    except OSError:
+    except OSError as error:
+        if error.errno in SHORT:
+            raise
         return False
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from rig.surviving import Surviving
+from rig.surviving import Surviving, start
 
 from .directory import first_free
 from .journal import JOURNAL, sync
@@ -75,8 +75,12 @@ class FolderKeeper:
 
     def __enter__(self) -> "FolderKeeper":
         self._itself = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
-        self.look()
-        self._thread.start()
+        try:
+            self.look()
+            start(self._thread)
+        except BaseException:
+            self._close()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -86,6 +90,9 @@ class FolderKeeper:
             # A file that another process writes, such as a session's log, has grown meanwhile.
             with suppress(OSError):
                 self._copy_to(self.kept_in, only_grown=True)
+        self._close()
+
+    def _close(self) -> None:
         for held in self._held.values():
             os.close(held.descriptor)
         os.close(self._itself)

@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from rig.loop import Board, TripError
-from rig.surviving import Surviving, failure
+from rig.reserves import refusal
+from rig.surviving import Surviving, failure, start
 
 Last = TypeVar("Last")
 """Type of the answer to the last order."""
@@ -67,6 +68,9 @@ class Child:
         board: memory that the process shares.
         log: file to which its stdout and stderr are appended, and also errors of `on_news`.
         on_news: is called with each `News` that the process sends, in a thread of its own.
+
+    Raises:
+        OSError: the system grants no further process, thread or file; no process is left then.
     """
 
     def __init__(
@@ -92,7 +96,13 @@ class Child:
                 start_new_session=True,
             )
         self._reader = threading.Thread(target=self._read, name=f"from {name}", daemon=True)
-        self._reader.start()
+        try:
+            start(self._reader)
+        except OSError:
+            self._process.kill()
+            self._process.wait()
+            self._pipe.close()
+            raise
 
     @property
     def exit_code(self) -> int | None:
@@ -266,6 +276,24 @@ def child_ends() -> tuple[Board, Connection]:
     os.set_inheritable(board_fd, False)
     os.set_inheritable(pipe_fd, False)
     return Board.attach(board_fd), Connection(pipe_fd)
+
+
+def run_to_end(name: str, run: Callable[[], None]) -> None:
+    """Do the work of a child; if the system refuses something, say so in the log and end.
+
+    The exit code is then the number of the system's error, and the log has no traceback.
+
+    Args:
+        name: name of the process.
+        run: does the work, and leaves the part of the rig safe, also after an error.
+    """
+    try:
+        run()
+    except OSError as error:
+        # If the disk is full, this line may fail too, which must not hide the first error.
+        with contextlib.suppress(OSError):
+            os.write(sys.stderr.fileno(), f"{name}: {refusal(error)}\n".encode())
+        sys.exit(error.errno or 1)
 
 
 def obeyed_next(pipe: Connection, wait_s: float, obey: Callable[[object], None]) -> bool:

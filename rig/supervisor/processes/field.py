@@ -27,7 +27,7 @@ from rig.io import (
 )
 from rig.loop import Board, Cause, Word
 
-from .child import News, child_ends, obeyed_next
+from .child import News, child_ends, obeyed_next, run_to_end
 from .driven import Tally, departures
 from .health import trip
 
@@ -348,4 +348,4 @@ _CAUSES: Final = {
 def main() -> None:
     """Run this process as the field process of a session, until the supervisor closes the pipe."""
     board, pipe = child_ends()
-    FieldProcess(board, pipe).run()
+    run_to_end("field", FieldProcess(board, pipe).run)

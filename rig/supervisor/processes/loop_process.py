@@ -51,8 +51,9 @@ from rig.loop import (
     wire_ticks,
     with_limits,
 )
+from rig.surviving import start
 
-from .child import News, child_ends
+from .child import News, child_ends, run_to_end
 from .driven import Tally
 from .health import trip
 
@@ -178,8 +179,14 @@ class LoopProcess:
         with telling_of_compiling(lambda name: self._report(f"compiles {name}")):
             self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
-        self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
-        self._thread.start()
+        thread = threading.Thread(target=self._loop, args=arguments, name="loop")
+        # The way out waits for a thread that was started only, and makes the device safe after it.
+        try:
+            start(thread)
+        except OSError as error:
+            self._pipe.send(error)
+            return
+        self._thread = thread
         self._running.wait()
         self._pipe.send(Opened(self._grants, driver.rate_hz))
 
@@ -365,4 +372,4 @@ def main() -> None:
     """Run this process as the loop process of a session, until that ends or SIGTERM comes."""
     process = LoopProcess(*child_ends())
     signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
-    process.run()
+    run_to_end("loop", process.run)

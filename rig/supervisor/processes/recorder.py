@@ -6,7 +6,6 @@ file and ends. If an error of the operating system stops it, its exit code is th
 """
 
 import os
-import sys
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -18,7 +17,7 @@ from typing import Any, Final
 from rig.loop import Board, RingReader, Word, explain
 from rig.recording import McapWriter, division_of
 
-from .child import child_ends, obeyed_next
+from .child import child_ends, obeyed_next, run_to_end
 from .health import trips_of
 
 POLL_S: Final = 0.02
@@ -176,10 +175,4 @@ def main() -> None:
     board, pipe = child_ends()
     with suppress(OSError):
         os.nice(NICENESS)
-    try:
-        Recorder(board, pipe).run()
-    except OSError as error:
-        # If the disk is full, this line may fail too, which must not hide the first error.
-        with suppress(OSError):
-            os.write(sys.stderr.fileno(), f"recorder: {error}\n".encode())
-        sys.exit(error.errno or 1)
+    run_to_end("recorder", Recorder(board, pipe).run)

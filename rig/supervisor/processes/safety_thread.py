@@ -17,7 +17,7 @@ from rig.configuration import Rig
 from rig.io import DriverError, DriverSpec, FastDriver
 from rig.loop import FULL, Board, Cause, Word
 from rig.reserves import Reserve
-from rig.surviving import Surviving, failure
+from rig.surviving import Surviving, failure, start
 
 from .child import Child, News
 from .driven import REPEAT_S, Driven, Tally, departures
@@ -117,8 +117,12 @@ class SafetyThread:
         self._thread = threading.Thread(target=self._run, name="safety", daemon=True)
 
     def start(self) -> None:
-        """Start the thread, which beats for the supervisor and watches the parts from then on."""
-        self._thread.start()
+        """Start the thread, which beats for the supervisor and watches the parts from then on.
+
+        Raises:
+            OSError: the system grants no further thread.
+        """
+        start(self._thread)
 
     def stop(self) -> None:
         """End the thread and wait for that; nobody watches the parts any more."""

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.loop import RING_ROWS, Board, Word
+from rig.reserves import refusal
 from rig.stream import LASTING, Command, StreamSettings, UnreachableError
-from rig.surviving import Surviving, failure
+from rig.surviving import Surviving, failure, start
 
 from .child import Child, ChildError, News
 from .publisher import Asked, Columns, Obeyed, Open, Send, event_content
@@ -87,16 +88,23 @@ class Stream:
     def attach(self, board: Board, channels: tuple[str, ...]) -> None:
         """Start the publisher, and publish the rows that are written to a board from now on.
 
+        If the system refuses what that needs, the operator is told, and nothing is published.
+
         Args:
             board: the board with the ring of rows.
             channels: names of the rows' columns, in segments for which `columns` was not called.
         """
-        self._board = Board.attach(os.dup(board.fd))
-        self._channels = channels
-        self._board.words[Word.PUBLISHED] = self._board.words[Word.ROWS]
-        for work, name in ((self._keep_running, "stream watch"), (self._send_orders, "stream")):
-            self._threads.append(threading.Thread(target=work, name=name, daemon=True))
-            self._threads[-1].start()
+        try:
+            self._board = Board.attach(os.dup(board.fd))
+            self._channels = channels
+            self._board.words[Word.PUBLISHED] = self._board.words[Word.ROWS]
+            for work, name in ((self._keep_running, "stream watch"), (self._send_orders, "stream")):
+                thread = threading.Thread(target=work, name=name, daemon=True)
+                start(thread)
+                self._threads.append(thread)
+        except OSError as error:
+            self._closing.set()
+            self._say(f"stream: {refusal(error)}; the run goes on without")
 
     def columns(self, segment: int, channels: tuple[str, ...], test: int) -> None:
         """Tell the publisher which columns the rows of a segment have, and their test's number."""

@@ -1,3 +1,4 @@
+import errno
 import subprocess
 import sys
 from collections.abc import Callable
@@ -91,6 +92,24 @@ def test_an_unknown_error_is_one_line_that_shows_where_the_traceback_is(
     (log,) = tmp_path.glob("rig-error-*.log")
     assert done == (1, "", f"rig: RuntimeError: out of oil; traceback in {log}\n")
     assert "Traceback" in log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (OSError(errno.EMFILE, "Too many open files", "/a"), "/a: too many open files; allow"),
+        (OSError(errno.ENOSPC, "No space left on device"), "no space left on device; free space"),
+        (MemoryError(), "cannot allocate memory; end other programs"),
+    ],
+)
+def test_what_the_system_has_no_more_of_is_told_with_its_remedy_and_without_a_traceback(
+    invoke: Invoke, failing: Callable[[BaseException], None], error: Exception, told: str
+) -> None:
+    failing(error)
+    done = invoke("init")
+    assert done.code == 3
+    assert done.err.startswith(f"rig: {told}")
+    assert "traceback" not in done.err
 
 
 def test_an_interrupt_before_anything_ran_is_a_stop(

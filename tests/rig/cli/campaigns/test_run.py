@@ -121,6 +121,32 @@ def test_a_report_that_cannot_be_made_costs_no_results(
     assert len(JUnitXml.fromfile(str(tmp_path / "out" / "junit.xml"))) == 1
 
 
+def test_a_report_for_which_there_is_no_space_is_told_with_the_way_to_write_it_later(
+    invoke: Invoke, campaign_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(outcome: CampaignOutcome, directory: Path) -> Path:
+        raise OSError(errno.ENOSPC, "No space left on device", str(directory / "report.html"))
+
+    monkeypatch.setattr(rig.report, "write_report", fail)
+    out = tmp_path / "out"
+    done = invoke("run", campaign_file, "--out", out)
+    assert done.code == 1
+    state = f"{out / 'report.html'}: no space left on device; free space, or give another --out"
+    assert done.err == f"rig: no report: {state}; then write it: rig run --resume {out}\n"
+
+
+def test_what_is_not_the_run_s_own_file_is_named_where_it_cannot_be_opened(
+    invoke: Invoke, campaign_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> CampaignOutcome:
+        raise OSError(errno.EMFILE, "Too many open files", "/elsewhere")
+
+    monkeypatch.setattr("rig.cli.campaigns.run.run_campaign", fail)
+    done = invoke("run", campaign_file, "--out", tmp_path / "out")
+    assert done.code == 3
+    assert done.err.startswith("rig: /elsewhere: too many open files; allow this program")
+
+
 def test_results_that_cannot_be_written_are_said_in_a_sentence(
     invoke: Invoke, campaign_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

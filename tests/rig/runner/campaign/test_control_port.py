@@ -248,7 +248,8 @@ def test_without_a_thread_to_be_had_clients_are_served_one_after_the_other(
 def test_the_port_is_there_again_once_there_are_descriptors(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    listener = served.port._listener
+    assert served.port._listener is not None
+    listener: socket.socket = served.port._listener
 
     class Starved:
         """A listener for whose next connections there is no descriptor."""
