@@ -49,6 +49,9 @@ def test_a_command_that_moves_the_ram_is_seen_and_stopped_by_another_one(
             with StreamClient(settings) as client:
 
                 def moves() -> bool:
+                    assert run.poll() is None
+                    if "emulated" not in client.rigs():
+                        return False
                     snapshot = client.snapshot("emulated")
                     return snapshot.alive and snapshot.state.get("state") in MOVES
 
@@ -61,6 +64,6 @@ def test_a_command_that_moves_the_ram_is_seen_and_stopped_by_another_one(
             said, _ = run.communicate(timeout=60.0)
         finally:
             run.kill()
-            run.wait()
+            run.communicate()
         assert run.returncode == 3, said
         assert "stopped by local" in said
