@@ -16,9 +16,11 @@ from .joint_fit import JointFit as JointFit, Stretch as Stretch, around as aroun
 from .noise import (
     DEAD_ZONE as DEAD_ZONE,
     MOST_MODEL_ERROR as MOST_MODEL_ERROR,
+    NOISE as NOISE,
     RELATIVE_DEAD_ZONE as RELATIVE_DEAD_ZONE,
     checked_model_error as checked_model_error,
     dead_zones as dead_zones,
+    sensor_noise as sensor_noise,
     whitening as whitening,
 )
 from .nuisances import (

@@ -15,6 +15,7 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.accounts import (
     BLOCK_S,
@@ -42,6 +43,8 @@ from estimator.accounts import (
 from .fault_scores import WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes
 from .finding import Finding
+
+Array = NDArray[np.float64]
 
 MINIMUM_BLOCKS: Final = 16
 """Fewest blocks (8 s) with which a fault is claimed. Their 32 values outnumber the nuisances and a
@@ -135,6 +138,13 @@ class LeakTest:
         exact = noise_limit(rate, WITNESSES, most, freedom) - LEFT_OUT
         return between(exact, bound, self.model_error)
 
+    def sharpness(self) -> float:
+        """Return the factor by which a statistic is reduced before it counts as a normal score.
+
+        It is 1 unless the test has learnt that this rig's statistics go further than noise does.
+        """
+        return 1.0
+
     def limit(self) -> float:
         """Return the value that the statistic of a first fault must exceed after the last block."""
         return self.threshold(self.candidates().regression.freedom)
@@ -143,7 +153,7 @@ class LeakTest:
         """Add one block; an incomplete one is ignored."""
         if not block.complete:
             return
-        white = whitening(block, self.model_error)
+        white = self._whitening(block)
         nuisances = white @ block.nuisances
         missing = white @ block.missing - nuisances @ self._expected.mean
         # The spool's null may shift just where a fault begins; a fault must explain more than that.
@@ -154,6 +164,10 @@ class LeakTest:
         self.sums.add(block, rows, self._kept)
         self._scored.clear()
         self._findings = self._healthy_noise = None
+
+    def _whitening(self, block: AccountBlock) -> Array:
+        """Return the matrix (2, 2) that scales a block's expected noise to unit variances."""
+        return whitening(block, self.model_error)
 
     def search(self) -> list[Finding]:
         """Return the faults found in all blocks so far, at most two; [] before `MINIMUM_BLOCKS`."""

@@ -172,6 +172,7 @@ def fault_probabilities(test: LeakTest) -> Array:
     size = np.where(usable, candidates.products.sizes, 1.0)
     error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
     surplus = np.maximum(scores.coefficient - test.dead_zone / size, 0.0) / error
+    surplus *= test.sharpness()
     width = np.log(sqrt(2.0 * pi) / GREATEST_FLOW * size * error)
     onsets = max(test.sums.marks, 1)
     logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
@@ -180,7 +181,8 @@ def fault_probabilities(test: LeakTest) -> Array:
     if len(findings := test.search()) > 1:
         flows = [f.deviation * candidates.products.sizes[test.mark(f), f.fault] for f in findings]
         pair = sum(
-            0.5 * f.statistic**2 + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
+            0.5 * (test.sharpness() * f.statistic) ** 2
+            + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
             for f, flow in zip(findings, flows, strict=True)
         )
     healthy = log(1.0 - FAULT_COUNT * PRIOR)

@@ -121,7 +121,7 @@ def account_detector_of(
         known = baseline_of(baseline)
     except _UNREADABLE:
         return None
-    return OilAccountDetector(model, false_alarms_per_day, known.nuisances, known.model_error)
+    return known.account_detector(model, false_alarms_per_day)
 
 
 def detector_of(

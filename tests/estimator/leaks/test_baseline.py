@@ -83,7 +83,7 @@ def test_the_thesis_filters_judge_by_its_healthy_levels(baseline: Baseline) -> N
 def test_it_survives_a_file_bit_for_bit(baseline: Baseline, tmp_path: Path) -> None:
     path = tmp_path / "rig.json"
     write_baseline(baseline, path)
-    loaded = load_baseline(path, Model().name)
+    loaded = load_baseline(path, Model())
     assert np.array_equal(loaded.nuisances.mean, baseline.nuisances.mean)
     assert np.array_equal(loaded.nuisances.covariance, baseline.nuisances.covariance)
     for name, level in baseline.levels.items():
@@ -95,7 +95,7 @@ def test_it_survives_a_file_bit_for_bit(baseline: Baseline, tmp_path: Path) -> N
 def test_it_says_how_far_the_model_may_be_off(baseline: Baseline, tmp_path: Path) -> None:
     path = tmp_path / "rig.json"
     write_baseline(replace(baseline, model_error=0.0), path)
-    exact = load_baseline(path, Model().name)
+    exact = load_baseline(path, Model())
     assert exact.model_error == 0.0
     decided = [
         replay(in_a_sine(4), Model(), detector=each.detector("product", Model(), 1.0)).decision
@@ -114,7 +114,7 @@ def test_a_file_from_before_there_was_this_factor_means_one(
     content = json.loads(path.read_text())
     del content["model_error"]
     path.write_text(json.dumps(content))
-    assert load_baseline(path, Model().name).model_error == 1.0
+    assert load_baseline(path, Model()).model_error == 1.0
 
 
 def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
@@ -126,7 +126,7 @@ def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
     levels = content["innovation_levels_Pa"]
     levels["thesis-7-ud"] = levels["thesis-7"]
     path.write_text(json.dumps(content))
-    assert set(load_baseline(path, Model().name).levels) == {"thesis-6", "thesis-7"}
+    assert set(load_baseline(path, Model()).levels) == {"thesis-6", "thesis-7"}
 
 
 def test_a_leaking_recording_is_no_baseline() -> None:
@@ -168,11 +168,11 @@ def test_a_damaged_file_is_named_with_its_remedy(
     damage(content)
     path.write_text(json.dumps(content))
     with pytest.raises(BaselineError, match=says) as caught:
-        load_baseline(path, Model().name)
+        load_baseline(path, Model())
     assert str(caught.value).startswith(str(path))
     assert "make it anew with rig baseline" in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(BaselineError, match=r"nothing\.json"):
-        load_baseline(tmp_path / "nothing.json", Model().name)
+        load_baseline(tmp_path / "nothing.json", Model())
