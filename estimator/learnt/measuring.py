@@ -42,8 +42,8 @@ def measured_noise(recordings: Sequence[Residuals]) -> dict[str, RegimeNoise]:
     """Return the noise of each regime that lasts for `LEAST_REGIME_S` or more, all but near stops.
 
     Variances are those of the residuals less the sensors' own, in parts of the default's allowance.
-    The correlation from block to block is that of the residuals, with the sensors' noise in them, and
-    has one standard error added.
+    The correlation from block to block is that of the residuals, the sensors' noise included, with
+    one standard error added.
     """
     found = {}
     for regime in REGIMES:
