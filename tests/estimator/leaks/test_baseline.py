@@ -117,6 +117,33 @@ def test_a_file_from_before_there_was_this_factor_means_one(
     assert load_baseline(path, Model()).model_error == 1.0
 
 
+def test_a_file_from_before_there_were_hashes_and_noise_is_read(
+    baseline: Baseline, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.json"
+    write_baseline(baseline, path)
+    content = json.loads(path.read_text())
+    for key in ("model_sha256", "noise", "commissioning", "accepted"):
+        del content[key]
+    path.write_text(json.dumps(content))
+    loaded = load_baseline(path, Model())
+    assert (loaded.model_hash, loaded.noise, loaded.accepted) == ("", None, ())
+    assert np.array_equal(loaded.nuisances.mean, baseline.nuisances.mean)
+
+
+def test_it_belongs_to_the_values_of_its_model_and_not_to_its_name(
+    baseline: Baseline, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.json"
+    write_baseline(baseline, path)
+    with pytest.raises(BaselineError, match=r"model_sha256: .*another one.*rig baseline --model"):
+        load_baseline(path, Model(parameters=TRUTH.parameters))
+
+
+def test_noise_is_not_learnt_from_less_than_ten_minutes(baseline: Baseline) -> None:
+    assert baseline.noise is None
+
+
 def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
     baseline: Baseline, tmp_path: Path
 ) -> None:
@@ -156,6 +183,7 @@ def test_no_recording_is_no_baseline() -> None:
         (lambda content: content.update(recordings=3), "iterable"),
         (lambda content: content.update(model_error=-1.0), "model_error: -1.0 is outside 0"),
         (lambda content: content["nuisances"].pop("bulk_modulus"), "other weaknesses"),
+        (lambda content: content.update(noise={"regimes": {"flying": {}}}), "flying is none of"),
         (lambda content: content.update(model="thesis"), "beside the model thesis, not nominal"),
     ],
 )
