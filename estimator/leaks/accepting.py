@@ -97,11 +97,7 @@ def _later_noise(
 ) -> LearntNoise:
     """Return the noise and the peaks of later accounts, judged by what was learnt before them."""
     left = [residuals_of(blocks, expected, noise, parameters) for blocks in accounts]
-    peaks = [
-        peak.statistic
-        for blocks in accounts
-        for peak in peaks_of(blocks, expected, noise, parameters)
-    ]
+    peaks = [peak for blocks in accounts for peak in peaks_of(blocks, expected, noise, parameters)]
     hours = sum(b.end_s - b.start_s for blocks in accounts for b in blocks) / 3600.0
     tail = tail_of(peaks, noise.tail.base, hours)
     return LearntNoise(measured_noise(left), noise.dead_zone, tail)

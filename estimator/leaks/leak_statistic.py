@@ -102,6 +102,8 @@ class LeakTest:
         self.dead_zone = dead_zones(model_error)
         self.relative_dead_zone = model_error * RELATIVE_DEAD_ZONE
         self._least_variance = least_variance(model_error)
+        # Part of `NULL_SHIFT` by which the spool's null may shift where a fault begins.
+        self._null_shift = self.model_error
         self.sums = AccountSums()
         self._expected = expected
         self._root = np.linalg.cholesky(expected.covariance)
@@ -157,7 +159,7 @@ class LeakTest:
         nuisances = white @ block.nuisances
         missing = white @ block.missing - nuisances @ self._expected.mean
         # The spool's null may shift just where a fault begins; a fault must explain more than that.
-        shift = self.model_error * block.nuisances[:, _NULL_BIAS]
+        shift = self._null_shift * block.nuisances[:, _NULL_BIAS]
         shapes = white @ np.column_stack([block.faults, shift])
         rows = missing, nuisances @ self._root, shapes
         self._recent.add(*rows)

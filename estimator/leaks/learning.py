@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import ceil
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -47,8 +47,9 @@ FOLDS: Final = 3
 LEAST_FOLD_S: Final = 60.0
 """Least length of a fold, s."""
 BASE: Final = 3.0
-"""Limit over which peaks of the statistic are counted. Noise alone exceeds it some 210 times a day,
-and errors of a model more often: enough in an hour to tell how steeply their number falls."""
+"""Limit over which peaks of the statistic are counted. It is high enough for the excesses to be
+nearly exponential. Rigs of another maker had 4 to 20 peaks an hour over it, enough to tell how
+steeply their number falls (`tools.alarm_rates`)."""
 _EVERY: Final = 2
 """The statistic is looked at once in this many blocks; it changes little within a second."""
 _LONGEST: Final = 120
@@ -78,14 +79,14 @@ def learnt_noise(recordings: Sequence[Blocks], parameters: Parameters) -> Learnt
             for fold, belief, noise in zip(folds, beliefs, noises, strict=True)
         ]
         noises = [measured_noise(_others(left, k)) for k in range(len(folds))]
-    peaks: list[Peak] = []
+    peaks: list[float] = []
     hours = 0.0
     for fold, belief, noise in zip(folds, beliefs, noises, strict=True):
         for blocks in fold:
             peaks += peaks_of(blocks, belief, _bare(noise), parameters)
             hours += sum(block.end_s - block.start_s for block in blocks) / 3600.0
     learnt = _bare(measured_noise([each for fold in left for each in fold]))
-    return replace(learnt, tail=tail_of([peak.statistic for peak in peaks], BASE, hours))
+    return replace(learnt, tail=tail_of(peaks, BASE, hours))
 
 
 def folds_of(recordings: Sequence[Blocks]) -> list[list[Blocks]]:
@@ -179,18 +180,6 @@ def _regression(
     return Regression(squares, products, total, 2 * sums.blocks, 1.0)
 
 
-class Peak(NamedTuple):
-    """A peak of the test's statistic on a healthy rig.
-
-    Attributes:
-        statistic: its height.
-        regime: regime of the block in which it first exceeded `BASE`.
-    """
-
-    statistic: float
-    regime: str
-
-
 class _PeakTest(LearntLeakTest):
     """A test that claims whatever exceeds the limit for peaks, for faults alone."""
 
@@ -200,7 +189,7 @@ class _PeakTest(LearntLeakTest):
 
 def peaks_of(
     blocks: Blocks, expected: NuisanceBelief, noise: LearntNoise, parameters: Parameters
-) -> list[Peak]:
+) -> list[float]:
     """Return the peaks of the test's statistic over `BASE` in one recording.
 
     A peak ends when no fault exceeds the limit, or after a minute; then the test begins anew.
@@ -216,21 +205,18 @@ def peaks_of(
         return _PeakTest(1.0, expected, noise, parameters)
 
     test, peaks = begun(), []
-    peak: Peak | None = None
-    since = 0
+    peak, since = 0.0, 0
     for number, block in enumerate(blocks):
         test.add(block)
         if number % _EVERY or test.blocks < MINIMUM_BLOCKS:
             continue
         finding = test.best()
         if finding is not None:
-            regime = regime_of(block, parameters) if peak is None else peak.regime
-            height = finding.statistic if peak is None else max(peak.statistic, finding.statistic)
-            peak = Peak(height, regime)
+            peak = max(peak, finding.statistic)
             since += _EVERY
-        if peak is not None and (finding is None or since >= _LONGEST):
+        if peak and (finding is None or since >= _LONGEST):
             peaks.append(peak)
             if since >= _LONGEST:
                 test = begun()
-            peak, since = None, 0
-    return peaks if peak is None else [*peaks, peak]
+            peak, since = 0.0, 0
+    return [*peaks, peak] if peak else peaks

@@ -59,6 +59,9 @@ class LearntLeakTest(LeakTest):
         self.relative_dead_zone = RELATIVE_DEAD_ZONE
         # Noise below what was learnt is chance, as below the sensors' own in an exact model.
         self._least_variance = 1.0
+        # A null that shifts is among what the peaks of the statistic came from. Allowed for once
+        # more, it would hide internal leaks however long they last.
+        self._null_shift = 0.0
         self._careful = False
 
     def threshold(self, freedom: float) -> float:
@@ -94,7 +97,7 @@ class LearntLeakTest(LeakTest):
             return
         if block.complete and not self._careful and not self._noise.knows(block, self._parameters):
             self._careful = True
-            self.model_error = 1.0
+            self.model_error = self._null_shift = 1.0
             self.dead_zone = np.maximum(self.dead_zone, dead_zones(1.0))
         super().add(block)
 

@@ -21,7 +21,7 @@ PRIOR_PEAKS: Final = 5.0
 PRIOR_EXCESS: Final = 0.5
 """Mean excess s0 of the prior. Normal noise beyond a limit u has 1 / u: 0.3 beyond 3.5; errors of a
 model have longer tails."""
-_DRAWS: Final = 20_000
+_DRAWS: Final = 5_000
 
 
 @dataclass(frozen=True)

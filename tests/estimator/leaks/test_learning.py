@@ -58,7 +58,7 @@ def test_the_noise_of_the_accounts_is_found(learnt: LearntNoise) -> None:
 def test_a_leak_is_found_with_it_that_the_careful_default_does_not_claim(
     learnt: LearntNoise,
 ) -> None:
-    blocks = with_leak(moving_blocks(120, 6, factor=0.4), 0.02, 60)
+    blocks = with_leak(moving_blocks(120, 6, factor=0.4), 0.01, 60)
     careful = LeakTest(10.0)
     for block in blocks:
         careful.add(block)

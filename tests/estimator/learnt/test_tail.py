@@ -5,7 +5,7 @@ import pytest
 
 from estimator.learnt.tail import Tail, tail_of
 
-RIGS = 4000
+RIGS = 1000
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +29,11 @@ def test_rigs_alarm_as_often_as_stated_on_average(tails: list[Tail], stated: flo
 
 def test_the_stated_interval_holds_the_true_rate_nine_times_in_ten(tails: list[Tail]) -> None:
     inside = 0
-    for tail in tails[:300]:
+    for tail in tails[:100]:
         limit = tail.limit(10.0)
         low, high = tail.interval(limit)
         inside += low <= true_rate(limit) <= high
-    assert 0.8 < inside / 300 < 0.97
+    assert 0.75 < inside / 100 < 0.97
 
 
 def test_the_limit_is_that_with_the_rate(tails: list[Tail]) -> None:
