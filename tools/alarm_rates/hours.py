@@ -65,7 +65,8 @@ def simulated_piece(seed: int, number: int, piece_s: float = PIECE_S) -> Piece:
     command, position, p1, p2, spool = readings[_SETTLING:].T
     time_s = np.arange(rows) * physics.TICK
     measured = np.column_stack([position, p1, p2, spool, np.full(rows, np.nan)])
-    run = run_filter(time_s, np.ascontiguousarray(command), measured, Model())
+    command_V = np.array(command, dtype=np.float64)
+    run = run_filter(time_s, command_V, measured, Model())
     names_of = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
     table = np.array([run.time_s, *(run.state(name) for name in names_of),
                       np.ones(rows), np.full(rows, np.nan)])  # fmt: skip

@@ -24,11 +24,10 @@ from estimator.leaks import (
 from faults import Campaign, CampaignTest
 from rig.configuration import Rig, plain
 from rig.loop import VERDICT_CODES
-from rig.plant import DATA_SHEET, Model, SensorParameters
+from rig.plant import DATA_SHEET, Model, SensorParameters, model_sha256
 from rig.recording import Recording, unit_of
 
 from .calibrations import calibrations_applied
-from .software_state import model_sha256
 from .thresholds import Learning
 
 METADATA_VERSION: Final = 1

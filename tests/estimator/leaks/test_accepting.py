@@ -32,7 +32,13 @@ def baseline() -> Baseline:
     regimes = {name: RegimeNoise(600.0, 0.3, 0.0, 0.0) for name in ("moving", "fast", "loaded")}
     belief = replace(UNINFORMED, covariance=0.3**2 * np.eye(NUISANCE_COUNT))
     return Baseline(
-        belief, LEVELS, {"first": "0"}, "nominal", 1.0, model_sha256(Model()), noise(**regimes)
+        belief,
+        LEVELS,
+        {"first": "0"},
+        "nominal",
+        1.0,
+        model_sha256(Model()),
+        noise(regimes=regimes),
     )
 
 

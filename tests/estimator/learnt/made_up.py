@@ -1,6 +1,8 @@
 """Made-up accounts and noise for tests of what was learnt."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -9,12 +11,13 @@ from estimator.learnt.noise import LearntNoise, RegimeNoise
 from estimator.learnt.tail import Tail
 from tests.estimator.leaks.test_leak_statistic import blocks_of_an_exact_model
 
-MOVING = RegimeNoise(600.0, 0.1, 0.0, 0.0)
+SEEN = Tail(3.0, 1.0, 10, 5.0)
+LEARNT = MappingProxyType({"moving": RegimeNoise(600.0, 0.1, 0.0, 0.0)})
 
 
-def noise(tail: Tail = Tail(3.0, 1.0, 10, 5.0), **regimes: RegimeNoise) -> LearntNoise:  # noqa: B008
-    """Return learnt noise with some regimes; `moving` alone if none is given."""
-    return LearntNoise(regimes or {"moving": MOVING}, (0.0, 0.0, 0.0, 0.01, 0.01), tail)
+def noise(tail: Tail = SEEN, regimes: Mapping[str, RegimeNoise] = LEARNT) -> LearntNoise:
+    """Return learnt noise; `moving` is the only regime unless others are given."""
+    return LearntNoise(regimes, (0.0, 0.0, 0.0, 0.01, 0.01), tail)
 
 
 def moving(block: AccountBlock, travel: float = 0.02, start: float = 0.3) -> AccountBlock:

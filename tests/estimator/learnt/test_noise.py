@@ -54,14 +54,16 @@ def test_a_rig_is_not_taken_for_quieter_than_drawn_rigs() -> None:
 def test_noisy_and_lasting_regimes_count_for_less() -> None:
     block = moving(blocks(1, 1)[0])
     weights = [
-        np.linalg.norm(noise(moving=RegimeNoise(60.0, *each)).whitening(block, NOMINAL))
+        np.linalg.norm(
+            noise(regimes={"moving": RegimeNoise(60.0, *each)}).whitening(block, NOMINAL)
+        )
         for each in ((0.1, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.0, 0.6))
     ]
     assert weights[0] > weights[1] > weights[2]
 
 
 def test_two_spans_of_time_are_joined_by_their_length() -> None:
-    new = noise(Tail(3.0, 3.0, 2, 1.0), moving=RegimeNoise(1800.0, 0.3, 0.0, 0.4))
+    new = noise(Tail(3.0, 3.0, 2, 1.0), {"moving": RegimeNoise(1800.0, 0.3, 0.0, 0.4)})
     both = joined(noise(), new)
     assert both.tail == Tail(3.0, 4.0, 12, 6.0)
     assert both.regimes["moving"].seconds == 2400.0
