@@ -181,7 +181,7 @@ def _regression(
 
 
 class _PeakTest(LearntLeakTest):
-    """A test that claims whatever exceeds the limit for peaks, for faults alone."""
+    """A test that claims whatever exceeds the limit for peaks."""
 
     def threshold(self, freedom: float) -> float:
         return BASE
@@ -210,11 +210,11 @@ def peaks_of(
         test.add(block)
         if number % _EVERY or test.blocks < MINIMUM_BLOCKS:
             continue
-        finding = test.best()
-        if finding is not None:
-            peak = max(peak, finding.statistic)
+        findings = test.search()
+        if findings:
+            peak = max(peak, *(finding.statistic for finding in findings))
             since += _EVERY
-        if peak and (finding is None or since >= _LONGEST):
+        if peak and (not findings or since >= _LONGEST):
             peaks.append(peak)
             if since >= _LONGEST:
                 test = begun()

@@ -63,10 +63,10 @@ def simulated_piece(seed: int, number: int, piece_s: float = PIECE_S) -> Piece:
         noise, rng.random(setpoint.size), start, _STEPS,
     )  # fmt: skip
     command, position, p1, p2, spool = readings[_SETTLING:].T
-    time_s = np.arange(rows) * physics.TICK
+    time_s = np.asarray(np.arange(rows) * physics.TICK, dtype=np.float64)
     measured = np.column_stack([position, p1, p2, spool, np.full(rows, np.nan)])
-    command_V = np.array(command, dtype=np.float64)
-    run = run_filter(time_s, command_V, measured, Model())
+    commands = np.array(command, dtype=np.float64)
+    run = run_filter(time_s, commands, measured, Model())
     names_of = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
     table = np.array([run.time_s, *(run.state(name) for name in names_of),
                       np.ones(rows), np.full(rows, np.nan)])  # fmt: skip

@@ -116,8 +116,14 @@ def _print_noise(noise: LearntNoise) -> None:
     Screen().print_table(("regime", *right), rows, right=right)
     for rate, (low, high) in expected_alarms(noise).items():
         click.echo(
-            f"{rate:g} a day set: {low:.2g} to {high:.2g} expected, from {noise.tail.hours:.1f} h"
+            f"{rate:g} a day set: {_figure(low)} to {_figure(high)} expected, "
+            f"from {noise.tail.hours:.1f} h"
         )
+
+
+def _figure(rate: float) -> str:
+    """Return a rate to a tenth, or to a whole number from 10 on."""
+    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.1f}"
 
 
 def _row(name: str, fields: dict[str, float]) -> Sequence[str]:

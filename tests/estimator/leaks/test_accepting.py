@@ -43,8 +43,9 @@ def baseline() -> Baseline:
 
 
 def test_what_was_accepted_is_kept_beside_the_commissioning(
-    baseline: Baseline, later: Recording, tmp_path: Path
+    baseline: Baseline, later: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(accepting, "belief_of", lambda *_: baseline.nuisances)
     grown = accepted_onto(baseline, [later], Model())
     assert grown.commissioning == baseline
     assert set(grown.recordings) == {"first", "seed 21"}

@@ -53,12 +53,11 @@ def test_a_rig_is_not_taken_for_quieter_than_drawn_rigs() -> None:
 
 def test_noisy_and_lasting_regimes_count_for_less() -> None:
     block = moving(blocks(1, 1)[0])
-    weights = [
-        np.linalg.norm(
-            noise(regimes={"moving": RegimeNoise(60.0, *each)}).whitening(block, NOMINAL)
-        )
+    regimes = [
+        {"moving": RegimeNoise(60.0, *each)}
         for each in ((0.1, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.0, 0.6))
     ]
+    weights = [np.linalg.norm(noise(regimes=each).whitening(block, NOMINAL)) for each in regimes]
     assert weights[0] > weights[1] > weights[2]
 
 
