@@ -34,6 +34,7 @@ from .noise import (
     SENSOR_PLACES as SENSOR_PLACES,
     checked_model_error as checked_model_error,
     dead_zones as dead_zones,
+    sensor_noise as sensor_noise,
     whitening as whitening,
 )
 from .nuisances import (

@@ -1,4 +1,7 @@
+from .accepting import accepted_onto as accepted_onto
 from .baseline import (
+    LEAST_LEARNING_S as LEAST_LEARNING_S,
+    Accepted as Accepted,
     Baseline as Baseline,
     BaselineError as BaselineError,
     learn_baseline as learn_baseline,

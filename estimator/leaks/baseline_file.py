@@ -8,9 +8,11 @@ from typing import Any, Final
 import numpy as np
 
 from estimator.accounts import NUISANCES, NuisanceBelief, checked_model_error
+from estimator.learnt import noise_content, noise_of
+from rig.plant import LEAKS, Model, model_sha256
 from rig.recording import LARGEST_JSON, read_bounded
 
-from .baseline import PATTERN_FILTERS, Baseline, BaselineError
+from .baseline import PATTERN_FILTERS, Accepted, Baseline, BaselineError
 from .pattern import HealthyLevel
 
 VERSION: Final = 1
@@ -28,6 +30,7 @@ def content_of(baseline: Baseline) -> dict[str, Any]:
     return {
         "baseline_version": VERSION,
         "model": baseline.model,
+        "model_sha256": baseline.model_hash,
         "model_error": baseline.model_error,
         "recordings": dict(baseline.recordings),
         "nuisances": {
@@ -48,6 +51,17 @@ def content_of(baseline: Baseline) -> dict[str, Any]:
             }
             for name, level in baseline.levels.items()
         },
+        "noise": None if baseline.noise is None else noise_content(baseline.noise),
+        "commissioning": None
+        if baseline.commissioning is None
+        else content_of(baseline.commissioning),
+        "accepted": [
+            {
+                "recordings": dict(each.recordings),
+                "hidden_L_per_min": dict(zip(LEAKS, each.hidden, strict=True)),
+            }
+            for each in baseline.accepted
+        ],
     }
 
 
@@ -76,7 +90,20 @@ def baseline_of(content: Mapping[str, Any]) -> Baseline:
     # Files that are older than this setting lack it.
     model_error = checked_model_error(float(content.get("model_error", 1.0)))
     recordings = dict(content["recordings"])
-    return Baseline(belief, levels, recordings, str(content["model"]), model_error)
+    # So do files from before the noise was learnt.
+    noise, first = content.get("noise"), content.get("commissioning")
+    return Baseline(
+        belief, levels, recordings, str(content["model"]), model_error,
+        str(content.get("model_sha256", "")),
+        None if noise is None else noise_of(noise),
+        None if first is None else baseline_of(first),
+        tuple(_accepted_of(each) for each in content.get("accepted", ())),
+    )  # fmt: skip
+
+
+def _accepted_of(content: Mapping[str, Any]) -> Accepted:
+    hidden = content["hidden_L_per_min"]
+    return Accepted(dict(content["recordings"]), tuple(float(hidden[leak]) for leak in LEAKS))
 
 
 def _level_of(content: Mapping[str, Any]) -> HealthyLevel:
@@ -100,16 +127,16 @@ def write_baseline(baseline: Baseline, path: Path) -> None:
     partial.replace(path)
 
 
-def load_baseline(path: Path, model: str) -> Baseline:
+def load_baseline(path: Path, model: Model) -> Baseline:
     """Return the baseline from a file that `write_baseline` wrote.
 
     Args:
         path: path of the JSON file.
-        model: name of the model with which the baseline is to be used.
+        model: the model with which the baseline is to be used.
 
     Raises:
         BaselineError: the file cannot be read, is not a baseline of this version, or was learnt
-            with another model.
+            with another model: one of another name, or, where the file has a hash, another hash.
     """
     try:
         baseline = baseline_of(json.loads(read_bounded(path, LARGEST_JSON)))
@@ -119,10 +146,18 @@ def load_baseline(path: Path, model: str) -> Baseline:
         raise BaselineError([_none(path, f"there is no {error} in it")]) from None
     except (ValueError, TypeError, AttributeError, RecursionError, np.linalg.LinAlgError) as error:
         raise BaselineError([_none(path, str(error))]) from None
-    if baseline.model != model:
-        remedy = f"make it anew with rig baseline --model {model}"
+    remedy = f"make it anew with rig baseline --model {model.name}"
+    if baseline.model != model.name:
         raise BaselineError(
-            [f"{path}: learnt beside the model {baseline.model}, not {model}; {remedy}"]
+            [f"{path}: learnt beside the model {baseline.model}, not {model.name}; {remedy}"]
+        )
+    found = model_sha256(model)
+    if baseline.model_hash and baseline.model_hash != found:
+        raise BaselineError(
+            [
+                f"{path}: model_sha256: {baseline.model_hash[:12]}: learnt beside the model "
+                f"{model.name} when it was another one (it has {found[:12]} now); {remedy}"
+            ]
         )
     return baseline
 

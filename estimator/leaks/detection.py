@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from estimator.accounts import DEAD_ZONE, UNINFORMED, AccountBlock, NuisanceBelief, reference_flow
 from estimator.filters import FilterRun
 from estimator.intermittent import ReturnTest
+from estimator.learnt import LearntNoise
 from rig.plant import FAULTS, LEAKS, LITRE_PER_MINUTE, Model, Parameters, signed_roots
 
 from . import leak_verdicts
@@ -20,6 +21,7 @@ from .decision import SILENT as SILENT, Decision as Decision, is_of as is_of
 from .drift_watch import DriftWatch
 from .finding import Finding
 from .leak_statistic import MINIMUM_BLOCKS, LeakTest
+from .learnt_test import LearntLeakTest
 from .oil_account import OilAccount, Samples
 from .supply_statistic import SupplyTest
 from .travel import travel_needed
@@ -64,6 +66,8 @@ class OilAccountDetector:
         model_error: factor on what is allowed for errors of the model (dead zones and the like),
             0 to 10; 0 means that the model is exact.
         returning: whether leaks that come and go are looked for too.
+        learnt: what was learnt of this rig's noise; the test for leaks that stay then allows for
+            that instead of `model_error`, which the other tests keep.
 
     Raises:
         ValueError: the rate or the factor is outside its range.
@@ -88,10 +92,12 @@ class OilAccountDetector:
         model_error: float = 1.0,
         *,
         returning: bool = True,
+        learnt: LearntNoise | None = None,
     ) -> None:
         self._parameters = model.parameters
         self._setting = false_alarms_per_day, expected, model_error
-        self._test = self.leak_test(*self._setting)
+        self._learnt = learnt
+        self._test = self._new_test()
         self.account = OilAccount(model.parameters, self._test)
         self._supply = self.supply_test(model.parameters, false_alarms_per_day, model_error)
         self._returns = ReturnTest(model.parameters, *self._setting) if returning else None
@@ -106,13 +112,20 @@ class OilAccountDetector:
         self.drawn_up: list[AccountBlock] = []
         self.begun = 0
 
+    def _new_test(self) -> LeakTest:
+        """Return a test for leaks that stay, without any block yet."""
+        if self._learnt is None:
+            return self.leak_test(*self._setting)
+        rate, expected, _ = self._setting
+        return LearntLeakTest(rate, expected, self._learnt, self._parameters)
+
     def _begin_anew(self) -> None:
         """Replace the leak test by a new one, without the blocks so far, and count this in `begun`.
 
         The test looks for faults that last, which blocks with a leak that has ended do not fit.
         """
         self.begun += 1
-        self._test = self.account.test = self.leak_test(*self._setting)
+        self._test = self.account.test = self._new_test()
         self._leaks = PresentLeaks(partial(leak_verdicts.present_coefficient, self._test))
         self._named = None
         self._drift.begin_anew()

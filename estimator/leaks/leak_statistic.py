@@ -102,6 +102,8 @@ class LeakTest:
         self.dead_zone = dead_zones(model_error)
         self.relative_dead_zone = model_error * RELATIVE_DEAD_ZONE
         self._least_variance = least_variance(model_error)
+        # Part of `NULL_SHIFT` by which the spool's null may shift where a fault begins.
+        self._null_shift = self.model_error
         self.sums = AccountSums()
         self._expected = expected
         self._root = np.linalg.cholesky(expected.covariance)
@@ -139,6 +141,13 @@ class LeakTest:
         exact = noise_limit(rate, WITNESSES, most, freedom) - LEFT_OUT
         return between(exact, bound, self.model_error)
 
+    def sharpness(self) -> float:
+        """Return the factor by which a statistic is reduced before it counts as a normal score.
+
+        It is 1 unless the test has learnt that this rig's statistics go further than noise does.
+        """
+        return 1.0
+
     def limit(self) -> float:
         """Return the value that the statistic of a first fault must exceed after the last block."""
         return self.threshold(self.candidates().regression.freedom)
@@ -159,13 +168,17 @@ class LeakTest:
         They are in units of the block's expected noise. The nuisances are in units of what is known
         of them before any block, and the missing flow is without their expected mean.
         """
-        white = whitening(block, self.model_error)
+        white = self._whitening(block)
         nuisances = white @ block.nuisances
         missing = white @ block.missing - nuisances @ self._expected.mean
         # The spool's null may shift just where a fault begins; a fault must explain more than that.
-        shift = self.model_error * block.nuisances[:, _NULL_BIAS]
+        shift = self._null_shift * block.nuisances[:, _NULL_BIAS]
         shapes = white @ np.column_stack([block.faults, shift])
         return missing, nuisances @ self._root, shapes
+
+    def _whitening(self, block: AccountBlock) -> Array:
+        """Return the matrix (2, 2) that scales a block's expected noise to unit variances."""
+        return whitening(block, self.model_error)
 
     def search(self) -> list[Finding]:
         """Return the faults found in all blocks so far, at most two; [] before `MINIMUM_BLOCKS`."""
@@ -372,6 +385,7 @@ class LeakTest:
         size = np.where(usable, candidates.products.sizes, 1.0)
         error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
         surplus = np.maximum(scores.coefficient - self.dead_zone / size, 0.0) / error
+        surplus *= self.sharpness()
         width = np.log(sqrt(2.0 * pi) / greatest_flow * size * error)
         logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
         return np.asarray(np.logaddexp.reduce(logs, axis=0))

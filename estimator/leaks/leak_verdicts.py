@@ -265,7 +265,8 @@ def fault_probabilities(test: LeakTest) -> Array:
         candidates = test.candidates()
         flows = [f.deviation * candidates.products.sizes[test.mark(f), f.fault] for f in findings]
         pair = sum(
-            0.5 * f.statistic**2 + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
+            0.5 * (test.sharpness() * f.statistic) ** 2
+            + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
             for f, flow in zip(findings, flows, strict=True)
         )
     healthy = log(1.0 - FAULT_COUNT * PRIOR)

@@ -74,6 +74,7 @@ from .memory_laws import (
     play as play,
     whole_ticks as whole_ticks,
 )
+from .model_hash import model_sha256 as model_sha256
 from .parameters import (
     BRISTLE as BRISTLE,
     FRICTION_LAWS as FRICTION_LAWS,

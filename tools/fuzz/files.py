@@ -13,6 +13,7 @@ from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
 from estimator.leaks.baseline_file import content_of, load_baseline
 from estimator.leaks.pattern import HealthyLevel
 from rig.configuration import check
+from rig.plant import Model
 from rig.recording import Recording, export, read_recording, recover
 from rig.recording.formats import write_mcap
 from rig.runner.counters import CounterError, read_counters
@@ -207,7 +208,7 @@ FILES: Final = (
     ),
     Target(
         "baseline",
-        as_file("baseline.json", lambda path: load_baseline(path, "nominal")),
+        as_file("baseline.json", lambda path: load_baseline(path, Model())),
         lambda: [_baseline()],
     ),
     Target("counters", as_file("counters.json", _counters), lambda: [_COUNTERS]),

@@ -101,7 +101,7 @@ def command(
         columns = None if columns_file is None else load_columns(columns_file)
     with problems.collected():
         assumed = load_model(model)
-        baseline = None if baseline_file is None else load_baseline(baseline_file, assumed.name)
+        baseline = None if baseline_file is None else load_baseline(baseline_file, assumed)
     try:
         filter_named(filter_name)
     except ValueError as error:

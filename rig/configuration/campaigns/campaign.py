@@ -142,7 +142,7 @@ def _read_baseline(
     if entry.sources.read_bytes(path, entry) is None:
         return None
     try:
-        return load_baseline(path, model.name)
+        return load_baseline(path, model)
     except BaselineError as error:
         for problem in error.problems:
             entry.refuse(problem, value="")

@@ -31,10 +31,10 @@ from estimator.friction import (
     stiction_level,
 )
 from rig.configuration import Rig
-from rig.plant import Model
+from rig.plant import Model, model_sha256
 from rig.recording import Recording
 from rig.runner.campaign import Pace, StopFlag
-from rig.runner.outcomes import Observer, friction_figures, jsonable, model_sha256, named, versions
+from rig.runner.outcomes import Observer, friction_figures, jsonable, named, versions
 
 from .friction_plan import (
     NULL,

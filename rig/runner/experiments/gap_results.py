@@ -24,8 +24,16 @@ from estimator.gap import (
     term_of,
 )
 from rig.configuration import dump_model
-from rig.plant import CATALOGUE, DATA_SHEET, AddedTerm, Model, Parameters, SensorParameters
-from rig.runner.outcomes import git_state, model_sha256, named, versions
+from rig.plant import (
+    CATALOGUE,
+    DATA_SHEET,
+    AddedTerm,
+    Model,
+    Parameters,
+    SensorParameters,
+    model_sha256,
+)
+from rig.runner.outcomes import git_state, named, versions
 
 from .gap_motions import Room, motions
 from .parts import MARGIN_M

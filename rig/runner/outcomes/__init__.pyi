@@ -69,12 +69,7 @@ from .recorded import (
     with_estimates as with_estimates,
 )
 from .segments import SegmentRun as SegmentRun, segments_run as segments_run
-from .software_state import (
-    git_state as git_state,
-    model_sha256 as model_sha256,
-    provenance as provenance,
-    versions as versions,
-)
+from .software_state import git_state as git_state, provenance as provenance, versions as versions
 from .thresholds import (
     HealthyInnovations as HealthyInnovations,
     HealthyReferences as HealthyReferences,

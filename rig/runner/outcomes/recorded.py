@@ -26,11 +26,10 @@ from estimator.leaks import (
 from faults import Campaign, CampaignTest
 from rig.configuration import Rig, plain
 from rig.loop import VERDICT_CODES
-from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters
+from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters, model_sha256
 from rig.recording import REPLAY_CHANNELS, Recording, unit_of
 
 from .calibrations import calibrations_applied
-from .software_state import model_sha256
 from .thresholds import Learning
 
 METADATA_VERSION: Final = 1
@@ -162,7 +161,7 @@ def account_detector_of(
         known = baseline_of(baseline)
     except _UNREADABLE:
         return None
-    return OilAccountDetector(model, false_alarms_per_day, known.nuisances, known.model_error)
+    return known.account_detector(model, false_alarms_per_day)
 
 
 def detector_of(

@@ -1,7 +1,5 @@
 """Collects what a result depends on: software versions, git state, model, and files read."""
 
-import hashlib
-import json
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -12,7 +10,7 @@ from typing import Any, Final
 
 import rig
 from faults import Campaign
-from rig.plant import Model
+from rig.plant import model_sha256
 
 _PACKAGES: Final = ("numpy", "numba", "mcap")
 _GIT_TIMEOUT_S: Final = 5.0
@@ -38,23 +36,6 @@ def versions() -> dict[str, str]:
     """Return by name the versions of this package, Python, and the libraries that compute."""
     found = {"rig": rig.__version__, "python": platform.python_version()}
     return found | {package: version(package) for package in _PACKAGES}
-
-
-def model_sha256(model: Model) -> str:
-    """Return the SHA-256 (hex) of a model's parameters, effects and terms, without its name.
-
-    Knots of tables count only where they are not 0, so that models without tables have the hashes
-    that they had before there were tables.
-    """
-    parameters = {
-        name: value
-        for name, value in model.parameters._asdict().items()
-        if value != 0.0 or not name.startswith("table_")
-    }
-    content: dict[str, Any] = {"parameters": parameters, "effects": sorted(model.effects)}
-    if model.discovered:
-        content["discovered"] = model.discovered
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def git_state(folder: Path) -> Mapping[str, Any] | None:

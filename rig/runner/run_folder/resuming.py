@@ -17,6 +17,7 @@ import numpy as np
 from estimator.leaks import STARTED_S
 from faults import Campaign
 from rig.configuration import Rig, plain
+from rig.plant import model_sha256
 from rig.recording import RecordingError, read_mcap, read_recording, recover
 from rig.runner.outcomes import (
     Attempt,
@@ -24,7 +25,6 @@ from rig.runner.outcomes import (
     HealthyReferences,
     Status,
     TestOutcome,
-    model_sha256,
     outcome_of,
     with_estimates,
 )

@@ -83,7 +83,7 @@ def test_the_thesis_filters_judge_by_its_healthy_levels(baseline: Baseline) -> N
 def test_it_survives_a_file_bit_for_bit(baseline: Baseline, tmp_path: Path) -> None:
     path = tmp_path / "rig.json"
     write_baseline(baseline, path)
-    loaded = load_baseline(path, Model().name)
+    loaded = load_baseline(path, Model())
     assert np.array_equal(loaded.nuisances.mean, baseline.nuisances.mean)
     assert np.array_equal(loaded.nuisances.covariance, baseline.nuisances.covariance)
     for name, level in baseline.levels.items():
@@ -95,7 +95,7 @@ def test_it_survives_a_file_bit_for_bit(baseline: Baseline, tmp_path: Path) -> N
 def test_it_says_how_far_the_model_may_be_off(baseline: Baseline, tmp_path: Path) -> None:
     path = tmp_path / "rig.json"
     write_baseline(replace(baseline, model_error=0.0), path)
-    exact = load_baseline(path, Model().name)
+    exact = load_baseline(path, Model())
     assert exact.model_error == 0.0
     decided = [
         replay(in_a_sine(4), Model(), detector=each.detector("product", Model(), 1.0)).decision
@@ -114,7 +114,34 @@ def test_a_file_from_before_there_was_this_factor_means_one(
     content = json.loads(path.read_text())
     del content["model_error"]
     path.write_text(json.dumps(content))
-    assert load_baseline(path, Model().name).model_error == 1.0
+    assert load_baseline(path, Model()).model_error == 1.0
+
+
+def test_a_file_from_before_there_were_hashes_and_noise_is_read(
+    baseline: Baseline, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.json"
+    write_baseline(baseline, path)
+    content = json.loads(path.read_text())
+    for key in ("model_sha256", "noise", "commissioning", "accepted"):
+        del content[key]
+    path.write_text(json.dumps(content))
+    loaded = load_baseline(path, Model())
+    assert (loaded.model_hash, loaded.noise, loaded.accepted) == ("", None, ())
+    assert np.array_equal(loaded.nuisances.mean, baseline.nuisances.mean)
+
+
+def test_it_belongs_to_the_values_of_its_model_and_not_to_its_name(
+    baseline: Baseline, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.json"
+    write_baseline(baseline, path)
+    with pytest.raises(BaselineError, match=r"model_sha256: .*another one.*rig baseline --model"):
+        load_baseline(path, Model(parameters=TRUTH.parameters))
+
+
+def test_noise_is_not_learnt_from_less_than_ten_minutes(baseline: Baseline) -> None:
+    assert baseline.noise is None
 
 
 def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
@@ -126,7 +153,7 @@ def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
     levels = content["innovation_levels_Pa"]
     levels["thesis-7-ud"] = levels["thesis-7"]
     path.write_text(json.dumps(content))
-    assert set(load_baseline(path, Model().name).levels) == {"thesis-6", "thesis-7"}
+    assert set(load_baseline(path, Model()).levels) == {"thesis-6", "thesis-7"}
 
 
 def test_a_leaking_recording_is_no_baseline() -> None:
@@ -156,6 +183,7 @@ def test_no_recording_is_no_baseline() -> None:
         (lambda content: content.update(recordings=3), "iterable"),
         (lambda content: content.update(model_error=-1.0), "model_error: -1.0 is outside 0"),
         (lambda content: content["nuisances"].pop("bulk_modulus"), "other weaknesses"),
+        (lambda content: content.update(noise={"regimes": {"flying": {}}}), "flying is none of"),
         (lambda content: content.update(model="thesis"), "beside the model thesis, not nominal"),
     ],
 )
@@ -168,11 +196,11 @@ def test_a_damaged_file_is_named_with_its_remedy(
     damage(content)
     path.write_text(json.dumps(content))
     with pytest.raises(BaselineError, match=says) as caught:
-        load_baseline(path, Model().name)
+        load_baseline(path, Model())
     assert str(caught.value).startswith(str(path))
     assert "make it anew with rig baseline" in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(BaselineError, match=r"nothing\.json"):
-        load_baseline(tmp_path / "nothing.json", Model().name)
+        load_baseline(tmp_path / "nothing.json", Model())

@@ -13,6 +13,7 @@ def test_a_baseline_of_a_healthy_recording_is_used_by_replay(
 ) -> None:
     learnt = invoke("baseline", short_run / "healthy.mcap", "--out", "rig.json")
     assert (learnt.code, learnt.err) == (0, "")
+    assert "the rig's own noise was not learnt: that takes 10 min" in learnt.out
     assert Path("rig.json").is_file()
     done = invoke("replay", "--json", "--baseline", "rig.json", short_run / "leak_low.mcap")
     assert done.code == 0
@@ -67,3 +68,15 @@ def test_a_baseline_that_is_none_is_named(invoke: Invoke, short_run: Path) -> No
     assert done.code == 2
     assert done.err.startswith("rig.json: not a baseline")
     assert done.out == ""
+
+
+def test_learning_on_needs_learnt_noise_and_no_factor(invoke: Invoke, short_run: Path) -> None:
+    healthy = short_run / "healthy.mcap"
+    assert invoke("baseline", healthy, "--out", "rig.json").code == 0
+    onto = ("--onto", "rig.json", "--out", "other.json")
+    refused = invoke("baseline", healthy, *onto)
+    assert (refused.code, Path("other.json").exists()) == (2, False)
+    assert "it has no learnt noise to learn on from" in refused.err
+    both = invoke("baseline", healthy, *onto, "--model-error", "0.5")
+    assert both.code == 2
+    assert "--model-error: has no effect with --onto" in both.err

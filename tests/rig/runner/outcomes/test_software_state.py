@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from rig.plant import NOMINAL, Model
+from rig.plant import NOMINAL, Model, model_sha256
 from rig.plant.added_terms import AddedTerm, fields_of
-from rig.runner.outcomes.software_state import git_state, model_sha256
+from rig.runner.outcomes.software_state import git_state
 
 
 @pytest.fixture

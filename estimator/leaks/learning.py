@@ -1,0 +1,222 @@
+"""Learns the noise of one rig from its healthy accounts, each part judged by what the others say.
+
+The accounts are divided into folds of whole recordings, or of pieces of them. Noise by regime comes
+from what is left of every fold when the nuisances of the other folds are expected. The test itself
+is then run over every fold, with the nuisances and the noise of the others, and its peaks over a
+low limit say how often higher limits are exceeded (`estimator.learnt.tail`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import ceil
+from typing import Final, TypeVar
+
+import numpy as np
+
+from estimator.accounts import (
+    DRIFT,
+    FAULT_COUNT,
+    NUISANCE_COUNT,
+    UNINFORMED,
+    AccountBlock,
+    AccountSums,
+    NuisanceBelief,
+    Regression,
+    dead_zones,
+)
+from estimator.learnt import (
+    LearntNoise,
+    RegimeNoise,
+    Residuals,
+    Tail,
+    measured_noise,
+    regime_of,
+    tail_of,
+)
+from rig.plant import Parameters
+
+from .leak_statistic import MINIMUM_BLOCKS
+from .learnt_test import LearntLeakTest
+
+Blocks = Sequence[AccountBlock]
+_Each = TypeVar("_Each")
+
+FOLDS: Final = 3
+"""Number of folds: each is judged by two thirds of the accounts, nearly as many as in the end."""
+LEAST_FOLD_S: Final = 60.0
+"""Least length of a fold, s."""
+BASE: Final = 3.0
+"""Limit over which peaks of the statistic are counted. It is high enough for the excesses to be
+nearly exponential. Rigs of another maker had 4 to 20 peaks an hour over it, enough to tell how
+steeply their number falls (`tools.alarm_rates`)."""
+_EVERY: Final = 2
+"""The statistic is looked at once in this many blocks; it changes little within a second."""
+_LONGEST: Final = 120
+"""Blocks (one minute) after which a peak ends and the test begins anew, as after an alarm."""
+_ROUNDS: Final = 2
+
+
+def learnt_noise(recordings: Sequence[Blocks], parameters: Parameters) -> LearntNoise | None:
+    """Return what healthy accounts of one rig say of its noise; None if they are too short.
+
+    Args:
+        recordings: the blocks of each recording, in order.
+        parameters: the parameters that were assumed.
+    """
+    folds = folds_of(recordings)
+    if len(folds) < 2:
+        return None
+    others = [_others(folds, k) for k in range(len(folds))]
+    noises: list[dict[str, RegimeNoise]] = [{} for _ in folds]
+    for _ in range(_ROUNDS):
+        beliefs = [
+            belief_of(rest, _bare(noise), parameters)
+            for rest, noise in zip(others, noises, strict=True)
+        ]
+        left = [
+            [residuals_of(blocks, belief, _bare(noise), parameters) for blocks in fold]
+            for fold, belief, noise in zip(folds, beliefs, noises, strict=True)
+        ]
+        noises = [measured_noise(_others(left, k)) for k in range(len(folds))]
+    peaks: list[float] = []
+    hours = 0.0
+    for fold, belief, noise in zip(folds, beliefs, noises, strict=True):
+        for blocks in fold:
+            peaks += peaks_of(blocks, belief, _bare(noise), parameters)
+            hours += sum(block.end_s - block.start_s for block in blocks) / 3600.0
+    learnt = _bare(measured_noise([each for fold in left for each in fold]))
+    return replace(learnt, tail=tail_of(peaks, BASE, hours))
+
+
+def folds_of(recordings: Sequence[Blocks]) -> list[list[Blocks]]:
+    """Return the accounts in `FOLDS` folds, or fewer: recordings if there are enough, else pieces.
+
+    A piece has at least `LEAST_FOLD_S`. Pieces go to the folds in turn.
+    """
+    pieces: list[Blocks] = [list(blocks) for blocks in recordings if blocks]
+    if len(pieces) < FOLDS:
+        parts = ceil(FOLDS / max(len(pieces), 1))
+        pieces = [part for blocks in pieces for part in _parts(blocks, parts)]
+    count = min(FOLDS, len(pieces))
+    return [pieces[k::count] for k in range(count)]
+
+
+def _parts(blocks: Sequence[AccountBlock], parts: int) -> list[list[AccountBlock]]:
+    seconds = blocks[-1].end_s - blocks[0].start_s
+    parts = max(min(parts, int(seconds / LEAST_FOLD_S)), 1)
+    ends = np.linspace(0, len(blocks), parts + 1).astype(int)
+    return [list(blocks[a:b]) for a, b in pairwise(ends)]
+
+
+def _others(folds: Sequence[Sequence[_Each]], left_out: int) -> list[_Each]:
+    return [each for k, fold in enumerate(folds) if k != left_out for each in fold]
+
+
+def _bare(regimes: dict[str, RegimeNoise]) -> LearntNoise:
+    """Return learnt noise without a tail.
+
+    The dead zones are those of an exact model: what the model is off by is in the noise and in the
+    tail, which a dead zone would hide from being measured.
+    """
+    return LearntNoise(regimes, tuple(map(float, dead_zones(0.0))), Tail(BASE, 1.0, 0, 0.0))
+
+
+def belief_of(
+    recordings: Sequence[Blocks],
+    noise: LearntNoise,
+    parameters: Parameters,
+    expected: NuisanceBelief = UNINFORMED,
+) -> NuisanceBelief:
+    """Return the nuisances by all blocks of healthy recordings, with the drift between recordings.
+
+    Args:
+        recordings: the blocks of each recording.
+        noise: by which the blocks are weighed.
+        parameters: the parameters that were assumed.
+        expected: the nuisances before these recordings.
+    """
+    mean, covariance = _regression(recordings, expected, noise, parameters).nuisances()
+    root = np.linalg.cholesky(expected.covariance)
+    drift = DRIFT**2 * np.eye(NUISANCE_COUNT)
+    return NuisanceBelief(expected.mean + root @ mean, root @ covariance @ root.T + drift)
+
+
+def residuals_of(
+    blocks: Blocks, expected: NuisanceBelief, noise: LearntNoise, parameters: Parameters
+) -> Residuals:
+    """Return what is left of a recording's complete blocks after a fit of the nuisances.
+
+    Args:
+        blocks: the blocks of the recording.
+        expected: the nuisances before the fit.
+        noise: by which the blocks are weighed.
+        parameters: the parameters that were assumed.
+    """
+    kept = [block for block in blocks if block.complete]
+    mean, _ = _regression([blocks], expected, noise, parameters).nuisances()
+    nuisances = expected.mean + np.linalg.cholesky(expected.covariance) @ mean
+    left = np.array([block.missing - block.nuisances @ nuisances for block in kept])
+    return Residuals(kept, [regime_of(block, parameters) for block in kept], left.reshape(-1, 2))
+
+
+def _regression(
+    recordings: Sequence[Blocks],
+    expected: NuisanceBelief,
+    noise: LearntNoise,
+    parameters: Parameters,
+) -> Regression:
+    sums, root = AccountSums(), np.linalg.cholesky(expected.covariance)
+    no_faults = np.zeros((2, FAULT_COUNT + 1))
+    for blocks in recordings:
+        for block in blocks:
+            if not block.complete or not noise.is_tested(block, parameters):
+                continue
+            white = noise.whitening(block, parameters)
+            nuisances = white @ block.nuisances
+            missing = white @ block.missing - nuisances @ expected.mean
+            sums.add(block, (missing, nuisances @ root, no_faults))
+    squares, products, total = sums.nuisances()
+    return Regression(squares, products, total, 2 * sums.blocks, 1.0)
+
+
+class _PeakTest(LearntLeakTest):
+    """A test that claims whatever exceeds the limit for peaks."""
+
+    def threshold(self, freedom: float) -> float:
+        return BASE
+
+
+def peaks_of(
+    blocks: Blocks, expected: NuisanceBelief, noise: LearntNoise, parameters: Parameters
+) -> list[float]:
+    """Return the peaks of the test's statistic over `BASE` in one recording.
+
+    A peak ends when no fault exceeds the limit, or after a minute; then the test begins anew.
+
+    Args:
+        blocks: the blocks of the recording.
+        expected: the nuisances before any block.
+        noise: what was learnt of the rig by other accounts.
+        parameters: the parameters that were assumed.
+    """
+
+    def begun() -> _PeakTest:
+        return _PeakTest(1.0, expected, noise, parameters)
+
+    test, peaks = begun(), []
+    peak, since = 0.0, 0
+    for number, block in enumerate(blocks):
+        test.add(block)
+        if number % _EVERY or test.blocks < MINIMUM_BLOCKS:
+            continue
+        findings = test.search()
+        if findings:
+            peak = max(peak, *(finding.statistic for finding in findings))
+            since += _EVERY
+        if peak and (not findings or since >= _LONGEST):
+            peaks.append(peak)
+            if since >= _LONGEST:
+                test = begun()
+            peak, since = 0.0, 0
+    return [*peaks, peak] if peak else peaks

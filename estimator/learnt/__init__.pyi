@@ -1,0 +1,10 @@
+from .content import (
+    STATED_RATES as STATED_RATES,
+    expected_alarms as expected_alarms,
+    noise_content as noise_content,
+    noise_of as noise_of,
+)
+from .measuring import Residuals as Residuals, joined as joined, measured_noise as measured_noise
+from .noise import LearntNoise as LearntNoise, RegimeNoise as RegimeNoise
+from .regimes import REGIMES as REGIMES, regime_of as regime_of
+from .tail import Tail as Tail, tail_of as tail_of
