@@ -6,7 +6,8 @@ from enum import StrEnum
 from math import inf
 
 from control import ControlSettings, Setpoint
-from estimator.leaks import Baseline, Detector, detector_for
+from estimator.baselines import Baseline
+from estimator.leaks import Detector, detector_for
 from rig.plant import Model
 
 from .criteria import Criterion, OwnFigure, TestLimit

@@ -1,7 +1,7 @@
 """The leak detector, which turns oil accounts into a verdict with size, onset and error rates.
 
-`detection` takes samples and decides; `replaying` runs a detector over a recording; `baseline`
-learns what is normal for a rig; `pattern` is the thesis's detector.
+`detection` takes samples and decides; `replaying` runs a detector over a recording;
+`pattern` is the thesis's detector.
 """
 
 from lazy_loader import attach_stub

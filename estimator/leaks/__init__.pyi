@@ -1,17 +1,3 @@
-from .accepting import accepted_onto as accepted_onto
-from .baseline import (
-    LEAST_LEARNING_S as LEAST_LEARNING_S,
-    Accepted as Accepted,
-    Baseline as Baseline,
-    BaselineError as BaselineError,
-    learn_baseline as learn_baseline,
-)
-from .baseline_file import (
-    baseline_of as baseline_of,
-    content_of as content_of,
-    load_baseline as load_baseline,
-    write_baseline as write_baseline,
-)
 from .confirmation import CONFIRMED_AFTER_S as CONFIRMED_AFTER_S
 from .decision import (
     ENCODER_DRIFT as ENCODER_DRIFT,
@@ -37,8 +23,13 @@ from .fault_size import (
 )
 from .finding import Finding as Finding, Growth as Growth
 from .found import Found as Found, found_in as found_in
-from .leak_statistic import RIVAL_GAIN as RIVAL_GAIN, LeakTest as LeakTest
-from .oil_account import Samples as Samples
+from .leak_statistic import (
+    MINIMUM_BLOCKS as MINIMUM_BLOCKS,
+    RIVAL_GAIN as RIVAL_GAIN,
+    LeakTest as LeakTest,
+)
+from .learnt_test import LearntLeakTest as LearntLeakTest
+from .oil_account import OilAccount as OilAccount, Samples as Samples
 from .pattern import (
     LEARNING_S as LEARNING_S,
     PATTERNS as PATTERNS,
@@ -46,6 +37,7 @@ from .pattern import (
     HealthyLevel as HealthyLevel,
     PatternBaseline as PatternBaseline,
     PatternDetector as PatternDetector,
+    healthy_level as healthy_level,
     learn_pattern as learn_pattern,
     pattern_of as pattern_of,
 )

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.random import Generator
 
 from estimator.accounts.flow import AccountBlock
+from estimator.baselines.learning import belief_of, learnt_noise
 from estimator.leaks.finding import Finding
 from estimator.leaks.leak_statistic import MINIMUM_BLOCKS, LeakTest
-from estimator.leaks.learning import belief_of, learnt_noise
 from estimator.leaks.learnt_test import LearntLeakTest
 from estimator.learnt import regime_of
 from rig.plant import LEAKS, LITRE_PER_MINUTE, Model

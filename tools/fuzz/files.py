@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from estimator.accounts import NUISANCES, NuisanceBelief
-from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
-from estimator.leaks.baseline_file import content_of, load_baseline
+from estimator.baselines.baseline import PATTERN_FILTERS, Baseline
+from estimator.baselines.baseline_file import content_of, load_baseline
 from estimator.leaks.pattern import HealthyLevel
 from rig.configuration import check
 from rig.plant import Model

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from estimator.accounts import MOST_MODEL_ERROR
-from estimator.leaks import (
+from estimator.baselines import (
     LEAST_LEARNING_S,
     Baseline,
     accepted_onto,

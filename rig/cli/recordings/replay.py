@@ -9,8 +9,9 @@ from typing import Any, Final
 import click
 from rich.text import Text
 
+from estimator.baselines import load_baseline
 from estimator.filters import DEFAULT_FILTER, filter_named
-from estimator.leaks import Decision, Found, detector_for, load_baseline, replay
+from estimator.leaks import Decision, Found, detector_for, replay
 from faults import Verdict, to_litres_per_minute
 from rig.cli.application import Problems
 from rig.cli.campaigns import leak

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from estimator.baselines import Baseline, BaselineError, load_baseline
 from estimator.filters import DEFAULT_FILTER, FILTERS
-from estimator.leaks import Baseline, BaselineError, load_baseline
 from faults import Campaign, CampaignTest, OnFault
 from rig.configuration.models import named_model, read_model
 from rig.configuration.reading import (

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Final, Literal, TypeVar
 
 from control import Multisine
+from estimator.baselines import BaselineError, learn_baseline, write_baseline
 from estimator.filters import DEFAULT_FILTER
 from estimator.friction import PARAMETERS
-from estimator.leaks import BaselineError, learn_baseline, write_baseline
 from rig.configuration import Rig, dump_model, show
 from rig.loop import HomingError, StopRequestedError, TripError
 from rig.plant import TICK, Model

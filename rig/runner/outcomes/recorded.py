@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from estimator.baselines import baseline_of, content_of
 from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS
 from estimator.friction import Spring
 from estimator.leaks import (
@@ -19,8 +20,6 @@ from estimator.leaks import (
     OilAccountDetector,
     PatternBaseline,
     PatternDetector,
-    baseline_of,
-    content_of,
     filter_recording,
 )
 from faults import Campaign, CampaignTest

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from estimator.accounts.nuisances import NUISANCES, NuisanceBelief
-from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
-from estimator.leaks.baseline_file import content_of
+from estimator.baselines.baseline import PATTERN_FILTERS, Baseline
+from estimator.baselines.baseline_file import content_of
 from estimator.leaks.detection import OilAccountDetector
 from estimator.leaks.pattern import HealthyLevel
 from estimator.leaks.replaying import judged, samples_of

@@ -11,8 +11,8 @@ import pytest
 
 from control.setpoints import Chirp, Constant, FromFile, Multisine, Pseudorandom, Sine, Steps
 from estimator.accounts.nuisances import UNINFORMED
-from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
-from estimator.leaks.baseline_file import write_baseline
+from estimator.baselines.baseline import PATTERN_FILTERS, Baseline
+from estimator.baselines.baseline_file import write_baseline
 from estimator.leaks.pattern import HealthyLevel
 from faults.campaign import OnFault
 from faults.verdict import Verdict

@@ -8,7 +8,7 @@ import pytest
 
 from control.setpoints import Sine
 from estimator.accounts.nuisances import UNINFORMED, NuisanceBelief
-from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
+from estimator.baselines.baseline import PATTERN_FILTERS, Baseline
 from estimator.leaks.pattern import HealthyLevel
 from estimator.leaks.replaying import ReplayResult, replay
 from faults.campaign import Campaign, CampaignTest, SpringLoad

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from estimator.accounts.nuisances import NUISANCES
-from estimator.leaks.baseline import Baseline, BaselineError, learn_baseline
-from estimator.leaks.baseline_file import load_baseline, write_baseline
+from estimator.baselines.baseline import Baseline, BaselineError, learn_baseline
+from estimator.baselines.baseline_file import load_baseline, write_baseline
 from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion

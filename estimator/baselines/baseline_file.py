@@ -8,12 +8,12 @@ from typing import Any, Final
 import numpy as np
 
 from estimator.accounts import NUISANCES, NuisanceBelief, checked_model_error
+from estimator.leaks import HealthyLevel
 from estimator.learnt import noise_content, noise_of
 from rig.plant import LEAKS, Model, model_sha256
 from rig.recording import LARGEST_JSON, read_bounded
 
 from .baseline import PATTERN_FILTERS, Accepted, Baseline, BaselineError
-from .pattern import HealthyLevel
 
 VERSION: Final = 1
 _NAMES: Final = [nuisance.name for nuisance in NUISANCES]

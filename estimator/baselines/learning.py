@@ -25,6 +25,7 @@ from estimator.accounts import (
     Regression,
     dead_zones,
 )
+from estimator.leaks import MINIMUM_BLOCKS, LearntLeakTest
 from estimator.learnt import (
     LearntNoise,
     RegimeNoise,
@@ -35,9 +36,6 @@ from estimator.learnt import (
     tail_of,
 )
 from rig.plant import Parameters
-
-from .leak_statistic import MINIMUM_BLOCKS
-from .learnt_test import LearntLeakTest
 
 Blocks = Sequence[AccountBlock]
 _Each = TypeVar("_Each")

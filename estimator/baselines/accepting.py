@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.accounts import DEAD_ZONE, AccountBlock, NuisanceBelief
+from estimator.leaks import LeakTest, OilAccount, replay, samples_of
 from estimator.learnt import LearntNoise, joined, measured_noise, tail_of
 from rig.plant import LEAKS, LITRE_PER_MINUTE, Model, Parameters
 from rig.recording import Recording
 
 from .baseline import LEVEL, Accepted, Baseline, BaselineError, not_healthy
-from .leak_statistic import LeakTest
 from .learning import belief_of, peaks_of, residuals_of
-from .oil_account import OilAccount
-from .replaying import replay, samples_of
 
 Array = NDArray[np.float64]
 

@@ -15,16 +15,25 @@ from numpy.typing import NDArray
 
 from estimator.accounts import DRIFT, NUISANCES, AccountBlock, NuisanceBelief
 from estimator.filters import DEFAULT_FILTER, FILTERS
+from estimator.leaks import (
+    STARTED_S,
+    Decision,
+    Detector,
+    HealthyLevel,
+    LeakTest,
+    OilAccount,
+    OilAccountDetector,
+    PatternDetector,
+    filter_recording,
+    healthy_level,
+    replay,
+    samples_of,
+)
 from estimator.learnt import LearntNoise
 from rig.plant import Model, model_sha256
 from rig.recording import Recording
 
-from .detection import Decision, Detector, OilAccountDetector
-from .leak_statistic import LeakTest
 from .learning import belief_of, learnt_noise
-from .oil_account import OilAccount
-from .pattern import STARTED_S, HealthyLevel, PatternDetector, healthy_level
-from .replaying import filter_recording, replay, samples_of
 
 Array = NDArray[np.float64]
 

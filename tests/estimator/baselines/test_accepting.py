@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from estimator.accounts.nuisances import NUISANCE_COUNT, NUISANCES, UNINFORMED, nuisance_index
-from estimator.leaks import accepting
-from estimator.leaks.accepting import accepted_onto, hidden_flows
-from estimator.leaks.baseline import Baseline, BaselineError
-from estimator.leaks.baseline_file import load_baseline, write_baseline
+from estimator.baselines import accepting
+from estimator.baselines.accepting import accepted_onto, hidden_flows
+from estimator.baselines.baseline import Baseline, BaselineError
+from estimator.baselines.baseline_file import load_baseline, write_baseline
 from estimator.leaks.pattern import HealthyLevel
 from estimator.learnt.noise import RegimeNoise
 from estimator.learnt.tail import Tail
 from rig.plant import LITRE_PER_MINUTE, NOMINAL, Model, model_sha256
 from rig.recording import Recording
-from tests.estimator.leaks.test_baseline import in_a_sine
+from tests.estimator.baselines.test_baseline import in_a_sine
 from tests.estimator.learnt.made_up import moving_blocks, noise
 
 LEVELS = {name: HealthyLevel(np.zeros(2), np.ones(2), 40) for name in ("thesis-6", "thesis-7")}

@@ -9,8 +9,8 @@ import pytest
 from estimator.accounts.flow import AccountBlock
 from estimator.accounts.noise import dead_zones
 from estimator.accounts.nuisances import UNINFORMED
+from estimator.baselines.learning import belief_of, folds_of, learnt_noise
 from estimator.leaks.leak_statistic import LeakTest
-from estimator.leaks.learning import belief_of, folds_of, learnt_noise
 from estimator.leaks.learnt_test import LearntLeakTest
 from estimator.learnt.noise import LearntNoise
 from estimator.learnt.tail import Tail
