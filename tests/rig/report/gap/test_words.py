@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from estimator.gap import GapResult
-from estimator.gap.prediction import ChannelGap
+from estimator.gap import ChannelGap, GapResult
 from rig.report.gap.words import gap_words
 
 CHANNEL = ChannelGap("position_m", 30.0, 15.5, 14.0, 1e-3, 1e-5, "m", ("um", 1e6), 0.9, 0.1, 0.1)
