@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -69,21 +70,26 @@ class Fitter:
         self.predictor, self.records, self.pool = predictor, tuple(records), pool
         self.blocks = [slices_of(record, predictor.plant.period) for record in self.records]
         self._gains: dict[tuple[float, ...], tuple[Gains, ...]] = {}
+        self._in_use: WeakValueDictionary[tuple[float, ...], Filtered] = WeakValueDictionary()
 
     def filtered(self, values: Values) -> "Filtered":
         """Return the records with the gains of a filter whose parameters have these values.
 
-        The gains of the last three sets of values are kept and not computed again.
+        The gains of the last three sets of values are kept and not computed again. An object that
+        is in use with these values is returned itself, with all that it has computed.
         """
         key = tuple(values.values())
-        gains = self._gains.pop(key, None)
+        in_use = self._in_use.get(key)
+        gains = self._gains.pop(key, None if in_use is None else in_use.gains)
         if gains is None:
             run = self.pool.map(lambda record: self.predictor.filter(record, values), self.records)
             gains = tuple(run)
         self._gains[key] = gains
         while len(self._gains) > _KEPT:
             self._gains.pop(next(iter(self._gains)))
-        return Filtered(self, values, gains)
+        if in_use is None:
+            in_use = self._in_use[key] = Filtered(self, values, gains)
+        return in_use
 
 
 class Filtered:

@@ -431,6 +431,16 @@ class GapResult:
     ended_by: str = ""
 
     @property
+    def gap_scatter(self) -> float:
+        """Return the standard deviation by which `gap_after` varies by chance, in noise variances.
+
+        It is the mean of the channels' scatter, as if they all scattered together: a break-away
+        that is predicted too late is wrong in all of them. It is NaN if no gap was measured.
+        """
+        scatters = [channel.scatter for channel in self.channels]
+        return sum(scatters) / len(scatters) if scatters else float("nan")
+
+    @property
     def written(self) -> Written:
         """Return which model is written."""
         if self.as_given:

@@ -55,6 +55,9 @@ MIXED_UP: Final = 4.0
 """Least number of times by which the cost of all predictions must fall when two channels are
 exchanged: a model that is wrong by an effect costs more with right channels than with wrong ones by
 no such factor, as half of all that it predicts is then wrong."""
+_BEGINNING_S: Final = 3.0
+"""s. Length of each record's beginning that tells of most exchanged channels that they are not
+mixed up: five blocks after the filter has settled."""
 _RESOLVED_S: Final = 1.01e-3
 """s. With this period or a shorter one, the motion of a rig is far smoother than its noise."""
 _AVERAGED_S: Final = 0.05
@@ -197,7 +200,8 @@ def _mixed_up(fitter: Fitter) -> list[str]:
 
     The model as given predicts the records once as they are and once with two channels exchanged,
     each time with gains of its own. Two are mixed up if that makes the cost fall to a part of
-    1 / `MIXED_UP` or less.
+    1 / `MIXED_UP` or less. The cost of the first seconds (`_BEGINNING_S`) is a lower bound of it:
+    where that is too much already, the rest is not predicted.
     """
     plant = fitter.predictor.plant
     whole = range(len(plant.outputs))
@@ -210,10 +214,17 @@ def _mixed_up(fitter: Fitter) -> list[str]:
     if not pairs:
         return []
     given = _cost(fitter)
+    # The same readings are used, in another order.
+    readings = fitter.filtered(plant.nominal).samples
+    beginning = round(_BEGINNING_S / plant.period)
     found = []
     for one, other in pairs:
         order = [{one: other, other: one}.get(k, k) for k in whole]
         changed = [_exchanged(record, order) for record in fitter.records]
+        begun = Fitter(fitter.predictor, [r.part(0, beginning) for r in changed], fitter.pool)
+        least = begun.filtered(plant.nominal).costs(plant.nominal).sum() / max(readings, 1)
+        if np.isfinite(given) and given < MIXED_UP * least:
+            continue
         cost = _cost(Fitter(fitter.predictor, changed, fitter.pool))
         if np.isfinite(cost) and not given < MIXED_UP * cost:
             names = " and ".join(plant.outputs[k].channel for k in (one, other))

@@ -1,4 +1,7 @@
-"""This module makes the variables with which disturbances of a model are refitted."""
+"""This module makes the variables with which disturbances of a model are refitted.
+
+It also says whether a model may hold a disturbance as it was fitted.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -6,9 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import MEMORIES, Addition, Layout
+from estimator.gap.plant import MEMORIES, Addition, Layout, Plant
 from estimator.gap.prediction import Values, Variable
 
+from .disturbances import Place
 from .shapes import CORNERS
 from .standing_in import ADDED
 
@@ -95,3 +99,16 @@ def refitted(layout: Layout, values: Values, additions: Sequence[Addition]) -> l
             )
         )
     return found
+
+
+def is_possible(plant: Plant, values: Values, place: Place, addition: Addition) -> bool:
+    """Return whether a table leaves the parameters that it changes at or above their least values.
+
+    A friction level below zero would be a force that drives the ram. Other places have no least
+    value, and forms in symbols are not looked at.
+    """
+    if place.varying is None or not addition.values:
+        return True
+    least = min(addition.values) if addition.form == "table" else 0.0
+    lower = {each.name: each.lower for each in plant.parameters}
+    return all(values[name] + least >= lower[name] for name in place.varying.parameters)

@@ -14,11 +14,10 @@ import numpy as np
 from estimator.gap.plant import MEMORIES, SLOTS, Addition, Array, Effect, Plant
 from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable, freed, started
 
-from .added_variables import addition_variables, refitted
-from .disturbances import Place
+from .added_variables import addition_variables, is_possible, refitted
 from .explaining import PART, Explaining, Explanation, Wheres
-from .findings import CHANCE, MATERIAL, deviate, left_alone
-from .refits import Refits, changes_by_name
+from .findings import CHANCE, MATERIAL, deviate
+from .refits import SETTLED_BY, Refits, changes_by_name
 from .screening import starts_of
 from .shapes import CORNERS, corners, symbols
 from .standing_in import stood_in_for
@@ -145,7 +144,8 @@ class Discovering:
         room = min(most, SLOTS - len(layout.additions(fitted.values)))
         while len(found.discoveries) < room:
             left = found.fitted.cost - floor * found.filtered.samples
-            if found.discoveries and left < left_alone(first, found.filtered.samples):
+            # Where less is left than another must take away, none could earn its place.
+            if found.discoveries and left < max(MATERIAL * found.filtered.samples, PART * first):
                 break
             explaining = Explaining(found.filtered, found.fitted.values, found.variables, floor)
             if not self._add(found, explaining, explaining.explanations(only), first, only):
@@ -330,7 +330,7 @@ class Discovering:
     ) -> "_InPlant | None":
         """Return the model with an explanation more, fitted in the plant.
 
-        The result is None if that does not lower the cost, or is not possible (`_is_possible`).
+        The result is None if that does not lower the cost, or is not possible (`is_possible`).
         In each of some rounds the filter's gains are computed and all variables fitted with them.
         The fit starts from the values `start`, or else from those without the explanation. The
         variables that the disturbance may stand in for (`stood_in_for`) are held at the values that
@@ -368,7 +368,7 @@ class Discovering:
             if variable.parameter in sizes
         )
         present = refitted(layout, values, additions)
-        if not _is_possible(self.plant, values, each.place, present[-1]):
+        if not is_possible(self.plant, values, each.place, present[-1]):
             return None
         return _InPlant(
             each, fitted, filtered, variables, present[-1], shown, tuple(present[given:])
@@ -382,16 +382,17 @@ class Discovering:
         kept: Mapping[str, Changes] | None = None,
         exact: bool = False,
     ) -> tuple[Fitted, Filtered, Mapping[str, Changes]]:
-        """Return a fit after some rounds of computing gains and fitting, and the records with it.
+        """Return a fit after rounds of computing gains and fitting, and the records with it.
 
-        The gains are those of the fit's own values. The changes by the variables are computed at
-        the start and after the first step, and kept from then on (chord method): a table has a
-        column for each knot, and to run the plant for each takes most of the time.
+        The rounds end early when one lowers the cost by less than the part `SETTLED_BY` of it. The
+        gains of the result are those of the fit's own values. The changes by the variables are
+        computed at the start and after the first step, and kept from then on (chord method): a
+        table has a column for each knot, and to run the plant for each takes most of the time.
 
         Args:
             values: values of all parameters at the start.
             variables: parameters to fit.
-            rounds: number of rounds.
+            rounds: greatest number of rounds.
             kept: changes by column name that are used from the start; None to compute them.
             exact: whether they are computed anew in each round, as what a corner's place changes
                 depends on that place.
@@ -401,10 +402,14 @@ class Discovering:
         """
         for _ in range(rounds):
             filtered = self._refits.fitter.filtered(values)
+            before = float(filtered.costs(values).sum())
             if kept is None or exact:
                 values = filtered.fit(values, variables, 1, 3e-3).values
                 kept = changes_by_name(filtered, values, variables)
-            values = filtered.fit(values, variables, 2, 3e-3, kept).values
+            fitted = filtered.fit(values, variables, 2, 3e-3, kept)
+            values = fitted.values
+            if before - fitted.cost < SETTLED_BY * fitted.cost:
+                break
         filtered = self._refits.fitter.filtered(values)
         return Fitted(dict(values), filtered.costs(values)), filtered, kept or {}
 
@@ -476,19 +481,6 @@ def _simplest(ranked: Sequence[Explanation]) -> Explanation:
         if e.where[0] == best.where[0] and e.shape.of in ("", best.shape.of) and not _worse(best, e)
     ]
     return min(same, key=lambda each: (each.shape.count, -each.gain))
-
-
-def _is_possible(plant: Plant, values: Values, place: Place, addition: Addition) -> bool:
-    """Return whether a table leaves the parameters that it changes at or above their least values.
-
-    A friction level below zero would be a force that drives the ram. Other places have no least
-    value, and forms in symbols are not looked at.
-    """
-    if place.varying is None or not addition.values:
-        return True
-    least = min(addition.values) if addition.form == "table" else 0.0
-    lower = {each.name: each.lower for each in plant.parameters}
-    return all(values[name] + least >= lower[name] for name in place.varying.parameters)
 
 
 def _distinct(ranked: Sequence[Explanation]) -> list[Explanation]:

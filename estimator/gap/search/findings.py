@@ -135,19 +135,6 @@ class Found:
         return 1.0 - after / before if before > 0.0 else 0.0
 
 
-def left_alone(excess: float, samples: int) -> float:
-    """Return how much of an excess in cost may be left without a look at what else may be missing.
-
-    It is the greater of what does not matter (`MATERIAL` for each reading) and the smaller one of
-    `SETTLED` for each reading and the part `FORM` of the excess.
-
-    Args:
-        excess: cost above the floor, before anything was found.
-        samples: number of readings used.
-    """
-    return max(MATERIAL * samples, min(FORM * excess, SETTLED * samples))
-
-
 def deviate(differences: Array) -> float:
     """Return the normal deviate of the sum of differences (blocks,), by their scatter.
 

@@ -21,7 +21,7 @@ from .findings import Found, Screened
 _ROUNDS: Final = 5
 """Greatest number of rounds; in each, gains are computed for the values, and values are fitted with
 these gains."""
-_SETTLED: Final = 1e-3
+SETTLED_BY: Final = 1e-3
 """The rounds end when one lowers the cost by a smaller part than this."""
 
 
@@ -54,7 +54,7 @@ class Refits:
             fitted = filtered.fit(values, variables, 4)
             values = fitted.values
             # If the values hardly moved, their gains did not change either.
-            if before - fitted.cost < _SETTLED * fitted.cost:
+            if before - fitted.cost < SETTLED_BY * fitted.cost:
                 break
         return fitted, filtered
 

@@ -88,19 +88,31 @@ def _contact(depth: Array, force: Array) -> tuple[float, float] | None:
 
     For each place c the hinge f + K max(0, depth - c) is fitted to the force by least squares; the
     best c and K are returned. None means that the force does not grow by more than `_RISES`.
+
+    Only samples deeper than c count in the sums of a fit. So all fits follow from sums over the
+    samples in the order of their depth, deepest first.
     """
     near = depth > depth.max() - _NEAR_STOP
-    depth, force = depth[near], force[near]
-    best: tuple[float, float, float] | None = None
-    for place in np.arange(depth.max() - _NEAR_STOP, depth.max() - _CONTACTS, _CONTACTS):
-        into = np.maximum(depth - place, 0.0)
-        away, level = into - into.mean(), force - force.mean()
-        spread = float(away @ away)
-        slope = float(away @ level) / max(spread, 1e-300)
-        rest = float(level @ level) - slope * slope * spread
-        if slope * into.max() > _RISES and (best is None or rest < best[0]):
-            best = (rest, float(place), slope)
-    return None if best is None else (best[1], best[2])
+    order = np.argsort(-depth[near])
+    # Depths from the deepest sample and forces about their mean keep the sums of squares exact.
+    deepest = float(depth.max())
+    below, level = depth[near][order] - deepest, force[near][order]
+    level = level - level.mean()
+    places = np.arange(deepest - _NEAR_STOP, deepest - _CONTACTS, _CONTACTS)
+    counts = np.searchsorted(-below, deepest - places)
+    first, second, work, pull = (
+        np.concatenate([[0.0], np.cumsum(each)])[counts]
+        for each in (below, below**2, below * level, level)
+    )
+    at = places - deepest
+    total = first - counts * at
+    spread = second - 2.0 * at * first + counts * at**2 - total**2 / len(below)
+    slopes = (work - at * pull) / np.maximum(spread, 1e-300)
+    rests = np.where(-slopes * at > _RISES, -(slopes**2) * spread, np.inf)
+    if not len(places) or not rests.min() < np.inf:
+        return None
+    best = int(rests.argmin())
+    return float(places[best]), float(slopes[best])
 
 
 def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:

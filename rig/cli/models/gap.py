@@ -1,5 +1,6 @@
 """`rig gap` finds where a model and recordings disagree, and what the model lacks."""
 
+import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -98,6 +99,10 @@ def command(**options: Any) -> int:
     verdict, and 2 if any input is bad: then every problem is on stderr, and nothing is written.
     With --live it is 3 if the rig tripped or was stopped.
     """
+    # The search has a thread for each core already. If the library for matrices starts threads of
+    # its own besides, they wait for one another, and a product may take twenty times the processor
+    # time. The library reads this when numpy is loaded.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # The search takes seconds to load, so neither --help nor a wrong option loads it.
     from .gap_finding import Asked, found_by
 

@@ -26,7 +26,7 @@ VERDICT_WORDS: Final = {
 _ALL: Final = 0.98
 """Part of the excess from which on all of it counts as explained."""
 _TRIFLE: Final = 0.1
-"""Gap in noise variances below which the page does not say where it is."""
+"""Noise variances. The page says neither where a smaller gap is, nor that a gap varies by less."""
 _SOME: Final = 0.1
 """Least part of what is left that a place must explain so that the page names it."""
 _PREFIXES: Final = {
@@ -210,14 +210,19 @@ def headline(result: GapResult) -> str:
 
 
 def gap_words(result: GapResult) -> str:
-    """Return the prediction error on the held-out recordings, before and after, in one sentence."""
-    before, after = result.gap_before, result.gap_after
+    """Return the prediction error on the held-out recordings, before and after, in one sentence.
+
+    By how much the error after varies by chance is told if it is more than `_TRIFLE`.
+    """
+    before, after, chance = result.gap_before, result.gap_after, result.gap_scatter
     if not isfinite(before):
         return "The held-out prediction error was not computed."
     words = f"Held-out prediction error above the noise floor: {number(before)} noise variances"
     if result.as_given:
         return f"{words}; the model is written as given."
     words = f"{words} before, {number(after)} after"
+    if chance > _TRIFLE:
+        words += f" (which varies by {number(chance)} by chance)"
     part = shrunk(result)
     if (result.effects or result.discovered) and isfinite(part) and part > 0.0:
         return f"{words}; {floor(1000.0 * part) / 10.0:g} % of it is gone."

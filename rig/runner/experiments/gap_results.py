@@ -182,7 +182,7 @@ def answer(result: GapResult) -> dict[str, Any]:
             | {"kept": not result.as_given, "at_an_end": each.at_an_end}
             for each in result.refitted
         },
-        "gap": _gap(result.gap_before, result.gap_after),
+        "gap": _gap(result.gap_before, result.gap_after) | {"scatter": _plain(result.gap_scatter)},
         "where": [_where(curve) for curve in result.where[:3]],
         "experiment": _experiment(experiments[0]) if experiments else None,
         "discovered": [_discovered(each) for each in result.discovered],

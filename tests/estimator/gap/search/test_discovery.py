@@ -1,6 +1,7 @@
 """What is discovered beside what a fit changes: a curve, or a corner at its place."""
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 
@@ -32,15 +33,27 @@ def test_a_drag_keeps_its_value_beside_a_curve_that_a_drag_is_part_of() -> None:
     assert found.fitted.values["gain"] == pytest.approx(4.0, rel=0.01)
 
 
-def test_a_brake_that_acts_beyond_a_speed_is_found_with_that_speed() -> None:
+def test_a_brake_that_acts_beyond_a_speed_is_found_with_that_speed_and_nothing_else_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked = []
+    add = Discovering._add
+
+    def counted(self: Discovering, *args: Any) -> bool:
+        looked.append(add(self, *args))
+        return looked[-1]
+
+    monkeypatch.setattr(Discovering, "_add", counted)
     plant = wheel()
     records = [record_of(ran(seed, 5.0, brake=(1.0, 6.0)), plant) for seed in (1, 2)]
     with ThreadPoolExecutor(1) as pool:
         refits = Refits(Fitter(Predictor(plant), records, pool))
         refitted = refits.settled(plant.nominal, refits.nuisances)[0]
         discovering = Discovering(refits, Twins(refits.fitter, 1))
-        found = discovering.run(refitted, refits.nuisances, 1.0, most=1)
+        found = discovering.run(refitted, refits.nuisances, 1.0)
     (brake,) = found.additions
     assert (brake.place, brake.of, brake.form) == ("force", "speed", "beyond")
     assert brake.at[0] == pytest.approx(1.0, rel=0.02)
     assert abs(brake.values[0]) == pytest.approx(6.0, rel=0.05)
+    # What is left is less than another disturbance would have to take away.
+    assert looked == [True]

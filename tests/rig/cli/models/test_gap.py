@@ -113,7 +113,7 @@ def test_the_json_object_has_the_promised_keys(invoke: Invoke, files: Path) -> N
     assert reported["discovered"] == []
     assert set(effect["parameters"]["value"]) >= {"value", "lower", "upper", "unit"}
     assert effect["indistinguishable_from"] == ["constant_force"]
-    assert reported["gap"] == {"before": 499.0, "after": 0.1}
+    assert reported["gap"] == {"before": 499.0, "after": 0.1, "scatter": 0.0}
     assert reported["refitted"]["viscous"]["value"] == 352.0
     assert reported["experiment"] is None
     assert reported["written"] == "with effects"
@@ -253,7 +253,7 @@ def test_model_says_where_it_comes_from(invoke: Invoke, files: Path) -> None:
     assert reported["recordings"] == [{"source": "fit.csv", "sha256": "a" * 64}]
     assert reported["holdout"] == [{"source": "held.csv", "sha256": "b" * 64}]
     assert reported["effects"]["spool_null_bias"]["parameters"]["value"]["upper"] == 9.1e-6
-    assert reported["gap"] == {"before": 499.0, "after": 0.1}
+    assert reported["gap"] == {"before": 499.0, "after": 0.1, "scatter": 0.0}
 
 
 @pytest.mark.usefixtures("quick")
@@ -280,7 +280,7 @@ def test_a_model_left_as_given_is_so_named_in_every_file(
     assert "499 noise variances; the model is written as given" in " ".join(done.out.split())
     figures = json.loads((files / "out" / "gap.json").read_text())
     assert figures["written"] == "as given"
-    assert figures["gap"] == {"before": 499.0, "after": 499.0}
+    assert figures["gap"] == {"before": 499.0, "after": 499.0, "scatter": 0.0}
     assert figures["refitted"]["viscous"]["kept"] is False
     assert figures["refitted"]["viscous"]["at_an_end"] is True
     model = load_model(files / "out" / "model.yaml")
