@@ -30,6 +30,7 @@ TIMES_OF_DAY = {
     "rig/configuration/checking.py": "which times of a schedule come next",
     "rig/console/feed.py": "when a notice came, for the page",
     "rig/console/launcher.py": "when a run was started, for the page; the name of a folder",
+    "rig/console/logins.py": "until when a login holds, also over a restart",
     "rig/console/visitors.py": "since when somebody has control, for the page",
     "rig/io/transducer_calibration.py": "whether a calibration has expired today",
     "rig/runner/campaign/campaign_run.py": "when a run was begun",

@@ -4,9 +4,7 @@ import getpass
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
-
-import click
+from typing import TYPE_CHECKING, Any
 
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
 from rig.runner import Observer, StopFlag
@@ -20,15 +18,6 @@ if TYPE_CHECKING:
 
     Obey = Callable[[Command], str]
     """Takes a command; returns why it is refused, or "" if it is obeyed."""
-
-STREAMED: Final[Callable[[Callable[..., Any]], Callable[..., Any]]] = click.option(
-    "--stream",
-    "profile",
-    metavar="PROFILE",
-    help="Live stream by this profile, a file or a shipped name, or off. Default: loopback at the "
-    "wall clock, off otherwise.",
-)
-"""Decorator that adds the option --stream to a command which drives a rig."""
 
 
 def user() -> str:

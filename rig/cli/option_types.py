@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from math import isnan
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -44,3 +44,13 @@ def paced(begin: str, end: str = "") -> Callable[[Callable[..., Any]], Callable[
     """
     words = f"{begin} the wall clock, or as fast as it can; the rig's own if not given.{end}"
     return click.option("--pace", type=click.Choice(["real", "fast"]), help=words)
+
+
+STREAMED: Final[Callable[[Callable[..., Any]], Callable[..., Any]]] = click.option(
+    "--stream",
+    "profile",
+    metavar="PROFILE",
+    help="Live stream by this profile, a file or a shipped name, or off. Default: loopback at the "
+    "wall clock, off otherwise.",
+)
+"""Decorator that adds the option --stream to a command which drives a rig."""

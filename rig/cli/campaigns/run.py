@@ -11,8 +11,8 @@ from pathlib import Path
 import click
 
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
-from rig.cli.live_stream import STREAMED, obeyed_by, stream_of, streamed
-from rig.cli.option_types import paced, text
+from rig.cli.live_stream import obeyed_by, stream_of, streamed
+from rig.cli.option_types import STREAMED, paced, text
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import load_campaign

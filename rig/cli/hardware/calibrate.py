@@ -14,7 +14,8 @@ from estimator.filters import DEFAULT_FILTER
 from faults import Measurement, NeedleCalibration, to_litres_per_minute
 from rig.channels import BYPASSES
 from rig.cli.application import EXIT_BAD_INPUT, ending
-from rig.cli.live_stream import STREAMED, session_streamed, stream_of
+from rig.cli.live_stream import session_streamed, stream_of
+from rig.cli.option_types import STREAMED
 from rig.cli.rig_failures import failures_reported
 from rig.cli.screen import Screen
 from rig.configuration import dump_calibration, load_model, load_rig

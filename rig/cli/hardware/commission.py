@@ -13,7 +13,8 @@ import click
 
 from rig.cli.application import EXIT_STOPPED, Problems
 from rig.cli.campaigns import MotionProgress
-from rig.cli.live_stream import STREAMED, motion_streamed, session_streamed, stream_of
+from rig.cli.live_stream import motion_streamed, session_streamed, stream_of
+from rig.cli.option_types import STREAMED
 from rig.cli.rig_failures import failures_reported
 from rig.cli.rig_output import RIG_OUT, refuse_output, refuse_shipped
 from rig.cli.screen import Screen

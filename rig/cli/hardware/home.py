@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 import click
 
 from estimator.filters import DEFAULT_FILTER
-from rig.cli.live_stream import STREAMED, session_streamed, stream_of
+from rig.cli.live_stream import session_streamed, stream_of
+from rig.cli.option_types import STREAMED
 from rig.cli.rig_failures import failures_reported
 from rig.cli.screen import Screen
 from rig.configuration import load_model, load_rig

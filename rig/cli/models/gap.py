@@ -6,8 +6,7 @@ from typing import Any, Final
 
 import click
 
-from rig.cli.live_stream import STREAMED
-from rig.cli.option_types import paced
+from rig.cli.option_types import STREAMED, paced
 
 HOLDOUT: Final = "--holdout"
 

@@ -9,8 +9,7 @@ import click
 
 from estimator.friction import PARAMETERS, Spring, identify_recording
 from rig.cli.application import Problems
-from rig.cli.live_stream import STREAMED
-from rig.cli.option_types import paced
+from rig.cli.option_types import STREAMED, paced
 from rig.cli.screen import Screen
 from rig.configuration import Physical, QuantityError, Rig, dump_model, load_model, load_rig
 from rig.io import today

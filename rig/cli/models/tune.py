@@ -10,8 +10,7 @@ from typing import Final
 import click
 
 from rig.cli.application import Problems
-from rig.cli.live_stream import STREAMED
-from rig.cli.option_types import paced
+from rig.cli.option_types import STREAMED, paced
 from rig.cli.rig_output import RIG_OUT, refuse_output, refuse_shipped
 from rig.configuration import (
     NotAsMeantError,
