@@ -28,6 +28,11 @@ ORDINARY: Final = Bound(
     "supervisor and field process have no real-time priority: what they must notice may take so "
     "much longer than is claimed while the machine has other work",
 )
+TURNING: Final = Bound(
+    220.0,
+    "a frozen encoder shows by the travel beyond 0.1 m/s, of which 5 mm must have summed: where "
+    "the ram turns, in a sine of 0.15 m and 0.5 Hz, that takes 0.13 s and 0.09 s",
+)
 BYPASS_AFTER_NULL: Final = Bound(
     1500.0,
     "the loop's silence of 0.5 s, at most, until the field process acts; 0.2 s until null is "
@@ -47,6 +52,7 @@ DATA: Final = Bound(1500.0, "the recorder writes to disk each second; 0.5 s for 
 TABLE: Final = {
     "valve at null after another master's write or claim": FOREIGN_MASTER,
     "valve at null after the run's folder was removed": FOLDER_REMOVED,
+    "more, for an encoder that freezes where the ram turns": TURNING,
     "more, for what supervisor or field process must notice": ORDINARY,
     "bypass valves shut after the valve's null": BYPASS_AFTER_NULL,
     "pump unloaded after the valve's null": PUMP_AFTER_NULL,

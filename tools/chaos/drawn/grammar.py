@@ -160,7 +160,10 @@ def _sensor(rng: random.Random) -> Fault:
             "pressure 1: drifts by 5 MPa/s",
         )
     )  # fmt: skip
-    return _claimed(name, needs=_BY_LOOP, is_sensor=True)
+    given: dict[str, Any] = {}
+    if name == "encoder: frozen":
+        given["null_ms"] = (_CLAIMS[name].null_ms or 0.0) + bounds.TURNING.ms
+    return _claimed(name, needs=_BY_LOOP, is_sensor=True, **given)
 
 
 def _clock(rng: random.Random) -> Fault:
