@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from estimator.leaks import Decision, Found
+from faults import Verdict
 from rig.loop import TIMING, in_short
 from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.recording import Recording
@@ -289,8 +290,9 @@ def detection_summary(outcome: CampaignOutcome) -> str:
     The text is empty if no test was judged.
     """
     judged = [test for test in outcome.tests if test.decision is not None]
-    faulty = [test for test in judged if test.injected]
-    healthy = [test for test in judged if not test.injected]
+    # What an emulator's script injects is only known by the verdict that is expected of it.
+    faulty = [test for test in judged if test.injected or test.expect != Verdict.HEALTHY]
+    healthy = [test for test in judged if test not in faulty]
     sentences = []
     if faulty:
         named = [test for test in faulty if test.decision and test.decision.verdict == test.expect]

@@ -20,7 +20,7 @@ from rig.cli.screen import Screen
 from rig.configuration import load_columns, load_model
 from rig.plant import LEAKS
 from rig.recording import Recording, read_measured
-from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
+from rig.runner.outcomes import chance, detector_of, in_passing, onset_shown, percent, sensors_of
 from rig.runner.run_folder import drift_of, findings, leak_figures, returns_of
 
 _STYLES: Final[dict[str, str]] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
@@ -191,7 +191,7 @@ def row_of(each: Replayed) -> tuple[str | Text, ...]:
         verdict.append(f"; filter lost at {resets[0]:.2f} s{times}", "yellow")
     onset, detected = (
         "" if time_s is None else f"{time_s:.2f} s"
-        for time_s in (decision.onset_s, each.detected_at_s)
+        for time_s in (onset_shown(decision), each.detected_at_s)
     )
     statistic = f"{decision.statistic:.1f}/{decision.threshold:.1f}"
     return each.recording, verdict, onset, detected, leak(decision), statistic

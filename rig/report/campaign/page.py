@@ -17,7 +17,7 @@ from rig.recording import replace_text
 from rig.report import wording
 from rig.report.calibrations import calibration_rows
 from rig.report.templating import rendered
-from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance, reaction
+from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance, onset_shown, reaction
 from rig.runner.run_folder import REPORT
 
 from .sections import Section, sections_of
@@ -140,7 +140,8 @@ def row_of(section: Section, scale: float) -> Row:
     if decision is None:
         return Row(section, "no verdict" if began else "", "", "", "", chart)
     found = wording.found_names(decision) if began else ""
-    onset = "" if decision.onset_s is None else wording.seconds(decision.onset_s)
+    onset_s = onset_shown(decision)
+    onset = "" if onset_s is None else wording.seconds(onset_s)
     return Row(section, found, chance(decision), wording.found_flow(decision), onset, chart)
 
 

@@ -20,6 +20,7 @@ from rig.runner.outcomes import (
     TestOutcome,
     account_detector_of,
     assumed_parameters,
+    onset_shown,
     with_estimates,
 )
 
@@ -241,7 +242,7 @@ def _marks(test: TestOutcome, last_s: float) -> tuple[dict[str, Any], ...]:
         if fault.until_s is not None and not is_after(fault.until_s, last_s):
             times += [("removed", "removed", fault.until_s)]
     if test.decision is not None and test.decision.onset_s is not None:
-        times += [("onset", "onset found", test.decision.onset_s)]
+        times += [("onset", "onset found", onset_shown(test.decision))]
         words = "gone again" if test.decision.returns is None else "last open until"
         times += [("gone", words, test.decision.ended_s)]
     times += [("detected", "detected", test.detected_at_s)]

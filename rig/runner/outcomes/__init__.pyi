@@ -24,6 +24,7 @@ from .in_words import (
     grows as grows,
     in_passing as in_passing,
     last_seen as last_seen,
+    onset_shown as onset_shown,
     others_found as others_found,
     percent as percent,
     reaction as reaction,

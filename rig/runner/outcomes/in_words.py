@@ -78,6 +78,14 @@ def others_found(decision: Decision, found: Sequence[Found]) -> list[str]:
     return clauses
 
 
+def onset_shown(decision: Decision | None) -> float | None:
+    """Return the onset of what was found, s; None without one, and of a leak that grows.
+
+    A leak that grows has no onset. That of a decision on it is where a constant leak fits best.
+    """
+    return None if decision is None or decision.growth is not None else decision.onset_s
+
+
 def grows(growth: Growth) -> str:
     """Return in words how large a leak that grows is now, and how fast it grows."""
     now, now_half = growth.now_m3_per_s, 1.96 * growth.now_std_m3_per_s

@@ -130,6 +130,18 @@ def test_the_summary_owns_up_to_missed_faults_and_false_alarms(campaign: Campaig
     assert "Of 2 healthy tests, 40 s, 1 had a false alarm." in reported
 
 
+def test_a_fault_that_is_only_expected_makes_no_healthy_test_with_a_false_alarm(
+    campaign: CampaignOf,
+) -> None:
+    drift = replace(
+        PASSED, expect="encoder_drift", injected=(), decision=Decision("encoder_drift"),
+        detected_at_s=34.0,
+    )  # fmt: skip
+    reported = detection_summary(campaign(drift))
+    assert reported.startswith("The fault was named right")
+    assert "alarm" not in reported
+
+
 def test_a_campaign_that_judged_nothing_has_no_summary(campaign: CampaignOf) -> None:
     never = replace(PASSED, status=Status.NOT_RUN, decision=None, injected=())
     assert detection_summary(campaign(never)) == ""

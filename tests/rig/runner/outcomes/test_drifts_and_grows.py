@@ -9,7 +9,7 @@ from estimator.encoder import EncoderDrift
 from estimator.leaks import Decision, Growth
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.report.wording import story
-from rig.runner.outcomes import Status, TestOutcome, in_passing
+from rig.runner.outcomes import Status, TestOutcome, in_passing, onset_shown
 from rig.runner.run_folder import drift_of, leak_figures
 
 SURE = EncoderDrift(2e-3, 3e-4, 20.0, 9.0, 5.5, 150.0)
@@ -28,6 +28,12 @@ GROWS = Decision(
 def test_a_drift_is_told_with_its_rate() -> None:
     (clause,) = in_passing(DRIFTS, ())
     assert clause == "the encoder's reading runs away from the ram by +2.0 ± 0.6 mm/s"
+
+
+def test_a_leak_that_grows_is_shown_without_an_onset() -> None:
+    assert onset_shown(GROWS) is None
+    assert onset_shown(replace(GROWS, growth=None)) == 20.0
+    assert onset_shown(None) is None
 
 
 def test_what_is_not_told_apart_is_named() -> None:
