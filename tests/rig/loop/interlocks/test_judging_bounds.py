@@ -126,10 +126,9 @@ def test_an_output_may_be_the_newest_command_or_that_before_or_just_its_toleranc
     sign: float,
 ) -> None:
     judge = Judge()
-    judge.step(output=sign * TOL.command_V)
-    judge.step(command=sign * 0.5, output=sign * 0.5)
-    judge.step(command=0.0, output=sign * 0.5)
-    assert judge.memory.unconfirmed[2] == 0
+    for command, output in ((0.0, TOL.command_V), (0.5, 0.5), (0.0, 0.5)):
+        judge.step(command=sign * command, output=sign * output)
+        assert judge.memory.unconfirmed[2] == 0
 
 
 def test_a_command_is_remembered_once_however_long_no_sample_comes() -> None:
