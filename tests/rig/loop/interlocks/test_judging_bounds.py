@@ -121,6 +121,16 @@ def test_an_output_may_be_any_of_the_last_four_commands(sign: float) -> None:
     assert judge.memory.unconfirmed[2] == 0
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_output_may_be_the_newest_command_or_that_before_or_just_its_tolerance_off(
+    sign: float,
+) -> None:
+    judge = Judge()
+    for command, output in ((0.0, TOL.command_V), (0.5, 0.5), (0.0, 0.5)):
+        judge.step(command=sign * command, output=sign * output)
+        assert judge.memory.unconfirmed[2] == 0
+
+
 def test_a_command_is_remembered_once_however_long_no_sample_comes() -> None:
     judge = Judge()
     judge.step(command=0.5)
@@ -288,6 +298,14 @@ def test_a_command_before_homing_trips_beyond_its_limit_and_a_tenth_of_a_volt(
     assert Judge().step(homed=True, command=1.001 * limit * command) == NOTHING
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_command_before_homing_at_its_limit_and_a_tenth_of_a_volt_exactly_is_allowed(
+    sign: float,
+) -> None:
+    limit = TOL.unhomed_command_V + TOL.command_V
+    assert Judge().step(homed=False, command=sign * limit) == NOTHING
+
+
 def test_a_command_before_homing_counts_from_the_null_or_from_zero_whichever_is_less() -> None:
     tol = TOL._replace(null_V=0.4)
     assert Judge(tol=tol).step(homed=False, command=0.99) == NOTHING
@@ -334,6 +352,7 @@ def test_a_value_on_its_limit_is_within_it(value: float, cause: Cause) -> None:
     judge = limited(load("hold"))
     assert judge.step(load_N=value) == NOTHING
     assert judge.step(load_N=1.001 * value) == (Action.HOLD, cause, "load_N")
+    assert judge.memory.active.tolist() == [1]
     assert judge.step(load_N=value) == NOTHING
 
 
@@ -405,6 +424,23 @@ def test_of_equal_actions_the_cause_of_the_device_comes_before_that_of_a_limit()
     assert judge.step(load_N=2e4, estop_closed=0.0)[1] is Cause.ESTOP_OPEN
     judge = limited(load("hold"))
     assert judge.step(load_N=2e4, encoder_fault=1.0)[1] is Cause.ENCODER_FAULT
+
+
+def test_what_no_healthy_rig_can_send_trips(judge: Judge) -> None:
+    assert judge.step(position_m=0.4) == trip(Cause.ENCODER_JUMP, "position_m")
+
+
+@pytest.mark.parametrize(
+    ("channel", "value", "cause"),
+    [("load_N", 2e4, Cause.LIMIT_HIGH), ("estop_closed", 0.0, Cause.ESTOP_OPEN)],
+)
+def test_of_a_trip_and_a_ramp_down_the_trip_is_taken_whichever_is_judged_first(
+    channel: str, value: float, cause: Cause
+) -> None:
+    judge = limited(load("trip"))
+    end = float(TOL.range_high[4])
+    assert judge.steps(3, supply_pressure_Pa=end)[2][0] is Action.RAMP_DOWN
+    assert judge.step({channel: value}, supply_pressure_Pa=end) == trip(cause, channel)
 
 
 def test_a_cleared_memory_is_as_before_the_first_tick() -> None:

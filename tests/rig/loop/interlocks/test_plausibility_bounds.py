@@ -355,3 +355,80 @@ def test_a_ram_that_is_homed_anew_keeps_no_step_across_it() -> None:
     assert judge.step(homed=True, position_m=0.3) == NOTHING
     assert judge.evidence.started == 2.0
     assert judge.evidence.high_m == 0.0
+
+
+# -- on the very bound -----------------------------------------------------------------------------
+
+
+def remembers(judge: Judge, **values: float) -> None:
+    """Give a judge's `Evidence` some values."""
+    for name, value in values.items():
+        judge.memory.evidence[Evidence._fields.index(name)] = value
+
+
+@pytest.mark.parametrize(
+    ("pressure", "side", "sign", "account"),
+    [(5e5, 1, 1.0, "high_m"), (5e5, 2, -1.0, "low_m"), (8e5, 1, 1.0, "high_m")],
+)
+def test_a_chamber_of_five_bar_is_not_dry(
+    pressure: float, side: int, sign: float, account: str
+) -> None:
+    judge = Judge()
+    at = {f"pressure_{side}_Pa": pressure}
+    judge.step(at)
+    judge.step(at, position_m=0.3 + sign * 1e-3)
+    assert getattr(judge.evidence, account) > 0.0
+    dry = Judge()
+    at = {f"pressure_{side}_Pa": 4.99e5}
+    dry.step(at)
+    dry.step(at, position_m=0.3 + sign * 1e-3)
+    assert getattr(dry.evidence, account) == 0.0
+
+
+def test_an_account_is_kept_if_the_time_between_samples_is_as_unsure_as_it_is_long() -> None:
+    for exchange, is_kept in ((0.5, True), (0.51, False)):
+        judge = Judge()
+        judge.step(exchange=exchange)
+        judge.step(exchange=exchange, position_m=0.301)
+        assert (judge.evidence.high_m > 0.0) is is_kept
+
+
+def test_an_encoder_that_stopped_as_the_account_left_zero_is_frozen_and_one_after_is_not() -> None:
+    for still, cause in ((3.0, Cause.ENCODER_FROZEN), (2.0, Cause.POSITION_AGAINST_FLOW)):
+        judge = Judge()
+        judge.step()
+        remembers(judge, high_m=6e-3, account_ticks=3.0, still_ticks=still)
+        assert judge.step() == trip(cause, "position_m")
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_step_of_the_farthest_that_the_encoder_may_go_is_no_jump(sign: float) -> None:
+    judge = Judge()
+    judge.step(position_m=0.0, exchange=0.25)
+    farthest = TOL.jump_speed_m_per_s * ((1.0 + (0.15 + 0.25)) * T) + 2.0 * TOL.count_m
+    found = judge.step(position_m=sign * farthest, exchange=0.15)
+    assert found[1] is not Cause.ENCODER_JUMP
+
+
+def test_an_account_of_the_travel_allowed_does_not_trip() -> None:
+    # A closed valve without tolerances lets nothing through, so that the account stays as it is.
+    judge = Judge(tol=TOL._replace(null_m=0.0))
+    pressures = {"pressure_1_Pa": 7e6, "pressure_2_Pa": 7e6}
+    judge.step(pressures)
+    remembers(judge, high_m=TOL.flow_account_m)
+    assert judge.step(pressures) == NOTHING
+    assert judge.evidence.high_m == TOL.flow_account_m
+
+
+@pytest.mark.parametrize("side", [1, 2])
+def test_a_chamber_at_the_allowed_excess_is_not_above_the_supply(side: int) -> None:
+    judge = Judge()
+    judge.step({f"pressure_{side}_Pa": SUPPLY + TOL.above_supply_Pa})
+    assert getattr(judge.evidence, f"above_{side}_ticks") == 0.0
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_spool_at_the_allowed_distance_is_not_away(sign: float) -> None:
+    judge = Judge()
+    judge.step(spool_m=sign * TOL.spool_m)
+    assert judge.evidence.spool_ticks == 0.0
