@@ -98,7 +98,7 @@ def _watched(
             with failures_reported(), seen as observer:
                 yield screen, stop, observer
         except ExperimentStoppedError as error:
-            is_recorded = any(folder.iterdir())
+            is_recorded = folder.is_dir() and any(folder.iterdir())
             what = f"what was recorded is in {folder}" if is_recorded else "nothing was recorded"
             click.echo(f"rig: {error}; {what}", err=True)
             raise click.exceptions.Exit(error.exit_code) from error
