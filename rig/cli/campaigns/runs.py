@@ -20,7 +20,18 @@ from rig.recording import (
     read_recording,
     replace_text,
 )
-from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
+from rig.runner.run_folder import (
+    JOURNAL,
+    RUNS,
+    JournalError,
+    Run,
+    RunError,
+    is_plain,
+    read_journal,
+    read_run,
+    run_named,
+    runs_below,
+)
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
 _UNITS: Final = {"min": "minutes", "h": "hours", "d": "days", "w": "weeks"}
@@ -125,8 +136,8 @@ def show(run: str, below: Path, as_json: bool, verify: bool) -> int:
     """Show a run: its folder, state, size, tests with their verdicts, and events outside the tests.
 
     RUN is the name of a folder below --runs, or a path. With --verify the exit code is 2 if a
-    recording of the run, or an export in its folder, is damaged or holds other values; each is then
-    named on stderr.
+    recording of the run, or an export in its folder, is damaged or holds other values, or if its
+    journal is damaged; each is then named on stderr.
     """
     found = _run(run, below)
     if verify:
@@ -254,14 +265,14 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _verify(run: Run) -> None:
-    """Read every recording of a run, and every export of it in the run's folder; tell how many.
+    """Read a run's recordings, their exports in the run's folder, and its journal; tell how many.
 
     An export has its recording's name with the extension of another format.
 
     Raises:
         RecordingError: some are damaged, or an export has other values than its recording.
     """
-    problems: list[RecordingProblem] = []
+    problems = _journal_problems(run)
     exported = 0
     for recording in run.recordings:
         others = [recording.with_name(f"{recording.stem}{end}") for end in EXTENSIONS]
@@ -282,6 +293,21 @@ def _verify(run: Run) -> None:
     if problems:
         raise RecordingError(problems)
     click.echo(f"{len(run.recordings)} recordings and {exported} exports are undamaged")
+
+
+def _journal_problems(run: Run) -> list[RecordingProblem]:
+    """Return a problem if a run's journal is damaged so that the run could not be resumed."""
+    path = run.folder / JOURNAL
+    if not path.exists():
+        return []
+    try:
+        read_journal(path)
+    except JournalError as error:
+        value, _, remedy = str(error).partition("; ")
+        where, _, value = value.removeprefix(f"{path}:").partition(": ")
+        line = int(where) if where.isdigit() else None
+        return [RecordingProblem(str(path), "journal", value, remedy, line=line)]
+    return []
 
 
 def _alike(recording: Recording, export: Recording) -> bool:

@@ -1,7 +1,7 @@
 """Functions that `rig gap --live` and `rig identify friction --rig` share."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import click
@@ -16,6 +16,7 @@ from rig.runner import Observer, StopFlag, stop_on_signals
 from rig.runner.campaign import Pace
 from rig.runner.experiments import ExperimentStoppedError
 from rig.runner.run_folder import make_empty
+from rig.stream import StreamSettings
 
 
 def rig_time(campaigns: Sequence[Campaign]) -> str:
@@ -41,9 +42,10 @@ def experiment(
 ) -> Iterator[tuple[Screen, StopFlag, Observer]]:
     """Give screen, stop flag and observer to the block, which runs an experiment.
 
-    The folder is made before. While the block runs, Ctrl-C, signals to end and operators on the
-    live stream request a stop on the flag. The observer shows the progress here and on the stream.
-    If the block fails in one of the ways below, the command ends.
+    The folder is made before, and is removed if it was new and the experiment failed without
+    writing anything, as on a rig that is in use. While the block runs, Ctrl-C, signals to end and
+    operators on the live stream request a stop on the flag. The observer shows the progress here
+    and on the stream. If the block fails in one of the ways below, the command ends.
 
     Args:
         rig: the rig on which the experiment is run.
@@ -63,7 +65,30 @@ def experiment(
     require_possible_pace(rig, pace)
     paced = (pace or rig.pace) == "real" or rig.backend == "hardware"
     settings = stream_of(profile, paced=paced)
+    existed = folder.exists()
     make_empty(folder)
+    try:
+        with _watched(rig, settings, folder, activity, paced=paced, as_json=as_json) as watched:
+            yield watched
+    except BaseException:
+        if not existed:
+            # A folder that is not empty stays.
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+@contextmanager
+def _watched(
+    rig: Rig,
+    settings: StreamSettings | None,
+    folder: Path,
+    activity: str,
+    *,
+    paced: bool,
+    as_json: bool,
+) -> Iterator[tuple[Screen, StopFlag, Observer]]:
+    """Give screen, stop flag and observer to the block, as `experiment` does, in a folder."""
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     screen.quiet = as_json
@@ -73,5 +98,7 @@ def experiment(
             with failures_reported(), seen as observer:
                 yield screen, stop, observer
         except ExperimentStoppedError as error:
-            click.echo(f"rig: {error}; what was recorded is in {folder}", err=True)
+            is_recorded = folder.is_dir() and any(folder.iterdir())
+            what = f"what was recorded is in {folder}" if is_recorded else "nothing was recorded"
+            click.echo(f"rig: {error}; {what}", err=True)
             raise click.exceptions.Exit(error.exit_code) from error

@@ -1,5 +1,12 @@
 from .csv_file import read_csv as read_csv, write_csv as write_csv
+from .divided_rows import OVERVIEW_TOPIC as OVERVIEW_TOPIC
 from .division import Division as Division, division_of as division_of
+from .mcap_copies import (
+    EndCopies as EndCopies,
+    checksum_before as checksum_before,
+    copies_at_end as copies_at_end,
+    is_of_rig as is_of_rig,
+)
 from .mcap_reader import (
     DAMAGE as DAMAGE,
     ForeignSchemaError as ForeignSchemaError,
@@ -10,6 +17,7 @@ from .mcap_reader import (
     read_mcap as read_mcap,
 )
 from .mcap_writer import (
+    METADATA_NAME as METADATA_NAME,
     McapWriter as McapWriter,
     channel_problems as channel_problems,
     write_mcap as write_mcap,

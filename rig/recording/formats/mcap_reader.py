@@ -342,10 +342,10 @@ def read_mcap(path: str) -> Table:
     """
     collector = SampleCollector(path)
     with mapped(path) as file:
-        if not _ends_properly(file):
+        if not ends_properly(file):
             raise _damaged(path, "cut off: the end of the file is missing")
         try:
-            _check_summary(file)
+            check_summary(file)
             _collect(file, collector)
         except ForeignSchemaError as error:
             raise foreign(path, str(error)) from None
@@ -386,7 +386,8 @@ def _reason(error: Exception) -> str:
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__} {text}"
 
 
-def _ends_properly(file: IO[bytes]) -> bool:
+def ends_properly(file: IO[bytes]) -> bool:
+    """Return whether a file is long enough for a footer, and ends as every MCAP file does."""
     file.seek(0, os.SEEK_END)
     if file.tell() < FOOTER_SIZE + 2 * MAGIC_SIZE:
         return False
@@ -394,7 +395,7 @@ def _ends_properly(file: IO[bytes]) -> bool:
     return file.read(MAGIC_SIZE) == MCAP0_MAGIC
 
 
-def _check_summary(file: IO[bytes]) -> None:
+def check_summary(file: IO[bytes]) -> None:
     """Check the summary's checksum, as a lost chunk index would silently shorten the recording.
 
     Raises:

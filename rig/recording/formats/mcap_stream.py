@@ -71,6 +71,7 @@ class McapStream:
         self.counts = {channel.id: 0 for channel in channels}
         self._compressor = zstandard.ZstdCompressor(level=level)
         self._position = 0
+        self._crc = 0
         self.file: Final = path.open("wb")
         try:
             self._metadata_index = self._begin(metadata)
@@ -127,7 +128,8 @@ class McapStream:
 
     def finish(self) -> None:
         """Write the end of data, the summary and the footer; leave the file open."""
-        self._write([records.DataEnd(data_section_crc=0)])
+        # Only this checksum covers what stands outside the chunks.
+        self._write([records.DataEnd(data_section_crc=self._crc)])
         groups: dict[Opcode, Sequence[records.McapRecord]] = {
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
@@ -151,6 +153,7 @@ class McapStream:
     def _put(self, data: bytes) -> None:
         self.file.write(data)
         self._position += len(data)
+        self._crc = zlib.crc32(data, self._crc)
 
     def _write(self, content: Sequence[records.McapRecord]) -> None:
         self._put(serialised(content))

@@ -36,6 +36,7 @@ from .journal import (
     JOURNAL_SCHEMA as JOURNAL_SCHEMA,
     Entry as Entry,
     Journal as Journal,
+    JournalError as JournalError,
     is_written as is_written,
     read_journal as read_journal,
     sync as sync,

@@ -319,6 +319,18 @@ def test_the_recordings_of_a_run_and_their_exports_are_verified(
     assert "could not verify page integrity" in second
 
 
+def test_a_journal_that_no_run_could_be_resumed_from_is_told_by_verify(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    journal = make_run("one") / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    lines[1] = lines[1].replace(b"0", b"1", 1)
+    journal.write_bytes(b"".join(lines))
+    verified = invoke("runs", "show", "one", "--verify")
+    assert verified.code == 2
+    assert "journal.jsonl:2: journal: is damaged, and lines follow it" in verified.err
+
+
 @pytest.mark.parametrize(
     "malformed",
     [
