@@ -38,7 +38,7 @@ def in_a_sine(seed: int, internal_leakage: float = 0.0, amplitude: float = 0.15)
 
 
 def without_checksum(path: Path) -> dict[str, Any]:
-    """Return the values of a baseline's file as files from before there was a checksum have them."""
+    """Return the values of a baseline's file as in files from before there was a checksum."""
     content: dict[str, Any] = json.loads(path.read_text())
     del content["content_sha256"]
     return content
