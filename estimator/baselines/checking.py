@@ -165,19 +165,22 @@ def _of_nuisances(content: object, name: str) -> Iterator[str]:
 
 
 def _of_covariance(content: object, name: str) -> Iterator[str]:
-    if not isinstance(content, list) or len(content) != NUISANCE_COUNT:
-        yield f"{name}: has not {NUISANCE_COUNT} rows of {NUISANCE_COUNT} numbers"
+    rows = content if isinstance(content, list) else []
+    count = NUISANCE_COUNT
+    if len(rows) != count or any(not isinstance(r, list) or len(r) != count for r in rows):
+        yield f"{name}: has not {count} rows of {count} numbers"
         return
     most = MOST_TOLERANCES**2
     found = [
         problem
-        for row, values in enumerate(content)
-        for problem in _of_list(values, -most, NUISANCE_COUNT, f"{name}[{row}]", most)
+        for row, values in enumerate(rows)
+        for column, value in enumerate(values)
+        for problem in _of_number(value, -most, most, f"{name}[{row}][{column}]")
     ]
     if found:
         yield _first(found)
         return
-    covariance = np.array(content, dtype=np.float64)
+    covariance = np.array(rows, dtype=np.float64)
     variances = np.diag(covariance)
     if wrong := np.flatnonzero(variances <= 0.0).tolist():
         row = wrong[0]
