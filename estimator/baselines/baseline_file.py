@@ -14,8 +14,8 @@ from rig.plant import LEAKS, Model, model_sha256
 from rig.recording import LARGEST_JSON, read_bounded
 
 from .baseline import PATTERN_FILTERS, Accepted, Baseline, BaselineError
+from .checking import CHECKSUM, VERSION, checksum_of, problems_of
 
-VERSION: Final = 1
 _NAMES: Final = [nuisance.name for nuisance in NUISANCES]
 
 
@@ -117,11 +117,15 @@ def _level_of(content: Mapping[str, Any]) -> HealthyLevel:
 def write_baseline(baseline: Baseline, path: Path) -> None:
     """Write a baseline to a JSON file; if writing fails, an existing file stays as it was.
 
+    The file has a checksum of its content beside what `content_of` returns.
+
     Raises:
         OSError: the file cannot be written.
         ValueError: a number of the baseline is NaN or infinite.
     """
-    text = json.dumps(content_of(baseline), indent=1, allow_nan=False)
+    content = content_of(baseline)
+    content[CHECKSUM] = checksum_of(content)
+    text = json.dumps(content, indent=1, allow_nan=False)
     partial = path.with_name(path.name + ".partial")
     partial.write_text(text + "\n", encoding="utf-8")
     partial.replace(path)
@@ -135,16 +139,24 @@ def load_baseline(path: Path, model: Model) -> Baseline:
         model: the model with which the baseline is to be used.
 
     Raises:
-        BaselineError: the file cannot be read, is not a baseline of this version, or was learnt
+        BaselineError: the file cannot be read, is not a baseline of this version, was changed after
+            it was written, has a wrong number, unit or key (all of them are named), or was learnt
             with another model: one of another name, or, where the file has a hash, another hash.
     """
     try:
-        baseline = baseline_of(json.loads(read_bounded(path, LARGEST_JSON)))
+        content = json.loads(read_bounded(path, LARGEST_JSON))
+        if problems := problems_of(content):
+            raise BaselineError([_none(path, problem) for problem in problems])
+        baseline = baseline_of(content)
+    except BaselineError:
+        raise
+    except RecursionError:
+        raise BaselineError([_none(path, "its values are nested too deeply")]) from None
     except OSError as error:
         raise BaselineError([f"{path}: {error.strerror}; make one with rig baseline"]) from None
     except KeyError as error:
         raise BaselineError([_none(path, f"there is no {error} in it")]) from None
-    except (ValueError, TypeError, AttributeError, RecursionError, np.linalg.LinAlgError) as error:
+    except (ValueError, TypeError, AttributeError, ArithmeticError) as error:
         raise BaselineError([_none(path, str(error))]) from None
     remedy = f"make it anew with rig baseline --model {model.name}"
     if baseline.model != model.name:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
 from rig.runner import Observer, StopFlag
-from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request
+from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request, remark_of
 from rig.stream import StreamSettings
 from rig.supervisor import Onlooker
 
@@ -127,7 +127,7 @@ def motion_streamed(
     def obey(command: "Command") -> str:
         if command.name != "abort":
             return f"{activity} obeys abort only"
-        text = command.text[:LONGEST_TEXT]
+        text = remark_of(command.text[:LONGEST_TEXT], command.person)
         who = command.person or command.by
         stop.request(f"{who}: {text}" if text else who)
         return ""

@@ -7,6 +7,7 @@ token ends all logins that were made with the one before.
 import hashlib
 import json
 import os
+import stat
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -17,6 +18,8 @@ from typing import Any, Final
 
 LARGEST_FILE: Final = 1 << 20
 """Most bytes of the file that are read; the most logins that a console keeps need a twentieth."""
+LONGEST_NAME: Final = 32
+"""Most characters of a visitor's name."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,9 @@ class Login:
 class LoginFile:
     """The file with the logins of one console.
 
-    A file that is missing, damaged or not of this token holds no logins; one that cannot be written
-    keeps none, and the console works without.
+    A file that is missing, damaged or not of this token holds no logins. Neither does what is no
+    regular file, such as a pipe, nor a file that is another user's or that others may write. One
+    that cannot be written keeps none, and the console works without.
 
     Args:
         path: the file; only its owner may read it.
@@ -58,21 +62,42 @@ class LoginFile:
 
         Args:
             lifetime_s: the longest time in s for which a login lasts. A login that the file has
-                last longer, as after the wall clock was set back, lasts for that time.
+                last longer, as after the wall clock was set back, lasts for that time from now on,
+                which is written to the file so that a restart does not begin it anew. A login with
+                a longer name than a visitor can have is left out.
         """
         found: list[Login] = []
-        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-            with self._path.open("rb") as file:
-                content = json.loads(file.read(LARGEST_FILE))
+        too_long = False
+        with suppress(OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            content = json.loads(self._content())
             if content["token"] != self._token:
                 return []
             now = self._clock()
             for each in content["logins"]:
-                left_s = min(float(each["until_s"]) - now, lifetime_s)
-                if left_s > 0.0:
-                    name, number = str(each["name"]), int(each["number"])
+                stated_s = float(each["until_s"]) - now
+                left_s = min(stated_s, lifetime_s)
+                name, number = str(each["name"]), int(each["number"])
+                if left_s > 0.0 and 0 < len(name) <= LONGEST_NAME:
                     found.append(Login(str(each["cookie"]), number, name, left_s))
+                    too_long |= stated_s > lifetime_s
+        if too_long:
+            self.write(found)
         return found
+
+    def _content(self) -> bytes:
+        """Return the bytes of the file.
+
+        Raises:
+            OSError: the file cannot be read, is no regular file, is another user's, or may be
+                written by others.
+        """
+        # Opening a pipe would otherwise wait until somebody writes to it.
+        with os.fdopen(os.open(self._path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            state = os.fstat(file.fileno())
+            foreign = state.st_uid != os.geteuid() or state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+            if foreign or not stat.S_ISREG(state.st_mode):
+                raise PermissionError(f"{self._path}: is not this user's own file")
+            return file.read(LARGEST_FILE)
 
     def write(self, logins: Iterable[Login]) -> None:
         """Replace the file's logins by these."""

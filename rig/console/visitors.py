@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from rig.stream import own_key
 
-from .logins import Login, LoginFile
+from .logins import LONGEST_NAME, Login, LoginFile
 
 LIFETIME_S: Final = 12 * 3600.0
 """Time in s after which a login ends: a shift."""
@@ -24,7 +24,6 @@ FAILURES: Final = 5
 FAILURES_S: Final = 60.0
 MOST_VISITORS: Final = 200
 MOST_ADDRESSES: Final = 1000
-LONGEST_NAME: Final = 32
 TOKEN_FILE: Final = "console.token"
 
 

@@ -26,7 +26,7 @@ GUIDES: Final[dict[str, tuple[str, ...]]] = {
     "results": _FOLDER,
     "journal": _FOLDER,
     "additions": ("rig.runner.schedule.additions",),
-    "baseline": ("estimator.baselines.baseline_file",),
+    "baseline": ("estimator.baselines.baseline_file", "estimator.baselines.checking"),
     "counters": ("rig.runner.counters.store",),
     "control": (
         "rig.control_socket", "rig.runner.campaign.operator_requests",

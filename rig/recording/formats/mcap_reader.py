@@ -381,9 +381,19 @@ def foreign(path: str, reason: str) -> RecordingError:
 
 
 def _reason(error: Exception) -> str:
-    """Return what an error of a library says, with its kind if its text alone says little."""
+    """Return in words for a user what an error on damaged bytes means.
+
+    A library's own text is given where it is a check of the content, such as of a checksum. What
+    Python says where bytes cannot be taken apart tells a user nothing.
+    """
     text = " ".join(str(error).split())
-    return text if isinstance(error, ValueError) and text else f"{type(error).__name__} {text}"
+    if isinstance(error, MemoryError):
+        return "a record that does not fit into the memory"
+    if isinstance(error, (UnicodeError, json.JSONDecodeError)):
+        return "a text of wrong form"
+    if text and isinstance(error, (ValueError, McapError, ZstdError)):
+        return text if isinstance(error, ValueError) else f"{type(error).__name__} {text}"
+    return "a record of wrong form"
 
 
 def ends_properly(file: IO[bytes]) -> bool:

@@ -239,7 +239,7 @@ class Desk:
                 if request is not Request.ABORT:
                     raise RefusedError(f"the journal cannot be written: {error}") from None
                 reply += f", but the journal cannot be written: {error}"
-            self._obey(request, person or who, _remark(text, person), index)
+            self._obey(request, person or who, remark_of(text, person), index)
             if change is not None and self._control is not None:
                 self._control.add(change)
         if request in (Request.PAUSE, Request.RESUME):
@@ -347,7 +347,7 @@ class Desk:
                 del self._statuses[index]
 
 
-def _remark(text: str, person: str) -> str:
+def remark_of(text: str, person: str) -> str:
     """Return a request's text without the name of who made it, with which the console begins it."""
     if person and text == person:
         return ""

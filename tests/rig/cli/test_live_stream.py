@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,18 @@ def test_abort_is_obeyed_and_names_who_asked(given: dict[str, Any], tmp_path: Pa
         assert not stop.requested
         assert given["obey"](command("abort", "Ben: smoke")) == ""
     assert stop.reason == "local: Ben: smoke"
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"), [("Eve", "Eve"), ("Eve: smoke", "Eve: smoke"), ("", "Eve")]
+)
+def test_a_person_who_stops_from_the_console_is_named_once(
+    given: dict[str, Any], tmp_path: Path, text: str, reason: str
+) -> None:
+    stop, rig = StopFlag(), load_rig("emulated")
+    with motion_streamed(Observer(), load_stream("loopback"), rig, tmp_path, stop, "homing"):
+        given["obey"](replace(command("abort", text), person="Eve"))
+    assert stop.reason == reason
 
 
 def test_without_a_stream_lines_are_shown_here(tmp_path: Path) -> None:

@@ -1,16 +1,17 @@
 """Whoever has not the token stays outside; of those inside, one operator at a time has control."""
 
+import json
+import os
 from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
-from rig.console.logins import LoginFile
+from rig.console.logins import LONGEST_NAME, LoginFile
 from rig.console.visitors import (
     FAILURES,
     FAILURES_S,
     LIFETIME_S,
-    LONGEST_NAME,
     MOST_ADDRESSES,
     MOST_VISITORS,
     ControlHolder,
@@ -203,3 +204,59 @@ def test_control_is_given_up_by_who_has_it_only(control: ControlHolder, told: li
     control.release(ANNA)
     assert control.content()["number"] is None
     assert told[-1] == "Anna gives control up"
+
+
+def test_a_pipe_in_place_of_the_file_of_logins_is_passed_over(clock: Clock, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "logins.json")
+    visitors = kept(tmp_path, clock)
+    assert visitors.visitor(visitors.log_in(TOKEN, "Anna", "a")) is not None
+
+
+def changed_login(folder: Path, clock: Clock, key: str, value: object) -> str:
+    """Log Anna in, change her login in the file, and return her cookie."""
+    cookie = kept(folder, clock).log_in(TOKEN, "Anna", "a")
+    file = folder / "logins.json"
+    content = json.loads(file.read_text())
+    content["logins"][0][key] = value
+    file.write_text(json.dumps(content))
+    return cookie
+
+
+def test_no_login_of_the_file_lasts_longer_than_a_login_over_any_number_of_restarts(
+    clock: Clock, tmp_path: Path
+) -> None:
+    cookie = changed_login(tmp_path, clock, "until_s", 1e300)
+    assert kept(tmp_path, clock).visitor(cookie) is not None
+    clock.now += LIFETIME_S - 1.0
+    assert kept(tmp_path, clock).visitor(cookie) is not None
+    clock.now += 2.0
+    assert kept(tmp_path, clock).visitor(cookie) is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("name", "x" * 5000), ("name", ""), ("until_s", 10**400), ("until_s", float("nan"))],
+)
+def test_a_login_of_the_file_that_no_console_made_is_left_out(
+    clock: Clock, tmp_path: Path, key: str, value: object
+) -> None:
+    cookie = changed_login(tmp_path, clock, key, value)
+    assert kept(tmp_path, clock).visitor(cookie) is None
+
+
+@pytest.mark.parametrize("mode", [0o666, 0o620])
+def test_a_file_of_logins_that_others_may_write_holds_none(
+    clock: Clock, tmp_path: Path, mode: int
+) -> None:
+    cookie = kept(tmp_path, clock).log_in(TOKEN, "Anna", "a")
+    (tmp_path / "logins.json").chmod(mode)
+    assert kept(tmp_path, clock).visitor(cookie) is None
+
+
+def test_a_file_of_logins_of_another_user_holds_none(
+    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cookie = kept(tmp_path, clock).log_in(TOKEN, "Anna", "a")
+    own = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: own + 1)
+    assert kept(tmp_path, clock).visitor(cookie) is None
