@@ -263,13 +263,19 @@ class CanPump:
         """
         if self._load is None:
             return
-        if self._load and self._clock() - began > 1.0 / self.rate_hz:
-            return
+        data = self._encoded(self._load)
+
+        def in_time() -> bool:
+            return not self._load or self._clock() - began <= 1.0 / self.rate_hz
+
+        extended = self._command.is_extended_frame
+        link.send(self._command.frame_id, data, extended=extended, wanted=in_time)
+
+    def _encoded(self, load: bool) -> bytes:
         self._sent = (self._sent + 1) % 16
-        signals = {"Load": int(self._load), "AliveCounter": self._sent}
+        signals = {"Load": int(load), "AliveCounter": self._sent}
         filled = {signal.name: 0 for signal in self._command.signals} | signals
-        data = self._command.encode(filled, strict=False)
-        link.send(self._command.frame_id, data, extended=self._command.is_extended_frame)
+        return self._command.encode(filled, strict=False)
 
     def safe_state(self) -> None:
         """Unload the pump over a new connection, and wait until the unit confirms it.
