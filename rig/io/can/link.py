@@ -84,8 +84,18 @@ class CanLink:
         self._bus = open_bus(driver, options)
         self._frames = FrameReader(self._bus)
 
-    def send(self, identifier: int, data: bytes, *, extended: bool = False) -> None:
+    def send(
+        self,
+        identifier: int,
+        data: bytes,
+        *,
+        extended: bool = False,
+        wanted: Callable[[], bool] | None = None,
+    ) -> None:
         """Send one frame, with a 29-bit identifier if `extended`, else with one of 11 bits.
+
+        If `wanted` is given, it is asked when the frame is ready, right before the bus gets it; if
+        it returns False, nothing is sent.
 
         Raises:
             DriverError: the bus does not accept the frame.
@@ -93,6 +103,8 @@ class CanLink:
         frame = can.Message(
             arbitration_id=identifier, data=data, is_extended_id=extended, check=True
         )
+        if wanted is not None and not wanted():
+            return
         try:
             self._bus.send(frame)
         except (can.CanError, OSError) as error:

@@ -177,15 +177,17 @@ class CanPump:
     def read(self) -> Mapping[str, float]:
         """Send the command, and return the values that came since the last call, by signal, SI.
 
-        Nothing is sent before the first `write`. The result is empty if no new status came.
+        Nothing is sent before the first `write`. To load is not sent either if the process was
+        stopped during this call; see `_send`. The result is empty if no new status came.
 
         Raises:
             DriverError: the driver is not open, or the unit is lost or frozen, reports a fault, or
                 does not do what was asked in `load_timeout`.
         """
         link = self._connected()
+        began = self._clock()
         self._listen(link)
-        self._send(link)
+        self._send(link, began)
         self._require_alive()
         self._require_obeying()
         if not self._fresh:
@@ -234,26 +236,46 @@ class CanPump:
                 lost.
         """
         link = self._connected()
+        began = self._clock()
         for name, value in outputs.items():
             if name not in self.outputs:
                 raise self._error("is not an output", "write pump_load", name)
             if value not in (0.0, 1.0):
                 raise self._error(f"{value:g} is not 0 or 1", "give 0 or 1", name)
             self._ask(bool(value))
-        self._send(link)
+        self._send(link, began)
 
     def _ask(self, load: bool) -> None:
         self._load = load
         self._load_until = self._clock() + self._options.load_timeout
 
-    def _send(self, link: CanLink) -> None:
+    def _send(self, link: CanLink, began: float) -> None:
+        """Send the command, but not the one to load if the caller's turn has become too old.
+
+        The caller looks for a trip before each turn. A turn takes milliseconds, so one that is
+        older than the driver's period was stopped in between, and a trip may have unloaded the pump
+        meanwhile. The next turn, before which the caller looks again, sends the command; the unit
+        does without one command, as without one that is lost on the bus.
+
+        Args:
+            link: the bus.
+            began: time in s at which the turn began, by the driver's clock.
+        """
         if self._load is None:
             return
+        data = self._encoded(self._load)
+
+        def in_time() -> bool:
+            return not self._load or self._clock() - began <= 1.0 / self.rate_hz
+
+        extended = self._command.is_extended_frame
+        link.send(self._command.frame_id, data, extended=extended, wanted=in_time)
+
+    def _encoded(self, load: bool) -> bytes:
         self._sent = (self._sent + 1) % 16
-        signals = {"Load": int(self._load), "AliveCounter": self._sent}
+        signals = {"Load": int(load), "AliveCounter": self._sent}
         filled = {signal.name: 0 for signal in self._command.signals} | signals
-        data = self._command.encode(filled, strict=False)
-        link.send(self._command.frame_id, data, extended=self._command.is_extended_frame)
+        return self._command.encode(filled, strict=False)
 
     def safe_state(self) -> None:
         """Unload the pump over a new connection, and wait until the unit confirms it.
@@ -270,7 +292,7 @@ class CanPump:
                 if self._clock() >= self._load_until:
                     state = f"unloading not confirmed in {self._options.load_timeout:g} s"
                     raise self._error(state, "switch the unit's motor off", _LOADED)
-                self._send(link)
+                self._send(link, self._clock())
                 self._listen(link, LOOK)
         finally:
             if not was_open:

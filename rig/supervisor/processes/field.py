@@ -4,6 +4,10 @@ It writes the drivers' readings to the board, and trips if a driver that moves s
 any part has tripped, or loop or supervisor is silent, it brings its drivers to their safe state in
 the order of a trip: valve drive, bypass valves, pump. It keeps them there: a part that leaves its
 safe state is reported as driven by another master, and brought back.
+
+The process may be stopped at any instruction and go on seconds later, when others have tripped and
+made its drivers safe. So it looks at the board before every single driver that it reads or writes,
+since reading may repeat the driver's command, and it trips by itself if its own beat is too old.
 """
 
 import time
@@ -149,9 +153,10 @@ class FieldProcess:
         now = time.monotonic()
         if not self._safe:
             self._make_moves()
-            if self._must_be_safe():
-                self._make_safe()
+        self._look()
         for served in self._served:
+            # The driver before may have taken long, and reading this one may repeat its command.
+            self._look()
             if self._safe and served.failure:
                 if now - served.tried_at >= _REPEAT_S:
                     self._bring_to_safe_state(served)
@@ -159,6 +164,11 @@ class FieldProcess:
                 served.due = now + 1.0 / served.driver.rate_hz
                 self._read(served, now)
         self._words[Word.FIELD_BEAT] = time.monotonic_ns()
+
+    def _look(self) -> None:
+        """Bring the drivers to their safe state if they must be there, unless that was done."""
+        if not self._safe and self._must_be_safe():
+            self._make_safe()
 
     def _obey(self, order: object) -> None:
         if isinstance(order, OpenField):
@@ -185,6 +195,8 @@ class FieldProcess:
         except DriverError as error:
             self._pipe.send(error)
             return
+        # Opening may take longer than the silence that is allowed once the drivers are served.
+        self._words[Word.FIELD_BEAT] = time.monotonic_ns()
         self._pipe.send(tuple(spec.name for spec in order.drivers))
 
     def _make_moves(self) -> None:
@@ -194,10 +206,16 @@ class FieldProcess:
             self._write(self._moves.pop(0)[1])
 
     def _write(self, outputs: Outputs) -> None:
+        """Write outputs to their drivers; drop those that are left once a trip stands.
+
+        `cycle` then brings all drivers to their safe state.
+        """
         for served in self._served:
             mine = {name: value for name, value in outputs.items() if name in served.driver.outputs}
             if not mine:
                 continue
+            if self._must_be_safe():
+                return
             self._safe, served.failure = False, ""
             if served.rank in _CONFIRMED:
                 # The confirmation of the safe state is void once the driver moves again.
@@ -270,12 +288,18 @@ class FieldProcess:
         self._report(News(time.monotonic_ns(), served.driver.name, f"{what}; {error.action}"))
 
     def _must_be_safe(self) -> bool:
+        """Return whether a part has tripped or is silent; trip if one is silent.
+
+        This process counts as silent too, if its own last beat is older than `field_silence`: it
+        was stopped then, and the supervisor trips and makes its drivers safe after the same time.
+        """
         words, settings, now = self._words, self._settings, time.monotonic_ns()
         if any(words[word] for word in (Word.LOOP_TRIP, Word.FIELD_TRIP, Word.SUPERVISOR_TRIP)):
             return True
         for word, silence_s, cause in (
             (Word.LOOP_BEAT, settings.loop_silence, Cause.LOOP_LOST),
             (Word.SUPERVISOR_BEAT, settings.supervisor_silence, Cause.SUPERVISOR_LOST),
+            (Word.FIELD_BEAT, settings.field_silence, Cause.FIELD_LOST),
         ):
             # A part that has never beaten has not started yet.
             if words[word] and now - words[word] > silence_s * 1e9:

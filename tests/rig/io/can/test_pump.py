@@ -1,6 +1,7 @@
 """The driver of the pump unit, on an emulated one described by the shipped DBC."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -272,3 +273,33 @@ def test_an_unconfirmed_safe_state_is_reported(bench: PumpBench, fault: str) -> 
 def test_a_driver_that_is_not_open_says_so(bench: PumpBench) -> None:
     with pytest.raises(DriverError, match="pump: is not open; open it first"):
         bench.driver().read()
+
+
+@pytest.mark.parametrize(
+    ("turn", "step"), [("read", "_listen"), ("write", "_ask"), ("read", "_encoded")]
+)
+def test_a_turn_that_was_stopped_does_not_load_a_pump_that_was_unloaded_meanwhile(
+    bench: PumpBench, monkeypatch: pytest.MonkeyPatch, turn: str, step: str
+) -> None:
+    driver = bench.loaded(load_timeout=10.0)
+    take_step = getattr(driver, step)
+
+    def stopped(*given: Any) -> Any:
+        """Be stopped for 1.7 s before a step of the turn that comes before the command is sent."""
+        bench.now += 1.7
+        bench.clock()
+        return take_step(*given)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(driver, step, stopped)
+        # Where the status was heard before the stop, the unit counts as lost, which is an error.
+        with suppress(DriverError):
+            if turn == "read":
+                driver.read()
+            else:
+                driver.write({"pump_load": 1.0})
+    bench.clock()
+    assert not bench.pump.loaded
+    assert bench.events()[-2:] == ["pump_watchdog", "pump_unloaded"]
+    # The caller looks for a trip before the next turn, which commands again.
+    assert bench.read(driver, 3)["pump_loaded"] == 1.0

@@ -400,3 +400,49 @@ def test_a_driver_that_is_lost_after_a_trip_is_made_safe_once_it_is_back(
     site.bypass.error = None
     told = [site.pipe.recv() for _ in range(2)]
     assert [news.text for news in told] == ["no answer; look at it", "is in its safe state now"]
+
+
+@pytest.mark.parametrize(
+    ("trips", "own"), [(True, {}), (False, {Word.FIELD_TRIP: Cause.FIELD_LOST})]
+)
+def test_a_process_that_was_stopped_looks_for_a_trip_before_it_goes_on_to_the_next_driver(
+    site: Site, trips: bool, own: dict[Word, int]
+) -> None:
+    woken = threading.Event()
+    read_bypass = site.bypass.read
+
+    def stopped() -> Mapping[str, float]:
+        """Be stopped for 1.7 s while the meters are read; the supervisor may trip meanwhile."""
+        if not woken.is_set():
+            if trips:
+                site.board.words[Word.VALVE_NULL_AT] = 1
+                site.board.words[Word.SUPERVISOR_TRIP] = Cause.FIELD_LOST
+            site.board.words[Word.FIELD_BEAT] = time.monotonic_ns() - 1_700_000_000
+            site.log.append(("field", "wakes"))
+            woken.set()
+        return {}
+
+    def noted() -> Mapping[str, float]:
+        site.log.append(("bypass", "read"))
+        return read_bypass()
+
+    # The bypass is read right after the meters, as it is due in every cycle.
+    site.bypass.rate_hz = 1e6
+    site.bypass.read = noted  # type: ignore[method-assign]
+    site.meters.read = stopped  # type: ignore[method-assign]
+    site.until(lambda: site.board.words[Word.PUMP_UNLOADED_AT])
+    after = site.log[site.log.index(("field", "wakes")) + 1 :]
+    assert after[0] == ("bypass", "safe")
+    by_supervisor = {Word.SUPERVISOR_TRIP: Cause.FIELD_LOST} if trips else {}
+    assert site.trips() == by_supervisor | own
+
+
+def test_an_order_to_move_that_comes_after_a_trip_is_dropped(site: Site) -> None:
+    site.board.words[Word.VALVE_NULL_AT] = 1
+    site.board.words[Word.SUPERVISOR_TRIP] = Cause.FIELD_LOST
+    site.pipe.send(WriteOutputs({"pump_load": 1.0}))
+    site.pipe.send(MakeSafe())
+    assert site.pipe.recv() == {}
+    assert ("pump", "safe") in site.log
+    assert ("pump", {"pump_load": 1.0}) not in site.log
+    assert site.board.words[Word.PUMP_UNLOADED_AT]
