@@ -64,11 +64,12 @@ class StreamedRun(Observer, Onlooker):
         """Send the message that all has ended, if anything was begun, and close the stream.
 
         Args:
-            failed: why it ended before its end, if it did not end with a campaign.
+            failed: why an activity that is no campaign ended before its end; a campaign says by
+                `campaign_ends` how it ended.
         """
         if self._campaign:
             self._campaign["status"] = "ended"
-            if failed:
+            if failed and self._activity:
                 self._campaign |= {"exit_code": 3, "reason": failed}
             self._list_tests(last=True)
         self.stream.close()

@@ -141,6 +141,18 @@ def test_who_watches_learns_why_it_ended_early() -> None:
     assert (told["status"], told["exit_code"], told["reason"]) == ("ended", 3, "stopped by Ben")
 
 
+def test_how_a_campaign_ended_is_said_by_the_campaign_alone(
+    tmp_path: Path, rig: Rig, campaign: Campaign
+) -> None:
+    stream = KeptStream()
+    run = StreamedRun(stream, Observer(), simulated=True, live=False)
+    run.campaign_begins(campaign, tmp_path, [])
+    run.campaign_ends(1, "")
+    run.ends("a file cannot be read")
+    told = stream.told[-1]
+    assert (told["status"], told["exit_code"], told["reason"]) == ("ended", 1, "")
+
+
 def test_motions_of_an_experiment_have_no_verdict_that_could_be_wrong(
     tmp_path: Path, rig: Rig, make_test: MakeTest, make_campaign: MakeCampaign
 ) -> None:
