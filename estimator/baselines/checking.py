@@ -12,7 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from estimator.accounts import MOST_MODEL_ERROR, NUISANCE_COUNT, NUISANCES
-from estimator.learnt import noise_of
+from estimator.leaks import LEAST_LOOKS
+from estimator.learnt import LARGEST, MOST_DEAD_ZONE, noise_of
 from rig.plant import FAULTS, LEAKS
 
 from .baseline import PATTERN_FILTERS
@@ -30,13 +31,7 @@ MOST_PRESSURE_PA: Final = 1e9
 """Most that a level of innovations may be, Pa: some fifty times the supply pressure of a rig."""
 MOST_LOOKS: Final = 1_000_000_000
 """Most half seconds that a level may be learnt from: fifteen years of recordings."""
-LEAST_LOOKS: Final = 8
-"""Least half seconds that a level is learnt from (`estimator.leaks.healthy_level`)."""
-MOST_HIDDEN: Final = 10.0
-"""Most flow in L/min that a leak may have unseen, as for dead zones (`estimator.learnt`)."""
 
-_LARGEST_OF_ANY: Final = 1e12
-"""Largest number that is learnt with the noise (`estimator.learnt.noise_of`)."""
 _FORMER_FILTERS: Final = ("thesis-7-ud",)
 """Filters that no longer exist, whose levels files of earlier versions have as well."""
 _NEEDED: Final = (
@@ -244,7 +239,7 @@ def _of_noise(content: object, name: str) -> Iterator[str]:
 def _of_leaves(content: object, name: str) -> Iterator[str]:
     """Yield what is wrong with all that stands in nested objects, which must be numbers."""
     if not isinstance(content, dict):
-        yield from _of_number(content, -_LARGEST_OF_ANY, _LARGEST_OF_ANY, name)
+        yield from _of_number(content, -LARGEST, LARGEST, name)
         return
     for key, value in content.items():
         yield from _of_leaves(value, f"{name}: {key}")
@@ -263,7 +258,7 @@ def _of_accepted(content: object, name: str) -> Iterator[str]:
         for leak in LEAKS:
             if leak in hidden:
                 where = f"{name}: hidden_L_per_min: {leak}"
-                yield from _of_number(hidden[leak], 0.0, MOST_HIDDEN, where)
+                yield from _of_number(hidden[leak], 0.0, MOST_DEAD_ZONE, where)
 
 
 def _of_list(

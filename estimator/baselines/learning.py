@@ -53,6 +53,8 @@ _EVERY: Final = 2
 _LONGEST: Final = 120
 """Blocks (one minute) after which a peak ends and the test begins anew, as after an alarm."""
 _ROUNDS: Final = 2
+"""Rounds of fitting the nuisances and measuring the noise. The first weighs the blocks by what the
+default allows for, the second by the noise that the first has measured."""
 
 
 def learnt_noise(recordings: Sequence[Blocks], parameters: Parameters) -> LearntNoise | None:

@@ -32,6 +32,7 @@ from .learnt_test import LearntLeakTest as LearntLeakTest
 from .oil_account import OilAccount as OilAccount, Samples as Samples
 from .pattern import (
     LEARNING_S as LEARNING_S,
+    LEAST_LOOKS as LEAST_LOOKS,
     PATTERNS as PATTERNS,
     STARTED_S as STARTED_S,
     HealthyLevel as HealthyLevel,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.accounts import DEAD_ZONE, UNINFORMED, AccountBlock, NuisanceBelief, reference_flow
+from estimator.encoder import DriftTest
 from estimator.filters import FilterRun
 from estimator.intermittent import ReturnTest
 from estimator.learnt import LearntNoise
@@ -101,7 +102,7 @@ class OilAccountDetector:
         self.account = OilAccount(model.parameters, self._test)
         self._supply = self.supply_test(model.parameters, false_alarms_per_day, model_error)
         self._returns = ReturnTest(model.parameters, *self._setting) if returning else None
-        self._drift = DriftWatch(model.parameters, *self._setting)
+        self._drift = DriftWatch(partial(DriftTest, model.parameters, *self._setting))
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._named: tuple[Finding, Decision] | None = None

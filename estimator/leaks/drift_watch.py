@@ -1,14 +1,13 @@
 """What a drift of the encoder makes of a decision: it is named, or named beside other faults."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.accounts import UNINFORMED, AccountBlock, NuisanceBelief
+from estimator.accounts import AccountBlock
 from estimator.encoder import DriftTest
-from rig.plant import Parameters
 
 from .confirmation import Hold
 from .decision import ENCODER_DRIFT, Decision
@@ -20,27 +19,18 @@ class DriftWatch:
     """Looks for a drift of the encoder, and brings it into the decision on other faults.
 
     Args:
-        parameters: the parameters of the rig that are assumed.
-        false_alarms_per_day: the rate that is stated for all tests together.
-        expected: what is known of this rig's nuisances, from a baseline.
-        model_error: factor on what is allowed for errors of the model.
+        new_test: makes a test for a drift, without any block yet.
     """
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        false_alarms_per_day: float,
-        expected: NuisanceBelief = UNINFORMED,
-        model_error: float = 1.0,
-    ) -> None:
-        self._setting = parameters, false_alarms_per_day, expected, model_error
-        self._test = DriftTest(*self._setting)
+    def __init__(self, new_test: Callable[[], DriftTest]) -> None:
+        self._new_test = new_test
+        self._test = new_test()
         self._hold = Hold()
         self._alarm: Decision | None = None
 
     def begin_anew(self) -> None:
         """Drop all blocks so far; a confirmed drift stays on record."""
-        self._test = DriftTest(*self._setting)
+        self._test = self._new_test()
 
     def see(self, position: NDArray[np.float64]) -> None:
         """Take the newest readings of the encoder, m; NaN where there is none."""

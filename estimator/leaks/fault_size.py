@@ -64,7 +64,8 @@ class Course:
         marks: indices of the marks at which they change, int64 (changes,).
         levels: the leak's coefficient in each stretch less that in the first one, float64
             (changes,), SI units.
-        variance: noise variance that the fit leaves, in units of the expected noise.
+        variance: noise variance by which the fit weighs what is known of the nuisances, in units
+            of the expected noise.
     """
 
     fit: JointFit
@@ -87,13 +88,29 @@ def course_of(
         model_error: factor on what is allowed for errors of the model.
     """
     marks = stretches(sums)
+    fit, left = _changing(sums, products, leak, marks, variance)
+    for _ in range(2):
+        variance = max(left, least_variance(model_error))
+        fit, left = _changing(sums, products, leak, marks, variance)
+    return Course(fit, marks, np.cumsum(fit.coefficients[marks.size :]), variance)
+
+
+def _changing(
+    sums: AccountSums,
+    products: FaultProducts,
+    leak: int,
+    marks: NDArray[np.int64],
+    variance: float,
+) -> tuple[JointFit, float]:
+    """Return the fit of a leak and of the null, which may both change at every mark.
+
+    The second value is the noise variance that the fit leaves, in units of the expected noise. The
+    residual that it follows from counts in what is known of the nuisances beforehand.
+    """
     shapes = [SHIFT] * marks.size + [leak] * marks.size
+    fit = JointFit(sums, products, shapes, [*marks, *marks], variance)
     _, _, total = sums.nuisances()
-    for _ in range(3):
-        fit = JointFit(sums, products, shapes, [*marks, *marks], variance)
-        left = (total - fit.explained) / (2 * sums.blocks - marks.size)
-        used, variance = variance, max(left, least_variance(model_error))
-    return Course(fit, marks, np.cumsum(fit.coefficients[marks.size :]), used)
+    return fit, (total - fit.explained) / (2 * sums.blocks - marks.size)
 
 
 @dataclass(frozen=True)
@@ -213,15 +230,11 @@ class FaultSizes:
         The noise variance is estimated anew where the fit leaves less than half or more than twice
         of the given one.
         """
-        shapes = [SHIFT] * marks.size + [leak] * marks.size
-        fit = JointFit(self.sums, self.products, shapes, [*marks, *marks], variance)
-        # The residual, with the priors of the nuisances counted in, gives the noise variance anew.
-        _, _, total = self.sums.nuisances()
-        left = (total - fit.explained) / (2 * self.sums.blocks - marks.size)
+        fit, left = _changing(self.sums, self.products, leak, marks, variance)
         if 0.5 < left / variance < 2.0:
             return fit
         left = max(left, least_variance(self.model_error))
-        return JointFit(self.sums, self.products, shapes, [*marks, *marks], left)
+        return _changing(self.sums, self.products, leak, marks, left)[0]
 
     def _lasting(
         self, faults: list[int], marks: list[int], variance: float, settling: list[Stretch]

@@ -33,6 +33,8 @@ as the other, an external leak of that chamber is named. Table 5.1: an external 
 the other chamber's average a little."""
 _PIECE: Final = 500
 """Samples (half a second) whose mean is one observation of the healthy level."""
+LEAST_LOOKS: Final = THESIS_WINDOW // _PIECE
+"""Least half seconds that a healthy level is learnt from: the window of a moving average (4 s)."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +104,10 @@ def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
     """
     pieces = [_pieces(np.abs(innovation)) for innovation in innovations]
     means = np.concatenate(pieces) if pieces else np.empty((0, 2))
-    if means.shape[0] < THESIS_WINDOW // _PIECE:
+    if means.shape[0] < LEAST_LOOKS:
         raise ValueError(
-            f"baseline: {means.shape[0]} half seconds of healthy innovations; give at least 8"
+            f"baseline: {means.shape[0]} half seconds of healthy innovations; give at least "
+            f"{LEAST_LOOKS}"
         )
     return HealthyLevel(means.mean(axis=0), means.std(axis=0, ddof=1), means.shape[0])
 

@@ -1,4 +1,6 @@
 from .content import (
+    LARGEST as LARGEST,
+    MOST_DEAD_ZONE as MOST_DEAD_ZONE,
     STATED_RATES as STATED_RATES,
     expected_alarms as expected_alarms,
     noise_content as noise_content,

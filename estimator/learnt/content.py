@@ -13,6 +13,11 @@ from .tail import Tail
 
 STATED_RATES: Final = (100.0, 10.0, 1.0)
 """Alarms a day for which a baseline says how often its rig is expected to alarm."""
+MOST_DEAD_ZONE: Final = 10.0
+"""Most that a dead zone, or a leak that goes unseen, may be, L/min. What is larger counts as a
+wrong sensor and not as a leak (`estimator.leaks`)."""
+LARGEST: Final = 1e12
+"""Largest number of any kind that is learnt: far beyond all times in s and sums of excesses."""
 
 
 def expected_alarms(noise: LearntNoise) -> dict[float, tuple[float, float]]:
@@ -68,19 +73,21 @@ def noise_of(content: Mapping[str, Any]) -> LearntNoise:
             raise ValueError(f"noise: regimes: {name} is none of {', '.join(REGIMES)}")
         at = f"noise: regimes: {name}"
         regimes[name] = RegimeNoise(
-            _within(fields["seconds"], 0.0, 1e12, f"{at}: seconds"),
+            _within(fields["seconds"], 0.0, LARGEST, f"{at}: seconds"),
             _within(fields["factor"], 0.0, 1e3, f"{at}: factor"),
             _within(fields["chambers"], -0.95, 0.95, f"{at}: chambers"),
             _within(fields["lasting"], 0.0, 0.9, f"{at}: lasting"),
         )
     zones = content["dead_zone_L_per_min"]
-    dead = tuple(_within(zones[name], 0.0, 10.0, f"noise: dead_zone: {name}") for name in FAULTS)
+    dead = tuple(
+        _within(zones[name], 0.0, MOST_DEAD_ZONE, f"noise: dead_zone: {name}") for name in FAULTS
+    )
     peaks = content["peaks"]
     tail = Tail(
         _within(peaks["over"], 1.0, 100.0, "noise: peaks: over"),
         _within(peaks["hours"], 1e-3, 1e6, "noise: peaks: hours"),
         int(_within(peaks["count"], 0.0, 1e9, "noise: peaks: count")),
-        _within(peaks["excess"], 0.0, 1e12, "noise: peaks: excess"),
+        _within(peaks["excess"], 0.0, LARGEST, "noise: peaks: excess"),
     )
     return LearntNoise(regimes, dead, tail)
 

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 LEAST_REGIME_S: Final = 30.0
 """Least time in a regime, s, from which its noise is learnt: 60 blocks, whose 120 values tell a
-standard deviation to 7 % if they are independent, and to some 15 % if they hang together."""
+standard deviation to 7 % if they are independent, and to some 15 % if they are correlated."""
 FULL: Final = 1.0
 """Factor on the default's allowance in a regime that was not learnt: all of it."""
 

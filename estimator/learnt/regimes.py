@@ -21,8 +21,8 @@ LOADED_PART: Final = 1.0 / 3.0
 """Pressure across the piston from which a ram is loaded, as a part of the supply pressure. The
 pressure drops of the open edges have then fallen from a half of the supply pressure to a third."""
 FAST_SPEED: Final = 0.1
-"""Mean speed above which a ram is fast, m/s. It takes 3.8 L/min or 40 um of opening, of which a
-valve's lag of 2 ms in a motion of 1 Hz makes an error of 1 %, as much as all edges beside."""
+"""Mean speed above which a ram is fast, m/s. It takes 3.8 L/min, or 40 um of opening. In a motion
+of 1 Hz, a valve's lag of 2 ms makes an error of 1 % of that, as much as all the edges make."""
 
 
 def regime_of(block: AccountBlock, parameters: Parameters) -> str:

@@ -73,8 +73,7 @@ class Tail:
 def _interval(tail: Tail, limit: float) -> tuple[float, float]:
     rng = np.random.default_rng(0)
     rates = rng.gamma(tail.peaks + 0.5, 24.0 / tail.hours, _DRAWS)
-    scale = tail.excess + PRIOR_PEAKS * PRIOR_EXCESS
-    steepness = rng.gamma(tail.peaks + PRIOR_PEAKS, 1.0 / scale, _DRAWS)
+    steepness = rng.gamma(tail._count, 1.0 / tail._scale, _DRAWS)
     beyond = rates * np.exp(-steepness * max(limit - tail.base, 0.0))
     low, high = np.quantile(beyond, (0.05, 0.95))
     return float(low), float(high)

@@ -3,21 +3,20 @@
 `python -m tools.alarm_rates --seed 2000 --rigs 12 --out DIR` draws 12 rigs of the independent
 simulator, gives each six recordings of ten minutes, learns a baseline from three of them, judges
 the other three with it at 100 and at 10 alarms a day, and the other way round, and looks for leaks
-of 0.03 and 0.015 L/min. `--minutes 20` makes the baselines an hour long. Finished rigs are kept in
-DIR, and a run that was interrupted goes on where it stopped. A rig-hour takes some 30 s of a
-processor to simulate and 30 s to judge.
+of 0.03 and 0.015 L/min. `--minutes 20` makes the baselines an hour long. Finished rigs and their
+accounts are kept in DIR until the sources of the product or of the simulator change; a run that was
+interrupted goes on where it stopped. A rig-hour takes some 30 s of a processor to simulate and 30 s
+to judge.
 """
 
 import argparse
 import os
 from pathlib import Path
 
-from rig.compile_cache import source_key
 from tools.alarm_rates.judging import Alarm, Judged, Sought, judged_rig
 from tools.alarm_rates.tables import alarm_table, leak_table, stated_table
+from tools.hidden_effects.trials import sources_digest
 from tools.kept_trials import kept_trials, run_and_keep
-
-_ROOT = Path(__file__).parents[2]
 
 
 def main() -> None:
@@ -33,11 +32,12 @@ def main() -> None:
     # Small matrices gain nothing from threads of their own.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     options.out.mkdir(parents=True, exist_ok=True)
-    file = options.out / f"rigs-{options.minutes:g}-{options.leaks}-{source_key(_ROOT)}.jsonl"
+    sources = sources_digest()
+    file = options.out / f"rigs-{options.minutes:g}-{options.leaks}-{sources}.jsonl"
     done = {each.seed: each for each in map(_read, kept_trials(file))}
     seeds = range(options.seed, options.seed + options.rigs)
     left = [
-        (seed, options.out / "accounts", options.leaks, 60.0 * options.minutes)
+        (seed, options.out / f"accounts-{sources}", options.leaks, 60.0 * options.minutes)
         for seed in seeds
         if seed not in done
     ]

@@ -28,8 +28,9 @@ def alarm_table(found: Sequence[Judged]) -> str:
                 continue
             days = seconds / _DAY_S
             alarms = sum(
-                at == rate and regime in ("all", name) for each in found for at, name in each.alarms
-            )
+                alarm.rate == rate and regime in ("all", alarm.regime)
+                for each in found for alarm in each.alarms
+            )  # fmt: skip
             low, high = (bound / days for bound in poisson_interval(alarms))
             rows.append(
                 [
@@ -46,13 +47,13 @@ def leak_table(found: Sequence[Judged]) -> str:
     rows = []
     for size, within_s in SIZES:
         for leak in LEAKS:
-            sought = [s for each in found for s in each.leaks if (s[0], s[1]) == (size, leak)]
+            sought = [s for each in found for s in each.leaks if (s.size, s.leak) == (size, leak)]
             if sought:
-                other = sum(each[3] for each in sought)
+                other = sum(each.other for each in sought)
                 rows.append(
                     [
                         f"{size:g}", f"{within_s:g} s", leak.replace("_", " "),
-                        counted(each[2] for each in sought), str(other),
+                        counted(each.named for each in sought), str(other),
                     ]
                 )  # fmt: skip
     return markdown(("L/min", "within", "leak", "named in time", "something else first"), rows)

@@ -37,11 +37,15 @@ def in_a_sine(seed: int, internal_leakage: float = 0.0, amplitude: float = 0.15)
     return replace(recorded(simulated_rig(TRUTH, seed), motion), source=f"seed {seed}")
 
 
-def without_checksum(path: Path) -> dict[str, Any]:
-    """Return the values of a baseline's file as in files from before there was a checksum."""
+def old_file(baseline: Baseline, folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """Write a baseline as before there was a checksum, with a change; return the file."""
+    path = folder / "rig.json"
+    write_baseline(baseline, path)
     content: dict[str, Any] = json.loads(path.read_text())
     del content["content_sha256"]
-    return content
+    change(content)
+    path.write_text(json.dumps(content))
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -116,24 +120,18 @@ def test_it_says_how_far_the_model_may_be_off(baseline: Baseline, tmp_path: Path
 def test_a_file_from_before_there_was_this_factor_means_one(
     baseline: Baseline, tmp_path: Path
 ) -> None:
-    path = tmp_path / "rig.json"
-    write_baseline(baseline, path)
-    content = without_checksum(path)
-    del content["model_error"]
-    path.write_text(json.dumps(content))
+    path = old_file(baseline, tmp_path, lambda content: content.pop("model_error"))
     assert load_baseline(path, Model()).model_error == 1.0
 
 
 def test_a_file_from_before_there_were_hashes_and_noise_is_read(
     baseline: Baseline, tmp_path: Path
 ) -> None:
-    path = tmp_path / "rig.json"
-    write_baseline(baseline, path)
-    content = without_checksum(path)
-    for key in ("model_sha256", "noise", "commissioning", "accepted"):
-        del content[key]
-    path.write_text(json.dumps(content))
-    loaded = load_baseline(path, Model())
+    def change(content: dict[str, Any]) -> None:
+        for key in ("model_sha256", "noise", "commissioning", "accepted"):
+            del content[key]
+
+    loaded = load_baseline(old_file(baseline, tmp_path, change), Model())
     assert (loaded.model_hash, loaded.noise, loaded.accepted) == ("", None, ())
     assert np.array_equal(loaded.nuisances.mean, baseline.nuisances.mean)
 
@@ -154,13 +152,12 @@ def test_noise_is_not_learnt_from_less_than_ten_minutes(baseline: Baseline) -> N
 def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
     baseline: Baseline, tmp_path: Path
 ) -> None:
-    path = tmp_path / "rig.json"
-    write_baseline(baseline, path)
-    content = without_checksum(path)
-    levels = content["innovation_levels_Pa"]
-    levels["thesis-7-ud"] = levels["thesis-7"]
-    path.write_text(json.dumps(content))
-    assert set(load_baseline(path, Model()).levels) == {"thesis-6", "thesis-7"}
+    def change(content: dict[str, Any]) -> None:
+        levels = content["innovation_levels_Pa"]
+        levels["thesis-7-ud"] = levels["thesis-7"]
+
+    loaded = load_baseline(old_file(baseline, tmp_path, change), Model())
+    assert set(loaded.levels) == {"thesis-6", "thesis-7"}
 
 
 def test_a_leaking_recording_is_no_baseline() -> None:
@@ -200,11 +197,7 @@ def test_no_recording_is_no_baseline() -> None:
 def test_a_damaged_file_is_named_with_its_remedy(
     baseline: Baseline, tmp_path: Path, damage: Callable[[dict[str, Any]], object], says: str
 ) -> None:
-    path = tmp_path / "rig.json"
-    write_baseline(baseline, path)
-    content = without_checksum(path)
-    damage(content)
-    path.write_text(json.dumps(content))
+    path = old_file(baseline, tmp_path, damage)
     with pytest.raises(BaselineError, match=says) as caught:
         load_baseline(path, Model())
     assert str(caught.value).startswith(str(path))

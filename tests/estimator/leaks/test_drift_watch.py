@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.encoder import EncoderDrift
+from estimator.encoder import DriftTest, EncoderDrift
 from estimator.leaks import Decision, found_in, replay
 from estimator.leaks.drift_watch import DriftWatch
 from estimator.leaks.finding import Finding
@@ -24,7 +24,7 @@ HEALTHY = Decision("healthy")
 
 def watch(monkeypatch: pytest.MonkeyPatch, *found: EncoderDrift | None) -> DriftWatch:
     """Return a watch whose test finds these drifts, one in each search."""
-    made = DriftWatch(NOMINAL, 1.0)
+    made = DriftWatch(lambda: DriftTest(NOMINAL, 1.0))
     left = iter(found)
     monkeypatch.setattr(made._test, "search", lambda: next(left))
     return made
