@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import Writer
 
 from rig.recording import McapWriter, RecordingError, division_of, recover
 from rig.recording.formats import read_mcap
+
+from .rewriting import rewrite
 
 N = 300
 CHANNELS = ("time_s", "setpoint_m", "position_m", "pressure_1_Pa", "est_position_m", "tick")
@@ -118,21 +118,6 @@ def test_what_cannot_be_saved_is_called_damaged_and_not_foreign(
 def test_a_recording_without_its_details_is_refused_by_what_is_missing(
     whole: bytes, tmp_path: Path
 ) -> None:
-    (tmp_path / "run.mcap").write_bytes(whole)
-    with (tmp_path / "run.mcap").open("rb") as source, (tmp_path / "cut.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        ids: dict[int, int] = {}
-        for schema, channel, message in make_reader(source).iter_messages(["rig/samples"]):
-            assert schema is not None
-            if channel.id not in ids:
-                copied = writer.register_schema(schema.name, schema.encoding, schema.data)
-                ids[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, copied, channel.metadata
-                )
-            writer.add_message(
-                ids[channel.id], message.log_time, message.data, message.publish_time
-            )
-        writer.finish()
+    rewrite(whole, tmp_path / "cut.mcap", ["rig/samples"])
     with pytest.raises(RecordingError, match=r"cut\.mcap: file: the topic rig/details is missing"):
         recover(tmp_path / "cut.mcap", tmp_path / "saved.mcap")

@@ -14,6 +14,8 @@ from mcap.writer import CompressionType, Writer
 
 from rig.recording import McapWriter, Recording, RecordingError, export, read_recording, recover
 
+from .rewriting import rewrite
+
 KILLED_WRITER = """
 import sys
 import numpy as np
@@ -235,24 +237,9 @@ def test_a_recording_rewritten_by_an_mcap_tool_keeps_its_data(
     chunked: bool,
     compression: CompressionType,
 ) -> None:
-    (tmp_path / "run.mcap").write_bytes(whole)
-    with (tmp_path / "run.mcap").open("rb") as source, (tmp_path / "copy.mcap").open("wb") as file:
-        reader = make_reader(source)
-        writer = Writer(file, compression=compression, use_chunking=chunked, chunk_size=10_000)
-        writer.start()
-        channels = {}
-        for schema, channel, message in reader.iter_messages():
-            assert schema is not None
-            if channel.id not in channels:
-                copied = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, copied, channel.metadata
-                )
-            writer.add_message(
-                channels[channel.id], message.log_time, message.data, message.publish_time
-            )
-        writer.finish()
-    recover(tmp_path / "copy.mcap", tmp_path / "saved.mcap")
+    copy = tmp_path / "copy.mcap"
+    rewrite(whole, copy, compression=compression, use_chunking=chunked, chunk_size=10_000)
+    recover(copy, tmp_path / "saved.mcap")
     assert read_recording(tmp_path / "saved.mcap").content_hash() == healthy.content_hash()
     if chunked:
         assert read_recording(tmp_path / "copy.mcap").content_hash() == healthy.content_hash()
