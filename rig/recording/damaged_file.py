@@ -26,6 +26,9 @@ _KINDS: Final[dict[int, Any]] = {
     Opcode.DATA_END: DataEnd,
 }
 """Kinds of records that a recording needs besides messages, by their first byte in the file."""
+_LATEST_NS: Final = 2**62
+"""Recordings begin before this time, ns since 1970: the year 2116. The time since the beginning may
+be as long (`McapWriter`), so that their sum still fits into 64 bits with a sign."""
 
 
 class DamagedFile:
@@ -194,7 +197,9 @@ class DamagedFile:
         readable = {}
         for key, text in record.metadata.items():
             try:
-                json.loads(text)
+                value = json.loads(text)
+                if key == "start_ns":
+                    _check_start(value)
                 readable[key] = text
             except formats.DAMAGE:
                 self._lost.append(f"the metadata {key[:80]!r}: damaged")
@@ -207,6 +212,16 @@ class DamagedFile:
             return False
         end, crc = self._crc
         return formats.checksum_before(self._file, end) != crc
+
+
+def _check_start(start_ns: Any) -> None:
+    """Check that the log times of samples can be counted from a time of the metadata, in ns.
+
+    Raises:
+        ValueError, TypeError, OverflowError: they cannot.
+    """
+    if not 0 <= int(start_ns) < _LATEST_NS:
+        raise ValueError("the time does not fit into 64 bits")
 
 
 def _take_chunk(chunk: Chunk, collector: formats.SampleCollector, lost: list[str]) -> None:

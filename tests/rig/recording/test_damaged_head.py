@@ -68,6 +68,13 @@ def test_of_damaged_metadata_the_other_keys_are_kept(whole: bytes, tmp_path: Pat
     assert "test" not in metadata
 
 
+@pytest.mark.parametrize("time", ["null", "1e99", "-1"])
+def test_a_beginning_that_is_no_time_is_damaged(tmp_path: Path, whole: bytes, time: str) -> None:
+    text = str(METADATA["start_ns"]).encode()
+    lost = saved(tmp_path, whole.replace(text, time.ljust(len(text)).encode()))
+    assert "the metadata 'start_ns': damaged" in lost
+
+
 def metadata_start(content: bytes) -> int:
     """Return the offset of the metadata record, which follows the header, the first record."""
     return 8 + 9 + int.from_bytes(content[9:17], "little")
