@@ -69,7 +69,7 @@ class DamagedFile:
             self._collector.take(copy)
         self._file.seek(0, os.SEEK_END)
         size = self._file.tell()
-        position: int | None = len(MCAP0_MAGIC)
+        position: int | None = min(len(MCAP0_MAGIC), size)
         while position is not None:
             position = self._read_from(position, size)
         collector, lost = self._collector, self._lost

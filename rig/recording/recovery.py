@@ -119,8 +119,8 @@ def _replayed(
     start_ns = int(collector.metadata.get("start_ns", 0))
     for log_times, rows in collector.overview:
         since_s = (log_times.astype(np.int64) - start_ns) * 1e-9
-        at = np.searchsorted(time_s, since_s - _HALF_TICK_S)
-        here = (at < len(time_s)) & (np.abs(time_s[at % len(time_s)] - since_s) < _HALF_TICK_S)
+        at = np.minimum(np.searchsorted(time_s, since_s - _HALF_TICK_S), len(time_s) - 1)
+        here = np.abs(time_s[at] - since_s) < _HALF_TICK_S
         for name, values in zip(channels, rows.T, strict=False):
             channels[name][at[here]] = values[here]
     return channels
