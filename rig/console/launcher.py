@@ -21,7 +21,7 @@ from typing import Any, Final
 from rig.configuration import ConfigError, Problem, Sources, shipped_config_dir
 from rig.control_socket import ask
 
-from .past_runs import JOURNAL, ends_of, unfinished_in, unseen_in
+from .past_runs import JOURNAL, PastRuns, ends_of, past_runs
 
 LOG_BYTES: Final = 2000
 ASK_S: Final = 1.0
@@ -201,7 +201,7 @@ class Launcher:
         self._run(name, folder, on, [offer.reference, *rig, "--out", str(folder), f"--by={by}"])
 
     def go_on(self, name: str, by: str) -> None:
-        """Resume one of the runs `unfinished_in` the folder, which is given by its folder's name.
+        """Resume one of the unfinished `past_runs`, which is given by its folder's name.
 
         `by` is who goes on with it, for the run's journal.
 
@@ -213,7 +213,7 @@ class Launcher:
                 that was started here is still going on, or the process cannot be started.
         """
         self._require_idle()
-        if name not in {run["folder"] for run in unfinished_in(self._folder)}:
+        if name not in {run["folder"] for run in past_runs(self._folder).unfinished}:
             raise LaunchRefused("there is no such unfinished run")
         folder = self._folder / name
         self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume", f"--by={by}"])
@@ -222,14 +222,14 @@ class Launcher:
         """Have a run that has ended keep in its journal that somebody has seen how it ended.
 
         Args:
-            name: name of the run's folder, one of those `unseen_in` the folder.
+            name: name of the run's folder, one of the unseen `past_runs`.
             text: a remark; may be empty.
             by: who has seen it.
 
         Raises:
             LaunchRefused: there is no such run, or its journal cannot be written.
         """
-        if name not in {run["folder"] for run in unseen_in(self._folder)}:
+        if name not in {run["folder"] for run in past_runs(self._folder).unseen}:
             raise LaunchRefused("there is no run of this name that wants to be acknowledged")
         words = ["control", str(self._folder / name), "acknowledge", f"--by={by}"]
         command = [sys.executable, "-m", "rig.cli", *words, *(["--", text] if text else [])]
@@ -303,6 +303,7 @@ class Launcher:
         If nothing may be started here, offers, unfinished and unseen runs are empty.
         """
         allowed = bool(self._profile)
+        past = past_runs(self._folder) if allowed else PastRuns([], [])
         offers = [
             {"name": offer.name, "description": offer.description, "tests": offer.tests,
              "rig": self._rig or offer.rig}
@@ -311,8 +312,8 @@ class Launcher:
         return {
             "allowed": allowed,
             "offers": offers,
-            "unfinished": unfinished_in(self._folder) if allowed else [],
-            "unseen": unseen_in(self._folder) if allowed else [],
+            "unfinished": past.unfinished,
+            "unseen": past.unseen,
             "last": None if self._last is None else _content(self._last),
         }
 

@@ -112,8 +112,13 @@ class LoginFile:
             self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             # A temporary file may be read by its owner only, and so may what it becomes.
             with NamedTemporaryFile("w", dir=self._path.parent, delete=False) as file:
-                file.write(text)
-            os.replace(file.name, self._path)
+                try:
+                    file.write(text)
+                    file.flush()
+                    os.replace(file.name, self._path)
+                finally:
+                    # It is still there only if the disk is full or the file cannot be replaced.
+                    Path(file.name).unlink(missing_ok=True)
 
 
 def login_file(folder: Path, port: int, token: str) -> LoginFile:

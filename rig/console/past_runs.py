@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -46,33 +45,31 @@ def ends_of(journal: Path) -> Ends:
     return Ends({}, {}, False)
 
 
-def unfinished_in(folder: Path) -> list[dict[str, str]]:
-    """Return the newest runs that did not reach their end, by `folder` (name) and `campaign`.
+class PastRuns(NamedTuple):
+    """Runs that an operator can still do something about, by `folder` (name) and `campaign`.
 
-    They were stopped or killed, or are still under way: by their journals these look the same. At
-    most `MOST_RUNS` are returned, the newest first.
+    Of each kind there are at most `MOST_RUNS`, the newest first.
+
+    Attributes:
+        unfinished: runs that did not reach their end. They were stopped or killed, or are still
+            under way: by their journals these look the same.
+        unseen: runs that ended badly and that nobody has acknowledged since.
     """
-    found = (
-        run
-        for run, ends in _runs_in(folder)
-        # Its journal does not end with an entry `end` without a reason.
-        if ends.last.get("kind") != "end" or ends.last.get("reason")
-    )
-    return list(islice(found, MOST_RUNS))
+
+    unfinished: list[dict[str, str]]
+    unseen: list[dict[str, str]]
 
 
-def unseen_in(folder: Path) -> list[dict[str, str]]:
-    """Return the newest runs that ended badly and that nobody has acknowledged since.
-
-    They are given as those of `unfinished_in`, at most `MOST_RUNS`, the newest first.
-    """
-    found = (
-        run
-        for run, ends in _runs_in(folder)
-        if ends.last.get("kind") == "end" and ends.last.get("exit_code") in ENDED_BADLY
-        if not ends.acknowledged
-    )
-    return list(islice(found, MOST_RUNS))
+def past_runs(folder: Path) -> PastRuns:
+    """Return the runs below a folder that can be gone on with, or that want to be acknowledged."""
+    unfinished, unseen = [], []
+    for run, ends in _runs_in(folder):
+        has_ended = ends.last.get("kind") == "end"
+        if not has_ended or ends.last.get("reason"):
+            unfinished.append(run)
+        if has_ended and ends.last.get("exit_code") in ENDED_BADLY and not ends.acknowledged:
+            unseen.append(run)
+    return PastRuns(unfinished[:MOST_RUNS], unseen[:MOST_RUNS])
 
 
 def _runs_in(folder: Path) -> Iterator[tuple[dict[str, str], Ends]]:

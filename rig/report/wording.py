@@ -202,8 +202,8 @@ def _besides(decision: Decision, found: Sequence[Found]) -> Iterator[str]:
     if decision.returns is not None:
         yield f"It {comes_and_goes(decision.returns)}."
     if decision.ended_s is not None:
-        comes_and_goes_ = decision.returns is not None
-        yield f"It was {last_seen(decision.ended_s, comes_and_goes=comes_and_goes_)}."
+        seen = last_seen(decision.ended_s, comes_and_goes=decision.returns is not None)
+        yield f"It was {seen}."
     if others := others_found(decision, found):
         yield f"Found in passing: {'; '.join(others)}."
 

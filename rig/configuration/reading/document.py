@@ -100,16 +100,23 @@ class Located:
     def shown(self) -> str:
         """The value as text of at most `LONGEST_VALUE` characters, for a message."""
         if isinstance(self.value, dict):
-            # A distribution such as {uniform: [1 s, 2 s]} is shown whole, since it is one value.
-            text = "".join(
-                f"{{{key}: {of.shown}}}" for key, of in self.items() if isinstance(of.value, list)
-            )
-            return text if len(self.value) == 1 and 0 < len(text) <= LONGEST_VALUE else "a mapping"
+            return self._shown_distribution() or "a mapping"
         if isinstance(self.value, list):
             text = f"[{', '.join(element.shown for element in self.value)}]"
             return text if len(text) <= LONGEST_VALUE else "a list"
         text = "nothing" if self.value is None else str(self.value)
         return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+    def _shown_distribution(self) -> str:
+        """Return a distribution such as {uniform: [1 s, 2 s]}, which is one value, as text.
+
+        The text is empty for any other mapping, and where it would be too long.
+        """
+        if len(self.value) != 1:
+            return ""
+        ((key, numbers),) = self.items()
+        text = f"{{{key}: {numbers.shown}}}"
+        return text if isinstance(numbers.value, list) and len(text) <= LONGEST_VALUE else ""
 
     def refuse(
         self, limit: str, remedy: str = "", value: object = None, key: str = "", name: str = ""

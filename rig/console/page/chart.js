@@ -94,7 +94,6 @@ export class Chart {
     if (low > high) [low, high] = [0, this.told.least];
     // A gauge without pressure reads a little below its zero: that does not open an axis below it.
     if (this.told.floor !== null && low > this.told.floor - NEAR_ZERO * this.told.least) low = this.told.floor;
-    if (this.told.floor !== null) low = Math.min(this.told.floor, low);
     const middle = (low + high) / 2;
     if (high - low < this.told.least) {
       const half = this.told.least / 2;

@@ -24,7 +24,8 @@ export class Link {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.socket = new WebSocket(`${scheme}://${location.host}/live`);
     this.socket.onopen = () => {
-      // All is sent anew.
+      // All is sent anew, perhaps by a console that was restarted and knows nothing of earlier runs.
+      this.common = {};
       this.sections = {};
       this.points = null;
       this.open = true;

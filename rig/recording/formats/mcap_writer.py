@@ -82,9 +82,10 @@ class McapWriter(AbstractContextManager["McapWriter"]):
 
         self._start_ns = int(given.get("start_ns", 0))
         self._channels = tuple(channels)
-        divided = division is not None and bool(division.overview)
-        signals = division.signals if division is not None and divided else self._channels
-        self._beside = DividedRows(self._channels, division) if division and divided else None
+        if division is None or not division.overview:
+            signals, self._beside = self._channels, None
+        else:
+            signals, self._beside = division.signals, DividedRows(self._channels, division)
         self._layout = SampleLayout(signals)
         self._records = self._layout.blank(CHUNK_SAMPLES, _SAMPLES_ID)
         self._pending = 0

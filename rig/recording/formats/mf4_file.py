@@ -63,5 +63,6 @@ def _started(recording: Recording) -> datetime:
     asammdf's own default is the time of the export.
     """
     start_ns = recording.metadata.get("start_ns")
-    is_known = isinstance(start_ns, int) and 0 < start_ns < _LATEST_NS
-    return datetime.fromtimestamp(1e-9 * float(start_ns or 0) if is_known else 0.0, UTC)
+    if not isinstance(start_ns, int) or not 0 < start_ns < _LATEST_NS:
+        start_ns = 0
+    return datetime.fromtimestamp(1e-9 * start_ns, UTC)

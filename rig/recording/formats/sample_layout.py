@@ -114,7 +114,8 @@ def details_of(message: bytes) -> tuple[int, int, bytes]:
     """
     tag_1, first, tag_2, rows, tag_3 = _DETAILS_HEAD.unpack_from(message)
     at, length, shift = _DETAILS_HEAD.size, 0, 0
-    while at < len(message):
+    # A length of 64 bits has ten bytes at most.
+    while at < len(message) and shift < 70:
         byte = message[at]
         length |= (byte & 0x7F) << shift
         at, shift = at + 1, shift + 7

@@ -45,7 +45,7 @@ def limit_in_words(curve: PowerCurve) -> str:
 def _rate(rate: float | None) -> str:
     """Return a rate as text; one below 10, as while code is compiled, has two digits."""
     if rate is None:
-        return "an unknown number of"
+        return "an unknown number"
     return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
 
 

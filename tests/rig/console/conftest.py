@@ -14,13 +14,13 @@ from typing import IO
 
 import pytest
 import yaml
-from playwright.sync_api import Browser, Error, Page, sync_playwright
+from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 
 from tools.chaos.stage import PATIENCE_S, Stage
 from tools.pages.readme_picture import browser as chromium
 
 from .fakes import until
-from .site import Site, site_served
+from .site import TOKEN, Site, site_served
 
 WAIT_MS = 60_000
 """ms: how long a test waits for anything on the page; only a failure takes so long."""
@@ -82,6 +82,17 @@ def browser() -> Iterator[Browser]:
             pytest.skip(f"Chromium does not start here: {error.message}")
         yield opened
         opened.close()
+
+
+def take_control(page: Page, site: Site) -> None:
+    """Log Anna in on a page, and take control."""
+    page.goto(site.origin)
+    page.fill("[name=name]", "Anna")
+    page.fill("[name=token]", TOKEN)
+    page.keyboard.press("Enter")
+    expect(page.locator("#holder")).to_contain_text("control", timeout=WAIT_MS)
+    page.locator("#holder-button").click()
+    expect(page.locator("#holder")).to_have_text("you have control", timeout=WAIT_MS)
 
 
 @dataclass

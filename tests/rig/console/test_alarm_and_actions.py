@@ -10,9 +10,9 @@ from playwright.sync_api import Browser, Page, expect
 
 from rig.stream.view import Window
 
-from .conftest import WAIT_MS
+from .conftest import WAIT_MS, take_control
 from .fakes import RUNNING, until
-from .site import TOKEN, Site, site_served
+from .site import Site, site_served
 from .test_rig_state import TRIPPED, ended, launched
 
 expect.set_options(timeout=WAIT_MS)
@@ -32,13 +32,8 @@ def opened(browser: Browser, served: Site) -> Iterator[Page]:
     context = browser.new_context(viewport=PHONE)  # type: ignore[arg-type]
     context.set_default_timeout(WAIT_MS)
     page = context.new_page()
-    page.goto(served.origin)
-    page.fill("[name=name]", "Anna")
-    page.fill("[name=token]", TOKEN)
-    page.keyboard.press("Enter")
+    take_control(page, served)
     expect(page.locator("#life")).to_contain_text("live")
-    page.locator("#holder-button").click()
-    expect(page.locator("#holder")).to_have_text("you have control")
     yield page
     context.close()
 

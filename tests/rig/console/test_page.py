@@ -8,9 +8,9 @@ from playwright.sync_api import Browser, Page, expect
 
 from rig.stream.client import Answer
 
-from .conftest import WAIT_MS
+from .conftest import WAIT_MS, take_control
 from .fakes import RUNNING, until
-from .site import TOKEN, Site
+from .site import Site
 
 expect.set_options(timeout=WAIT_MS)
 SMALL = {"width": 420, "height": 900}
@@ -32,16 +32,16 @@ def page(browser: Browser, site: Site) -> Iterator[Page]:
             else None
         ),
     )
-    page.goto(site.origin)
-    page.fill("[name=name]", "Anna")
-    page.fill("[name=token]", TOKEN)
-    page.keyboard.press("Enter")
+    take_control(page, site)
     expect(page.locator("#life")).to_contain_text("live")
-    page.locator("#holder-button").click()
-    expect(page.locator("#holder")).to_have_text("you have control")
     yield page
     context.close()
     assert faults == []
+
+
+def test_what_a_console_told_before_it_was_restarted_is_forgotten(page: Page) -> None:
+    known = "() => { rigConsole.socket.onopen(); return Object.keys(rigConsole.common); }"
+    assert page.evaluate(known) == []
 
 
 def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from .conftest import WAIT_MS
+from .conftest import WAIT_MS, take_control
 from .fakes import RUNNING, until
-from .site import TOKEN, Site
+from .site import Site
 
 expect.set_options(timeout=WAIT_MS)
 SIZES = {"desk": {"width": 1280, "height": 720}, "phone": {"width": 420, "height": 900}}
@@ -172,13 +172,7 @@ def come(browser: Browser, site: Site) -> Iterator[Callable[[str, Site_], Page]]
         context.set_default_timeout(WAIT_MS)
         page = context.new_page()
         opened.append(page)
-        page.goto(site.origin)
-        page.fill("[name=name]", "Anna")
-        page.fill("[name=token]", TOKEN)
-        page.keyboard.press("Enter")
-        expect(page.locator("#holder")).to_contain_text("control")
-        page.locator("#holder-button").click()
-        expect(page.locator("#holder")).to_have_text("you have control")
+        take_control(page, site)
         return page
 
     yield come

@@ -22,7 +22,7 @@ from rig.recording import (
     read_recording,
     recover,
 )
-from rig.recording.formats import mcap_reader
+from rig.recording.formats import sample_collector
 
 Judge = Callable[..., list[RecordingProblem]]
 
@@ -106,7 +106,7 @@ def chunk(data: bytes, size: int, compression: str = "zstd") -> Chunk:
 )
 def test_a_chunk_is_decompressed_no_further_than_it_says(bomb: Chunk, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        mcap_reader._content_of(bomb)
+        sample_collector._content_of(bomb)
 
 
 @pytest.fixture

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import Writer
 
 from rig.recording import McapWriter, RecordingError, division_of, recover
 from rig.recording.formats import read_mcap
+
+from .rewriting import rewrite
 
 N = 300
 CHANNELS = ("time_s", "setpoint_m", "position_m", "pressure_1_Pa", "est_position_m", "tick")
@@ -68,6 +68,13 @@ def test_of_damaged_metadata_the_other_keys_are_kept(whole: bytes, tmp_path: Pat
     assert "test" not in metadata
 
 
+@pytest.mark.parametrize("time", ["null", "1e99", "-1"])
+def test_a_beginning_that_is_no_time_is_damaged(tmp_path: Path, whole: bytes, time: str) -> None:
+    text = str(METADATA["start_ns"]).encode()
+    lost = saved(tmp_path, whole.replace(text, time.ljust(len(text)).encode()))
+    assert "the metadata 'start_ns': damaged" in lost
+
+
 def metadata_start(content: bytes) -> int:
     """Return the offset of the metadata record, which follows the header, the first record."""
     return 8 + 9 + int.from_bytes(content[9:17], "little")
@@ -118,21 +125,6 @@ def test_what_cannot_be_saved_is_called_damaged_and_not_foreign(
 def test_a_recording_without_its_details_is_refused_by_what_is_missing(
     whole: bytes, tmp_path: Path
 ) -> None:
-    (tmp_path / "run.mcap").write_bytes(whole)
-    with (tmp_path / "run.mcap").open("rb") as source, (tmp_path / "cut.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        ids: dict[int, int] = {}
-        for schema, channel, message in make_reader(source).iter_messages(["rig/samples"]):
-            assert schema is not None
-            if channel.id not in ids:
-                copied = writer.register_schema(schema.name, schema.encoding, schema.data)
-                ids[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, copied, channel.metadata
-                )
-            writer.add_message(
-                ids[channel.id], message.log_time, message.data, message.publish_time
-            )
-        writer.finish()
+    rewrite(whole, tmp_path / "cut.mcap", ["rig/samples"])
     with pytest.raises(RecordingError, match=r"cut\.mcap: file: the topic rig/details is missing"):
         recover(tmp_path / "cut.mcap", tmp_path / "saved.mcap")

@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from rig.recording import McapWriter, RecordingError, division_of, read_recording, recover
-from rig.recording.formats import division, mcap_reader
+from rig.recording.formats import division, sample_collector
 from rig.recording.formats.joining import Halves, NumberedRows
 from rig.recording.formats.sample_layout import details_message, details_of
 from rig.recording.recording import content_hash
@@ -185,7 +185,7 @@ def test_samples_without_their_details_are_told(
 def test_details_that_say_they_are_endless_are_refused_unread(
     rows: NDArray[np.float64], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mcap_reader, "most_bytes", lambda: 10**8)
+    monkeypatch.setattr(sample_collector, "most_bytes", lambda: 10**8)
     monkeypatch.setattr(
         "rig.recording.formats.divided_rows.details_message",
         lambda first, count, columns: details_message(first, 2**32 - 1, columns),
@@ -236,6 +236,8 @@ def test_a_message_of_details_says_what_it_was_made_of() -> None:
         assert details_of(details_message(7, 500, b"x" * length)) == (7, 500, b"x" * length)
     with pytest.raises(ValueError, match="not laid out as rig"):
         details_of(details_message(7, 500, b"xyz")[:-1])
+    with pytest.raises(ValueError, match="not laid out as rig"):
+        details_of(details_message(7, 500, b"")[:-1] + b"\xff" * 10**6)
 
 
 def test_an_overview_row_comes_every_20_ms_whatever_the_rows_are_apart(tmp_path: Path) -> None:

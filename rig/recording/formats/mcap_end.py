@@ -1,20 +1,22 @@
-"""What the end of an MCAP file repeats of its beginning, and the checksum of all between."""
+"""The end of an MCAP file: whether it is whole, what it repeats, and the checksums in it."""
 
 import os
+import struct
 import zlib
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO, Final
 
-from mcap.reader import SeekingReader
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE, SeekingReader
 from mcap.records import Channel, Schema
+from mcap.stream_reader import MAGIC_SIZE
+from mcap.writer import MCAP0_MAGIC
 
-from .mcap_reader import DAMAGE, check_summary, ends_properly
+from .sample_collector import DAMAGE
 
 _PIECE: Final = 1 << 20
-_HEAD: Final = 256
-"""Bytes from the start of a file within which its header names the program that wrote it."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,36 @@ class EndCopies:
         return self.chunk_starts[at] if at < len(self.chunk_starts) else None
 
 
+def ends_properly(file: IO[bytes]) -> bool:
+    """Return whether a file is long enough for a footer, and ends as every MCAP file does."""
+    file.seek(0, os.SEEK_END)
+    if file.tell() < FOOTER_SIZE + 2 * MAGIC_SIZE:
+        return False
+    file.seek(-MAGIC_SIZE, os.SEEK_END)
+    return file.read(MAGIC_SIZE) == MCAP0_MAGIC
+
+
+def check_summary(file: IO[bytes]) -> None:
+    """Check the summary's checksum, as a lost chunk index would silently shorten the recording.
+
+    Raises:
+        ValueError: there is no summary, it has no checksum, which `McapWriter` always writes, or it
+            or the footer is damaged.
+    """
+    file.seek(-FOOTER_SIZE - MAGIC_SIZE, os.SEEK_END)
+    footer = file.read(FOOTER_SIZE)
+    opcode, _, start, _, crc = struct.unpack("<BQQQI", footer)
+    if opcode != Opcode.FOOTER or start == 0:
+        raise ValueError("no summary")
+    file.seek(0, os.SEEK_END)
+    length = file.tell() - MAGIC_SIZE - FOOTER_SIZE - start
+    file.seek(start)
+    if length < 0:
+        raise ValueError("the summary begins behind its end")
+    if zlib.crc32(file.read(length) + footer[:-4]) != crc:
+        raise ValueError(f"the summary's checksum is {'wrong' if crc else 'missing'}")
+
+
 def copies_at_end(file: IO[bytes]) -> EndCopies:
     """Return what the end of a file repeats, if its checksum is right; else empty copies."""
     try:
@@ -51,12 +83,6 @@ def copies_at_end(file: IO[bytes]) -> EndCopies:
         return EndCopies()
     starts = sorted(index.chunk_start_offset for index in summary.chunk_indexes)
     return EndCopies(summary.schemas, summary.channels, starts)
-
-
-def is_of_rig(file: IO[bytes]) -> bool:
-    """Return whether the header of a file names this program as the one that wrote it."""
-    file.seek(0)
-    return b"rig.recording" in file.read(_HEAD)
 
 
 def checksum_before(file: IO[bytes], end: int) -> int:
