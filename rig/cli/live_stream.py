@@ -1,14 +1,14 @@
 """The live stream of commands that drive a rig: its option, and what is sent and obeyed by it."""
 
-import getpass
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
+from rig.control_socket import own_name, remark_of
 from rig.runner import Observer, StopFlag
-from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request, remark_of
+from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request
 from rig.stream import StreamSettings
 from rig.supervisor import Onlooker
 
@@ -18,14 +18,6 @@ if TYPE_CHECKING:
 
     Obey = Callable[[Command], str]
     """Takes a command; returns why it is refused, or "" if it is obeyed."""
-
-
-def user() -> str:
-    """Return the name of the user who gave this command; "" if the system does not know it."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return ""
 
 
 def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
@@ -136,7 +128,7 @@ def motion_streamed(
         context: Any = nullcontext(observer)
     else:
         context = streamed(
-            observer, settings, rig, folder, obey, paced=paced, by=user(), activity=activity
+            observer, settings, rig, folder, obey, paced=paced, by=own_name(), activity=activity
         )
     with context as seen:
         yield seen

@@ -1,6 +1,5 @@
 """Whatever moves the ram is seen on the live stream with who asked for it, and is stopped there."""
 
-import getpass
 import os
 import subprocess
 import sys
@@ -10,6 +9,7 @@ import pytest
 import yaml
 
 from rig.cli.live_stream import stream_of
+from rig.control_socket import own_name
 from rig.stream.client import StreamClient
 from tools.chaos.stage import COMPILE_S, ROOT, Stage
 
@@ -57,7 +57,7 @@ def test_a_command_that_moves_the_ram_is_seen_and_stopped_by_another_one(
 
                 stage.wait(moves, "the ram to move", COMPILE_S)
                 campaign = client.snapshot("emulated").campaign
-                assert (campaign["activity"], campaign["begun_by"]) == (activity, getpass.getuser())
+                assert (campaign["activity"], campaign["begun_by"]) == (activity, own_name())
                 assert not client.send("hold", "emulated").accepted
                 assert client.send("abort", "emulated", "enough").accepted
                 stage.wait(stage.is_safe, "valve at null, bypass shut, pump unloaded", SAFE_S)
