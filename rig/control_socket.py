@@ -55,6 +55,13 @@ def own_name() -> str:
     return name_of(os.getuid())
 
 
+def remark_of(text: str, person: str) -> str:
+    """Return a request's text without the name of who made it, with which the console begins it."""
+    if person and text == person:
+        return ""
+    return text.removeprefix(f"{person}: ") if person else text
+
+
 def ask(
     folder: Path,
     request: str,

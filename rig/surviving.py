@@ -6,8 +6,8 @@ done any more. With `Surviving` it only loses the one turn that failed, and the 
 
 import errno
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from traceback import extract_tb
 from types import TracebackType
@@ -68,14 +68,25 @@ class Surviving:
 
 
 def start(thread: threading.Thread) -> None:
-    """Start a thread; that the system grants none is an error like that of any other resource.
+    """Start a thread.
+
+    Raises:
+        OSError: the system grants no further thread (EAGAIN).
+    """
+    with threads_granted():
+        thread.start()
+
+
+@contextmanager
+def threads_granted() -> Iterator[None]:
+    """Let the block start threads, and do nothing else; that none is granted is a system's error.
 
     Raises:
         OSError: the system grants no further thread (EAGAIN). Python itself raises a RuntimeError,
             which would be taken for a mistake in the program.
     """
     try:
-        thread.start()
+        yield
     except RuntimeError:
         raise OSError(errno.EAGAIN, "the system grants no further thread") from None
 

@@ -6,6 +6,7 @@ well, 1 if a vulnerability or a licence is to be looked at, and 3 if something c
 which is no good news either.
 """
 
+import argparse
 import json
 import re
 import subprocess
@@ -141,6 +142,7 @@ def _told(command: list[str]) -> dict[str, Any]:
 
 def main() -> int:
     """Audit, write the bill of materials, print what was found; return the worst exit code."""
+    argparse.ArgumentParser(prog="python -m tools.audit", description=__doc__).parse_args()
     wanted = pinned(LOCK.read_text(encoding="utf-8"))
     bin_folder = Path(sys.executable).parent
     code = FINE

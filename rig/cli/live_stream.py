@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
-from rig.control_socket import own_name
+from rig.control_socket import own_name, remark_of
 from rig.runner import Observer, StopFlag
-from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request, remark_of
+from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request
 from rig.stream import StreamSettings
 from rig.supervisor import Onlooker
 

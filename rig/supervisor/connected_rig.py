@@ -369,7 +369,7 @@ class ConnectedRig:
             self.handle(Event.TRIP)
         if not safe:
             self.note("supervisor", "not everything was made safe in time")
-        return self.event_log.tripped(self.board, self._channels)
+        return self.event_log.tripped(self.board, self._channels, self.safety.made_safe)
 
     @contextmanager
     def reporting_stops(self) -> Iterator[None]:

@@ -7,7 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from itertools import count
 from math import nan
@@ -44,10 +44,12 @@ LAST_S: Final = 2.0
 LAST_NEWS_S: Final = 0.2
 """Time in s for which a trip report waits for reports of slow drivers after everything is safe."""
 _UNCONFIRMED: Final = {
-    "valve null": Cause.NULL_NOT_CONFIRMED,
-    "bypass shut": Cause.BYPASS_NOT_SHUT,
-    "pump unloaded": Cause.PUMP_NOT_UNLOADED,
+    "valve null": ("loop process", Cause.NULL_NOT_CONFIRMED),
+    "bypass shut": ("field process", Cause.BYPASS_NOT_SHUT),
+    "pump unloaded": ("field process", Cause.PUMP_NOT_UNLOADED),
 }
+"""By step of a trip: the process to which the device should confirm it, and what it means that
+neither that process nor the supervisor got a confirmation."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ class TripReport:
     Attributes:
         trips: part that tripped -> (cause, time), CLOCK_MONOTONIC in ns; the first one first.
         confirmations: step of the trip ("valve null", "bypass shut", "pump unloaded") -> when the
-            device confirmed it, CLOCK_MONOTONIC in ns; 0 or less if it never did.
+            device confirmed it to the process that drives it, CLOCK_MONOTONIC in ns; 0 or less if
+            it never did.
         notes: who did or asked for what, in order of time.
         channels: names of the rows' columns, `time_s` first.
         rows: float64 (n, columns), the last rows of the loop; may be empty.
@@ -66,6 +69,8 @@ class TripReport:
         of_test: how many of them are the test's.
         passed: which of them were passed since the test began, the oldest first.
         driven: reports on parts that another master drove out of their safe state.
+        made_safe: step of the trip -> when the device confirmed it to the supervisor, by a
+            connection of its own, CLOCK_MONOTONIC in ns.
     """
 
     trips: Mapping[str, tuple[Cause, int]]
@@ -78,6 +83,7 @@ class TripReport:
     driven: Sequence[Driven] = ()
     of_test: int = 0
     passed: Sequence[RungPassed] = ()
+    made_safe: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def first(self) -> tuple[str, Cause, int]:
@@ -135,11 +141,7 @@ class TripReport:
         """Return the report as lines for the terminal, the first-out cause first."""
         who, cause, at_ns = self.first
         lines = [f"tripped by the {who}: {self.sentence}", f"  remedy: {explain(cause).remedy}"]
-        for what, confirmed_ns in self.confirmations.items():
-            if confirmed_ns > 0:
-                lines.append(f"  {what} confirmed {_after(confirmed_ns, at_ns)}")
-            else:
-                lines.append(f"  {what} NOT CONFIRMED: {explain(_UNCONFIRMED[what]).remedy}")
+        lines += [f"  {self._confirmation_in_words(what)}" for what in self.confirmations]
         for found in self.driven:
             first, last = _after(found.first_ns, at_ns), _after(found.last_ns, at_ns)
             span = f"{first} to {last}" if found.times > 1 else first
@@ -152,6 +154,18 @@ class TripReport:
             lines.append(f"  {name.removesuffix('_s')}: {figures}")
         lines += [f"  {_after(note.at_ns, at_ns)} {note.who}: {note.text}" for note in self.notes]
         return lines
+
+    def _confirmation_in_words(self, step: str) -> str:
+        """Return when a step of the trip was confirmed, and to whom; the remedy if it was not."""
+        _, _, at_ns = self.first
+        confirmed_ns = self.confirmations[step]
+        if confirmed_ns > 0:
+            return f"{step} confirmed {_after(confirmed_ns, at_ns)}"
+        process, cause = _UNCONFIRMED[step]
+        if step in self.made_safe:
+            when = _after(self.made_safe[step], at_ns)
+            return f"{step} NOT CONFIRMED to the {process}, but to the supervisor {when}"
+        return f"{step} NOT CONFIRMED: {explain(cause).remedy}"
 
     def _whose(self, rung: int) -> str:
         return "test" if rung >= len(self.limits) - self.of_test else "rig"
@@ -222,7 +236,11 @@ class TripReport:
                 for name, (reason, when) in self.trips.items()
             ],
             "confirmations": [
-                {"what": what, "after_s": after_s(when)}
+                {
+                    "what": what,
+                    "after_s": after_s(when),
+                    "to_supervisor_after_s": after_s(self.made_safe.get(what, 0)),
+                }
                 for what, when in self.confirmations.items()
             ],
             "driven_by_another_master": [
@@ -370,12 +388,15 @@ class EventLog:
         self._notes.append(News(news.at_ns, news.who, text))
         self._say(f"{news.who}: {text}")
 
-    def tripped(self, board: Board, channels: tuple[str, ...]) -> TripError:
+    def tripped(
+        self, board: Board, channels: tuple[str, ...], made_safe: Mapping[str, int]
+    ) -> TripError:
         """Return the error of the trip; at the first call, make and write the trip report.
 
         Args:
             board: the memory that all processes share.
             channels: names of a row's columns.
+            made_safe: `TripReport.made_safe`.
 
         The first call waits for `LAST_NEWS_S`. If the report cannot be written, its lines are shown
         to the operator.
@@ -394,6 +415,7 @@ class EventLog:
                 driven=tuple(self._driven.values()),
                 of_test=len(self.test_limits),
                 passed=_passed_in_segment(board, len(self._rig.ladder) + len(self.test_limits)),
+                made_safe=made_safe,
             )
             self._reported = kept_trip_report(self.report, self._directory, self._say)
         return trip_error(self.report, self._reported)

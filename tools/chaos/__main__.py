@@ -5,7 +5,6 @@ the texts are played, and no table is written.
 """
 
 import re
-import signal
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -18,6 +17,7 @@ from .judge import Outcome, problems
 from .play import play
 from .scenario import Scenario
 from .scenarios import SCENARIOS
+from .signals import end_by_signals
 from .stage import StageError
 
 _TABLE: Final = re.compile(r"(<!-- table of chaos -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -41,10 +41,7 @@ def main(wanted: list[str]) -> int:
         wanted: texts, one of which a scenario's name must contain; empty plays all scenarios. The
             table is written only if all were played and ended as claimed.
     """
-    # In the background, or under nohup, this process ignores both signals, and so would all
-    # processes that it starts.
-    for ignored in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(ignored, signal.default_int_handler)
+    end_by_signals()
     chosen = [s for s in SCENARIOS if not wanted or any(text in s.name for text in wanted)]
     played, failures = [], 0
     for number, scenario in enumerate(chosen, 1):

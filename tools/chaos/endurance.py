@@ -7,7 +7,6 @@ is written.
 
 import argparse
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ from tools.pages.marked_tables import fill, markdown
 from tools.pages.safety import PAGE
 
 from .relay import OUTLIVED, PARTS, Record, relay
+from .signals import end_by_signals
 
 RIGS: Final = {"emulated": tuple(PARTS), "simulated": ("supervisor", "publisher", "everything")}
 """The parts that are killed on each rig; on the simulated one the supervisor itself records."""
@@ -83,10 +83,7 @@ def main() -> int:
     unknown = set(given.parts) - set(PARTS)
     if unknown:
         parser.error(f"no such part: {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    # In the background, or under nohup, this process ignores these signals, and so would all
-    # processes that it starts.
-    for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(ignored, signal.default_int_handler)
+    end_by_signals()
     rows, failures = [], 0
     for rig, parts in RIGS.items():
         for part in parts if given.rig in (None, rig) else ():

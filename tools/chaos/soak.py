@@ -1,16 +1,14 @@
 """Runs long campaigns and tells how memory, descriptors and disk of each process grow: `make soak`.
 
-    python -m tools.chaos.soak [--wire MINUTES] [--simulated HOURS]
-
-On the emulated rig for 30 minutes, and on the simulated one, at the fast clock, for 24 h of its
-time, unless other times are given; 0 leaves one out. It is called a leak if the whole interval of a
-slope lies above the bound in `slopes.py`. If both ran for their full time without a leak, the
-table of docs/safety.md is written.
+Run as `python -m tools.chaos.soak [--wire MINUTES] [--simulated HOURS]`. It runs on the emulated
+rig for 30 minutes, and on the simulated one, at the fast clock, for 24 h of its time, unless other
+times are given; 0 leaves one out. It is called a leak if the whole interval of a slope lies above
+the bound in `slopes.py`. If both ran for their full time without a leak, the table of
+docs/safety.md is written.
 """
 
 import argparse
 import os
-import signal
 import sys
 import tempfile
 import time
@@ -23,6 +21,7 @@ from typing import Any, Final
 from tools.pages.marked_tables import fill, markdown
 from tools.pages.safety import PAGE
 
+from .signals import end_by_signals
 from .slopes import DESCRIPTORS, DISK, MEMORY, RESOURCES, Resource, is_leak, slope
 from .stage import COMPILE_S, FIRST_FAULT, TEST, Stage
 
@@ -154,14 +153,13 @@ def rows(rig: str, series: Series) -> Iterator[tuple[tuple[str, ...], bool]]:
 
 def main() -> int:
     """Soak both rigs; return the number of leaks."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--wire", type=float, default=WIRE_MIN, help="minutes on the emulated rig")
-    parser.add_argument("--simulated", type=float, default=SIMULATED_H, help="hours of rig time")
+    parser = argparse.ArgumentParser(prog="python -m tools.chaos.soak", description=__doc__)
+    wire = "minutes on the emulated rig (default: %(default)g)"
+    simulated = "hours of rig time on the simulated rig (default: %(default)g)"
+    parser.add_argument("--wire", type=float, default=WIRE_MIN, help=wire)
+    parser.add_argument("--simulated", type=float, default=SIMULATED_H, help=simulated)
     given = parser.parse_args()
-    # In the background, or under nohup, this process ignores these signals, and so would all
-    # processes that it starts.
-    for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(ignored, signal.default_int_handler)
+    end_by_signals()
     table, leaks = [], 0
     for rig, hours in (("emulated", given.wire / 60.0), ("simulated", given.simulated)):
         if hours <= 0.0:

@@ -8,7 +8,6 @@ the steps of the address space. A rig's table is written if no texts are given a
 
 import argparse
 import random
-import signal
 import sys
 import tempfile
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from tools.chaos.signals import end_by_signals
 from tools.chaos.stage import StageError
 from tools.pages.marked_tables import fill
 
@@ -43,15 +43,17 @@ Trial = Callable[[], Tried | None]
 
 def main() -> int:
     """Try the failures that are asked for; return how many were not as they should be."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rig", choices=RIGS, help="one of them only")
+    parser = argparse.ArgumentParser(prog="python -m tools.failing", description=__doc__)
+    parser.add_argument("--rig", choices=RIGS, help="one of them only (default: both)")
     parser.add_argument("--all", action="store_true", help="all sites on the emulated rig, too")
-    parser.add_argument("--sites", type=int, default=SAMPLE, help="sites on the emulated rig")
-    parser.add_argument("--seed", type=int, default=1, help="draws these sites")
-    parser.add_argument("texts", nargs="*", metavar="TEXT")
+    sites = "number of sites on the emulated rig (default: %(default)s)"
+    parser.add_argument("--sites", type=int, default=SAMPLE, help=sites)
+    seed = "of the draw of these sites (default: %(default)s)"
+    parser.add_argument("--seed", type=int, default=1, help=seed)
+    texts = "a part of the name of a site to try (default: all)"
+    parser.add_argument("texts", nargs="*", metavar="TEXT", help=texts)
     given = parser.parse_args()
-    for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(ignored, signal.default_int_handler)
+    end_by_signals()
     failed = 0
     for rig in RIGS if given.rig is None else (given.rig,):
         sample = None if given.all or rig == "simulated" else given.sites

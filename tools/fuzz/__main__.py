@@ -91,11 +91,15 @@ def _ended_by(path: Path) -> bool:
 
 def main() -> int:
     """Fuzz the targets that are asked for; return the number of finds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=10.0, help="for all targets together")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder for finds")
-    parser.add_argument("targets", nargs="*", metavar="TARGET", help=", ".join(GUIDES))
+    parser = argparse.ArgumentParser(prog="python -m tools.fuzz", description=__doc__)
+    minutes = "minutes for all targets together (default: %(default)g)"
+    parser.add_argument("--minutes", type=float, default=10.0, help=minutes)
+    seed = "of what is drawn (default: %(default)s)"
+    parser.add_argument("--seed", type=int, default=1, help=seed)
+    out = "folder for finds (default: %(default)s)"
+    parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help=out)
+    targets_help = f"{', '.join(GUIDES)} (default: all)"
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=targets_help)
     given = parser.parse_args()
     unknown = set(given.targets) - set(GUIDES)
     if unknown:

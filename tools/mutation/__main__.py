@@ -1,7 +1,6 @@
-"""Tries the mutants of the code that keeps the rig safe; run as `make mutation`.
+"""Tries the mutants of the code that keeps the rig safe.
 
-    python -m tools.mutation [--every N] [NAME ...]
-
+Run as `make mutation`, or `NUMBA_DISABLE_JIT=1 python -m tools.mutation [--every N] [NAME ...]`.
 A survivor is told with its line; those that do not matter stand with the reason in `harmless.py`.
 If all mutants of all modules were tried, the table of docs/safety.md is written.
 """
@@ -33,11 +32,11 @@ def main() -> int:
 
     A survivor without a reason in `HARMLESS` does not make it fail as long as enough are noticed.
     """
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--every", type=int, default=1, help="try one mutant in so many only")
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=", ".join(s.name for s in SUBJECTS)
-    )
+    parser = argparse.ArgumentParser(prog="python -m tools.mutation", description=__doc__)
+    every = "try one mutant in so many only (default: %(default)s)"
+    parser.add_argument("--every", type=int, default=1, help=every)
+    modules = f"{', '.join(subject.name for subject in SUBJECTS)} (default: all)"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=modules)
     given = parser.parse_args()
     unknown = set(given.names) - {subject.name for subject in SUBJECTS}
     if unknown or given.every < 1:

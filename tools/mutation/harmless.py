@@ -21,14 +21,20 @@ HARMLESS: Final = {
     "judged_sample: `_TRIP` -> `_INDICATE`": "In `worst[0] < _TRIP`: the chain returns a trip or "
     "no action, and nothing between them.",
     "_chain: without `_NONE`": _SHAPE,
+    "_chain: without `_NONE` (2)": _SHAPE,
     "_chain: without `NO_CHANNEL`": _SHAPE,
     "_transducers: `0` -> `1`": "The number of equal samples that are bad is 0 or, at any period "
     "of a loop, far above 1.",
     "_unhomed: without `_NONE`": _SHAPE,
+    "_unhomed: without `_NONE` (2)": _SHAPE,
     "_unhomed: without `NO_CHANNEL`": _SHAPE,
+    "_unhomed: without `_NONE` (3)": _SHAPE,
+    "_unhomed: without `_NONE` (4)": _SHAPE,
+    "_unhomed: without `NO_CHANNEL` (3)": _SHAPE,
     "_unhomed: `force > 0.0` -> `force >= 0.0`": "Where the force is 0, the ticks of too great a "
     "force have just been set to 0.",
     "_unhomed: `0.0` -> `1.0`": "1 V Pa is nothing beside the 8 MPa that must be exceeded.",
+    "_unhomed: `0.0` -> `1.0` (2)": "1 Pa is nothing beside the 8 MPa that must be exceeded.",
     "_SETTLED_TICKS: `200` -> `201`": "After 200 ticks the nominal spool is at its command to the "
     "last bits, and one tick more changes none of them.",
     "_against_flow: `values[_SUPPLY] > supply` -> `values[_SUPPLY] >= supply`": "Where both are "

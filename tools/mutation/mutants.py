@@ -2,8 +2,9 @@
 
 import ast
 import copy
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 _OPERATORS: Final[dict[type[ast.AST], type[ast.AST]]] = {
@@ -33,6 +34,7 @@ class Mutant:
         path: way to the change in its syntax tree.
         changed: what stands there instead.
         left_out: the element of a tuple or set that is left out; empty for any other change.
+        occurrence: its number, from 1, among the mutants of the module with the same words.
     """
 
     line: int
@@ -43,6 +45,7 @@ class Mutant:
     path: "Path"
     changed: ast.AST
     left_out: str = ""
+    occurrence: int = 1
 
     @property
     def tree(self) -> ast.Module:
@@ -53,21 +56,30 @@ class Mutant:
 
     @property
     def name(self) -> str:
-        """The change in words, without the line, which moves with every edit above it."""
-        if self.left_out:
-            return f"{self.where}: without `{self.left_out}`"
-        return f"{self.where}: `{self.before}` -> `{self.after}`"
+        """The change in words, without the line, which moves with every edit above it.
+
+        From the second of several places with the same words on, their number follows in brackets.
+        """
+        change = f"`{self.before}` -> `{self.after}`"
+        words = f"without `{self.left_out}`" if self.left_out else change
+        number = f" ({self.occurrence})" if self.occurrence > 1 else ""
+        return f"{self.where}: {words}{number}"
 
 
 def mutants_of(source: str) -> Iterator[Mutant]:
     """Yield all mutants of a module's source, in the order of its lines."""
     tree = ast.parse(source)
+    known: Counter[str] = Counter()
     for path, node, where in _places(tree, (), ""):
         for changed in _changes(node, path):
             left_out = _left_out(node, changed)
             line = (left_out or node).lineno  # type: ignore[attr-defined]
             missing = _shown(left_out) if left_out is not None else ""
-            yield Mutant(line, where, _shown(node), _shown(changed), source, path, changed, missing)
+            mutant = Mutant(
+                line, where, _shown(node), _shown(changed), source, path, changed, missing
+            )
+            known[mutant.name] += 1
+            yield replace(mutant, occurrence=known[mutant.name])
 
 
 Path = tuple[tuple[str, int], ...]

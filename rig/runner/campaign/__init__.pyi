@@ -8,7 +8,6 @@ from .operator_requests import (
     Desk as Desk,
     RefusedError as RefusedError,
     Request as Request,
-    remark_of as remark_of,
 )
 from .pacing import Pace as Pace
 from .stopping import StopFlag as StopFlag, stop_on_signals as stop_on_signals

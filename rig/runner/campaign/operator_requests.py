@@ -6,6 +6,8 @@ from enum import StrEnum
 from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
+from rig.control_socket import remark_of
+
 from .stopping import StopFlag
 
 if TYPE_CHECKING:
@@ -345,13 +347,6 @@ class Desk:
                 self.interruption = request
             case Request.RETRY if index is not None:
                 del self._statuses[index]
-
-
-def remark_of(text: str, person: str) -> str:
-    """Return a request's text without the name of who made it, with which the console begins it."""
-    if person and text == person:
-        return ""
-    return text.removeprefix(f"{person}: ") if person else text
 
 
 def _check(text: str, what: str, longest: int) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import Array, Observer, Status, TestOutcome, named
+from rig.runner.outcomes import EXIT_STOPPED, Array, Observer, Status, TestOutcome, named
 from rig.supervisor import Onlooker, RowFeed, Stream
 
 PROGRESS_S: Final = 0.1
@@ -70,7 +70,7 @@ class StreamedRun(Observer, Onlooker):
         if self._campaign:
             self._campaign["status"] = "ended"
             if failed and self._activity:
-                self._campaign |= {"exit_code": 3, "reason": failed}
+                self._campaign |= {"exit_code": EXIT_STOPPED, "reason": failed}
             self._list_tests(last=True)
         self.stream.close()
         if self._feed is not None:

@@ -1,6 +1,5 @@
 """Identifies friction from the samples of a test, and converts it for `results.json`."""
 
-import errno
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import asdict
@@ -18,6 +17,7 @@ from estimator.friction import (
 from estimator.leaks import Decision, Detector, Samples
 from faults import CampaignTest
 from rig.plant import Model, SensorParameters
+from rig.surviving import threads_granted
 
 from .outcome_record import named
 
@@ -92,10 +92,8 @@ class FrictionWatch:
         lag, blocks = load_lag(self._model, self._sensors), self._collector.blocks
         known = blocks, lag, self._spring, self._model.parameters
         with ThreadPoolExecutor(1) as threads:
-            try:
+            with threads_granted():
                 identified = threads.submit(identify_friction, *known)
-            except RuntimeError:
-                raise OSError(errno.EAGAIN, "the system grants no further thread") from None
             while not wait([identified], _ALIVE_S).done:
                 self._alive()
             return identified.result()

@@ -17,6 +17,7 @@ import numpy as np
 from estimator.leaks import STARTED_S
 from faults import Campaign
 from rig.configuration import Rig, plain
+from rig.control_socket import remark_of
 from rig.plant import model_sha256
 from rig.recording import RecordingError, read_mcap, read_recording, recover
 from rig.runner.outcomes import (
@@ -211,10 +212,8 @@ class JournalState:
         )
         sentence = " ".join(filter(None, words))
         person = entry["person"] or ""
-        if person:
-            text = "" if text == person else text.removeprefix(f"{person}: ")
-        who = person or entry["who"]
-        self._happened(entry, who, ": ".join(filter(None, (sentence, text))))
+        remark = remark_of(text, person)
+        self._happened(entry, person or entry["who"], ": ".join(filter(None, (sentence, remark))))
 
     def _happened(self, entry: Entry, who: str, what: str) -> None:
         self.history.append(Happening(entry.at, who, what))

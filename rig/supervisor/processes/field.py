@@ -360,6 +360,14 @@ def rank_of(outputs: Iterable[str]) -> int:
     return _PUMP_RANK if "pump_load" in moved else _OTHER_RANK
 
 
+def confirmation_of(outputs: Iterable[str]) -> Word | None:
+    """Return the word for the time at which a slow driver with these outputs is confirmed safe.
+
+    It is None for a driver of which no step of a trip waits for a confirmation.
+    """
+    return _CONFIRMED.get(rank_of(outputs))
+
+
 _CAUSES: Final = {
     _DRIVE_RANK: (Cause.DRIVE_LOST, Cause.DRIVE_FAULT),
     _BYPASS_RANK: (Cause.BYPASS_LOST, Cause.BYPASS_STUCK),

@@ -7,7 +7,7 @@ which it repeats for as long as it lives.
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +21,8 @@ from rig.surviving import Surviving, failure, start
 
 from .child import Child, News
 from .driven import REPEAT_S, Driven, Tally, departures
-from .field import rank_of
-from .health import TRIPS, trip
+from .field import confirmation_of, rank_of
+from .health import STEPS, TRIPS, trip
 
 POLL_S: Final = 0.01
 MAIN_SILENCE_S: Final = 5.0
@@ -110,6 +110,7 @@ class SafetyThread:
         self._tally = Tally("supervisor", found)
         self._kept: dict[str, DriverSpec] = {}
         self._unsafe: set[str] = set()
+        self._safe_since: dict[str, int] = {}
         self._kept_at = 0.0
         self._alive_at = time.monotonic()
         self._stopping = threading.Event()
@@ -138,6 +139,20 @@ class SafetyThread:
     def tripped(self) -> bool:
         """Whether loop, field process or supervisor has tripped."""
         return any(self._words[word] for word, _ in TRIPS.values())
+
+    @property
+    def made_safe(self) -> Mapping[str, int]:
+        """Step of a trip -> when its devices confirmed it to this thread, by its own connections.
+
+        Times are CLOCK_MONOTONIC in ns. A step is left out if one of its devices has not confirmed
+        it to this thread.
+        """
+        times, found = dict(self._safe_since), {}
+        for step, word in STEPS.items():
+            names = [spec.name for spec in self._drivers if _confirmation_of(spec) == word]
+            if names and times.keys() >= set(names):
+                found[step] = max(times[name] for name in names)
+        return found
 
     def trip(self, cause: Cause) -> None:
         """Trip in the name of the supervisor, unless the supervisor has tripped already."""
@@ -252,7 +267,9 @@ class SafetyThread:
                 why = str(error) if isinstance(error, DriverError) else failure(error)
                 self._say(spec.name, f"not confirmed safe: {why}")
             self._unsafe.add(spec.name)
+            self._safe_since.pop(spec.name, None)
             return
+        self._safe_since.setdefault(spec.name, time.monotonic_ns())
         if is_news or spec.name in self._unsafe:
             self._say(spec.name, "made safe by the supervisor's own connection")
         self._unsafe.discard(spec.name)
@@ -271,6 +288,16 @@ class SafetyThread:
                     with suppress(Exception):
                         self._tally.found(part, what)
             self._make_one_safe(spec, is_news=False)
+
+
+def _confirmation_of(spec: DriverSpec) -> Word | None:
+    """Return the word for the time at which a device is confirmed safe.
+
+    It is None for a device of which no step of a trip waits for a confirmation.
+    """
+    if not spec.outputs:
+        return None
+    return Word.VALVE_NULL_AT if spec.kind == "fast" else confirmation_of(spec.outputs)
 
 
 def _found_driven(spec: DriverSpec) -> dict[str, str]:

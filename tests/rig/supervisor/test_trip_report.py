@@ -124,6 +124,18 @@ def test_each_step_is_confirmed_with_its_time_or_reported_with_what_to_do() -> N
     assert "pump unloaded NOT CONFIRMED: switch the pump off by hand" in text
 
 
+def test_no_remedy_is_given_for_what_the_supervisor_made_safe_itself() -> None:
+    report = replace(REPORT, made_safe={"bypass shut": AT + MS, "pump unloaded": AT + 612 * MS})
+    lines = [line.strip() for line in report.lines()]
+    assert (
+        "pump unloaded NOT CONFIRMED to the field process, but to the supervisor +612 ms" in lines
+    )
+    # What its own process got confirmed counts.
+    assert "bypass shut confirmed +412 ms" in lines
+    told = report.document()["confirmations"]
+    assert [step["to_supervisor_after_s"] for step in told] == [None, 0.001, pytest.approx(0.612)]
+
+
 def test_the_text_says_who_asked_what_and_what_followed() -> None:
     lines = REPORT.lines()
     assert lines[0].startswith("tripped by the loop: pressure_1_Pa")

@@ -7,7 +7,6 @@ that is played is added to a file, so that the same command goes on after a kill
 
 import argparse
 import json
-import signal
 import sys
 import tempfile
 import time
@@ -16,12 +15,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from tools.chaos.signals import end_by_signals
+from tools.chaos.stage import StageError
 from tools.pages.marked_tables import markdown
 
 from .fault import Case
 from .grammar import draw
 from .pauses import paused_ns
-from .play import Evidence, StageError, play
+from .play import Evidence, play
 from .verdict import null_ns, violations
 
 RESULTS: Final = Path("runs") / "chaos-drawn"
@@ -30,10 +31,7 @@ RESULTS: Final = Path("runs") / "chaos-drawn"
 
 def main() -> int:
     """Play the cases that were asked for; return how many did not hold."""
-    # In the background, or under nohup, this process ignores these signals, and so would all
-    # processes that it starts.
-    for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(ignored, signal.default_int_handler)
+    end_by_signals()
     given = _arguments()
     numbers = given.case or range(given.first, given.first + given.count)
     if given.list:
@@ -63,13 +61,20 @@ def main() -> int:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=300, help="cases to have played in all")
-    parser.add_argument("--first", type=int, default=1, help="number of the first of them")
+    parser = argparse.ArgumentParser(prog="python -m tools.chaos.drawn", description=__doc__)
+    seed = "what the cases are drawn from (default: %(default)s)"
+    parser.add_argument("--seed", type=int, default=1, help=seed)
+    count = "number of cases to have played in all (default: %(default)s)"
+    parser.add_argument("--count", type=int, default=300, help=count)
+    first = "number of the first of them (default: %(default)s)"
+    parser.add_argument("--first", type=int, default=1, help=first)
     parser.add_argument("--case", type=int, nargs="+", help="play these numbers alone")
     parser.add_argument("--list", action="store_true", help="tell the cases, and play none")
-    parser.add_argument("--results", type=Path, help="file to which cases are added")
+    parser.add_argument(
+        "--results",
+        type=Path,
+        help=f"file to which cases are added (default: {RESULTS}/seed-SEED.jsonl)",
+    )
     parser.add_argument("--keep", type=Path, help="folder for all files of cases that fail")
     return parser.parse_args()
 

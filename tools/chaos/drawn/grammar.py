@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable
-from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGSTOP, SIGTERM
+from signal import SIGHUP, SIGINT, SIGKILL, SIGSTOP, SIGTERM
 from typing import Any, Final
 
 from tools.chaos.scenario import full_disk, kill, wire
@@ -297,7 +297,3 @@ def causes_of(faults: tuple[Fault, ...]) -> set[str]:
     if sum(fault.is_sensor for fault in faults) > 1:
         found |= set(_ACCOUNTS)
     return found
-
-
-CONTINUED: Final = SIGCONT
-"""The signal by which a stopped part goes on once the devices are safe."""

@@ -4,15 +4,15 @@ import json
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from signal import SIGCONT
 from typing import Any, Final
 
 from rig.runner.run_folder.journal import JOURNAL, JournalError, read_journal
 from tools.chaos.judge import cause_of, lost_s, readable
-from tools.chaos.stage import FIRST_FAULT, TEST, NotBegunError, Stage, StageError
+from tools.chaos.stage import FIRST_FAULT, TEST, NotBegunError, Stage
 
 from .bounds import END_S, LEFT_S
 from .fault import Case, Strike, Struck
-from .grammar import CONTINUED
 from .pauses import HostPauses
 
 TESTS: Final = (
@@ -121,7 +121,7 @@ def _strike(stage: Stage, strike: Strike, began_s: float) -> Struck | None:
 def _go_on(stage: Stage, struck: Struck) -> None:
     for part in struck.fault.stops:
         try:
-            stage.send(CONTINUED, part)
+            stage.send(SIGCONT, part)
         except ProcessLookupError:
             continue
 
@@ -177,6 +177,3 @@ def _journal_problem(out: Path) -> str:
     except JournalError as error:
         return str(error)
     return ""
-
-
-__all__ = ["Evidence", "StageError", "play"]

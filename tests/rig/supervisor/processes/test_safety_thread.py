@@ -318,6 +318,7 @@ def test_what_it_made_safe_by_its_own_connections_it_keeps_safe_and_tells_who_dr
     scene.loop.exit_code = -9
     watch = scene.watch()
     assert watch.wait_until_safe(PATIENCE_S)
+    assert set(watch.made_safe) == {"valve null", "bypass shut", "pump unloaded"}
     DRIVEN["daq"] = "has valve_enabled at 1"
     READ["pump"] = {"pump_loaded": 1.0}
     until(lambda: {found.part for found in scene.found} == {"valve", "pump"})
