@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.configuration import ConfigError, Problem, Sources, shipped_config_dir
-from rig.control_socket import ask
+from rig.control_socket import ControlError, ask
 
 from .past_runs import JOURNAL, PastRuns, ends_of, past_runs
 
@@ -28,6 +28,8 @@ ASK_S: Final = 1.0
 """Time in s within which a run must accept a stop on its control port; then it is interrupted."""
 ACKNOWLEDGE_S: Final = 30.0
 """Time in s within which a run's journal must take an acknowledgement, by a program of its own."""
+SET_S: Final = 5.0
+"""Time in s within which a run must answer a request to set its control."""
 ASKED: Final = "asked to stop"
 INTERRUPTED: Final = "interrupted"
 ENDING: Final = "ending since the stop before, and interrupted as well"
@@ -243,6 +245,25 @@ class Launcher:
         if done.returncode:
             last = done.stderr.decode(errors="replace").splitlines()[-1:] or ["no reason is given"]
             raise LaunchRefused(f"it cannot be recorded: {last[0]}")
+
+    def set_control(self, name: str, text: str, by: str) -> None:
+        """Change the control of the test that runs, as `rig control DIR set` does.
+
+        Args:
+            name: name of the run's folder, which lies directly below the launcher's.
+            text: what is set, such as "gain=80 V/m".
+            by: who sets it, for the run's journal.
+
+        Raises:
+            LaunchRefused: there is no such run here, or it refuses, with its reason.
+        """
+        folder = self._folder / name
+        if not name or Path(name).name != name or not (folder / JOURNAL).is_file():
+            raise LaunchRefused("control can be set of runs in this console's folder only")
+        try:
+            ask(folder, "set", text, wait_s=SET_S, person=by)
+        except ControlError as error:
+            raise LaunchRefused("; ".join(error.problems)) from None
 
     def rig_of(self, name: str) -> str:
         """Return path or name of the rig on which a campaign would run; "" if it is not offered."""

@@ -31,12 +31,16 @@ class Login:
         number: number of the login.
         name: name of the visitor.
         left_s: time in s for which the login still lasts.
+        proof: of the account's password, to which the login belongs; empty without accounts.
+        unused_s: time in s since somebody last acted with it; 0 without accounts.
     """
 
     cookie: str
     number: int
     name: str
     left_s: float
+    proof: str = ""
+    unused_s: float = 0.0
 
 
 class LoginFile:
@@ -78,7 +82,11 @@ class LoginFile:
                 left_s = min(stated_s, lifetime_s)
                 name, number = str(each["name"]), int(each["number"])
                 if left_s > 0.0 and 0 < len(name) <= LONGEST_NAME:
-                    found.append(Login(str(each["cookie"]), number, name, left_s))
+                    proof = str(each.get("proof", ""))
+                    # A clock that was set back makes a login no older than it is.
+                    unused_s = max(0.0, now - float(each.get("used_s", now)))
+                    cookie = str(each["cookie"])
+                    found.append(Login(cookie, number, name, left_s, proof, unused_s))
                     too_long |= stated_s > lifetime_s
         if too_long:
             self.write(found)
@@ -104,7 +112,8 @@ class LoginFile:
         now = self._clock()
         held: list[dict[str, Any]] = [
             {"cookie": each.cookie, "number": each.number, "name": each.name,
-             "until_s": now + each.left_s}
+             "until_s": now + each.left_s,
+             **({"proof": each.proof, "used_s": now - each.unused_s} if each.proof else {})}
             for each in logins
         ]  # fmt: skip
         text = json.dumps({"token": self._token, "logins": held})
@@ -119,6 +128,18 @@ class LoginFile:
                 finally:
                     # It is still there only if the disk is full or the file cannot be replaced.
                     Path(file.name).unlink(missing_ok=True)
+
+
+def account_logins(folder: Path, port: int, accounts: Path) -> LoginFile:
+    """Return the file with the logins of this user's console at a port that has accounts.
+
+    Args:
+        folder: the folder with this user's keys and tokens.
+        port: the port, by which the console's cookie is named as well.
+        accounts: the file of accounts, which the logins belong to.
+    """
+    digest = hashlib.sha256(os.fsencode(accounts.absolute())).hexdigest()
+    return LoginFile(folder / f"console-account-logins-{port}.json", digest)
 
 
 def login_file(folder: Path, port: int, token: str) -> LoginFile:

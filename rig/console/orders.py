@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
 
+from rig.accounts import why_not
 from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient, UnknownRigError
 
 from .launcher import ASKED, ENDING, INTERRUPTED, Launched, Launcher, LaunchRefused
@@ -15,7 +16,9 @@ LONGEST_TEXT: Final = 400
 """Most characters of a remark, so that it fits into a command with its writer's name."""
 LONGEST_NAME: Final = 200
 STOP: Final = "stop"
-ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", *COMMANDS)
+ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", "set", *COMMANDS)
+EXPIRED: Final = "by a login that has expired"
+"""What is recorded of a stop by somebody whose login has expired."""
 STOP_S: Final = 2.5
 """Time in s for which an answer to a stop is awaited."""
 COMMAND_S: Final = 5.0
@@ -28,6 +31,10 @@ REASONS: Final = {
 """How a run was stopped that the stream did not stop, in words, by the way of `Launcher.stop`."""
 
 _KEYS: Final = frozenset({"order", "rig", "text", "name"})
+
+
+class ForbiddenError(PermissionError):
+    """The error of an order that the visitor's role may not give; its message is the reason."""
 
 
 class MalformedError(ValueError):
@@ -47,7 +54,7 @@ class Order:
             alive; a command is refused, as no rig has this id.
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
-            run to resume, or of the run that has ended and is acknowledged; else empty.
+            run to resume, whose control is set, or that has ended and is acknowledged; else empty.
     """
 
     order: str
@@ -85,7 +92,9 @@ def parse(body: bytes) -> Order:
 
 def _said(order: Order, visitor: Visitor) -> str:
     """Return the text that is recorded with an order: who gave it, and the remark, if any."""
-    return f"{visitor.name}: {order.text}" if order.text else visitor.name
+    parts = (EXPIRED if visitor.expired else "", order.text)
+    remark = "; ".join(part for part in parts if part)
+    return f"{visitor.name}: {remark}" if remark else visitor.name
 
 
 class Orders:
@@ -110,7 +119,16 @@ class Orders:
         """Carry out an order if this visitor may give it; return whether it was obeyed, or why not.
 
         Anybody who is logged in may stop a rig or ask for control; any other order needs control.
+
+        Raises:
+            ForbiddenError: the visitor's role may not give this order, or the login has expired and
+                the order is not to stop.
         """
+        missing = why_not(order.order, visitor.role)
+        if visitor.expired and order.order != STOP:
+            missing = "your login has expired; log in again. Stop works without"
+        if missing:
+            raise ForbiddenError(missing)
         try:
             if order.order == STOP:
                 return self._stop(order, visitor)
@@ -126,6 +144,17 @@ class Orders:
         with self._one_at_a_time:
             self._control.release(visitor)
 
+    def lapse(self, visitor: Visitor) -> None:
+        """Release control if the visitor, who may not act any more, has it.
+
+        While another order is carried out nothing is done, so that nobody waits: call it again.
+        """
+        if self._one_at_a_time.acquire(blocking=False):
+            try:
+                self._control.release(visitor)
+            finally:
+                self._one_at_a_time.release()
+
     def _is_done_here(self, order: Order, visitor: Visitor) -> bool:
         """Carry out an order about control or about starting runs; return False for any other.
 
@@ -139,6 +168,8 @@ class Orders:
             self._control.release(visitor)
         elif order.order in ("start", "go on"):
             self._launch(order, visitor)
+        elif order.order == "set":
+            self._launcher.set_control(order.name, order.text, visitor.name)
         elif order.order == "acknowledge" and order.name:
             self._launcher.acknowledge(order.name, order.text, visitor.name)
         else:

@@ -13,11 +13,12 @@ from typing import Any, Final
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from rig.accounts import AccountFile
 from rig.stream import StreamClient
 
 from .address import Address, with_port
 from .launcher import Served
-from .logins import login_file
+from .logins import account_logins, login_file
 from .server import LARGEST_MESSAGE, Console
 
 BACKLOG: Final = 64
@@ -42,6 +43,7 @@ def serve(
     log: Callable[[str], None],
     ready: Callable[[str], None],
     secrets: Path | None = None,
+    accounts: AccountFile | None = None,
 ) -> None:
     """Serve a console until SIGINT or SIGTERM, then return.
 
@@ -56,20 +58,26 @@ def serve(
         ready: is called with the URL once the port is open.
         secrets: this user's folder of keys and tokens, in which logins are kept over a restart.
             Without it, and if the address leaves the port open, they end with the console.
+        accounts: the file of accounts by which visitors log in, in place of the token.
 
     Raises:
+        AccountsError: the file of accounts cannot be used, or holds no account.
         OSError: the address cannot be used, for example because the port is taken.
     """
     listener = listener_of(address)
-    logins = (
-        None if secrets is None or not address.port else login_file(secrets, address.port, token)
-    )
+    logins = None
+    if secrets is not None and address.port:
+        logins = (
+            login_file(secrets, address.port, token)
+            if accounts is None
+            else account_logins(secrets, address.port, accounts.path)
+        )
     address = with_port(address, listener.getsockname()[1])
     # uvicorn raises the signal that has ended it again, which must not end this process.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: None)
     with listener:
-        server = server_of(Console(client, token, address, served, log, logins))
+        server = server_of(Console(client, token, address, served, log, logins, accounts=accounts))
         ready(address.url)
         server.run(sockets=[listener])
 

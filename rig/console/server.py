@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import threading
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +19,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from rig.accounts import AccountFile, Passwords, refusals
 from rig.stream import StreamClient
 from rig.surviving import Surviving
 
@@ -26,7 +28,8 @@ from .feed import TICK_S, Cursor, Feed
 from .guard import Guard, Refusals, address_of
 from .launcher import Launcher, Served
 from .logins import LoginFile
-from .orders import STOP, MalformedError, Orders, parse
+from .members import STOPPING_S, Members
+from .orders import STOP, ForbiddenError, MalformedError, Orders, parse
 from .visitors import LIFETIME_S, ControlHolder, LoginRefused, Visitor, Visitors
 
 PAGE: Final = Path(__file__).parent / "page"
@@ -44,6 +47,7 @@ LOOK_S: Final = 0.5
 MOST_STOPS: Final = 16
 """Most stops that are carried out at once, in threads of their own beside those of other orders."""
 LOGGED_OUT: Final = 4401
+EXPIRED: Final = 4402
 UNWELCOME: Final = 1008
 TOO_LARGE: Final = 1009
 FULL: Final = 1013
@@ -61,6 +65,9 @@ class Console:
         log: is called with a line on each refusal and on each action of an operator.
         logins: keeps the logins over a restart of the console; None if they end with it.
         viewers: visitor -> number of live views that are open.
+        accounts: the file of accounts by which visitors log in, in place of the token; None if the
+            token is for whoever has it.
+        passwords: compares their passwords; None for the usual costs.
     """
 
     client: StreamClient
@@ -70,10 +77,16 @@ class Console:
     log: Callable[[str], None]
     logins: LoginFile | None = None
     viewers: Counter[Visitor] = field(default_factory=Counter)
+    accounts: AccountFile | None = None
+    passwords: Passwords | None = None
 
     def __post_init__(self) -> None:
         self.feed = Feed(self.client)
-        self.visitors = Visitors(self.token, file=self.logins)
+        self.members: Members | None = None
+        if self.accounts is not None:
+            passwords = self.passwords or Passwords()
+            self.members = Members(self.accounts, self.say, passwords, file=self.logins)
+        self.visitors = Visitors(self.token, file=None if self.members else self.logins)
         self.control = ControlHolder(self.say)
         self.launcher = Launcher(self.served, self.say)
         self.orders = Orders(self.client, self.control, self.launcher)
@@ -102,13 +115,21 @@ class Console:
         inner = Starlette(routes=routes, lifespan=self._lifespan)
         return Guard(inner, self.address, self._refused)
 
-    def _visitor(self, connection: HTTPConnection) -> Visitor | None:
-        return self.visitors.visitor(connection.cookies.get(self.cookie))
+    def _visitor(self, connection: HTTPConnection, *, acts: bool = False) -> Visitor | None:
+        cookie = connection.cookies.get(self.cookie)
+        if self.members is not None:
+            return self.members.visitor(cookie, acts=acts)
+        return self.visitors.visitor(cookie)
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         following = asyncio.create_task(self._follow())
+        ended = threading.Event()
+        if self.members is not None:
+            watch = self.members.watch
+            threading.Thread(target=watch, args=(ended,), name="accounts", daemon=True).start()
         yield
+        ended.set()
         following.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await following
@@ -133,6 +154,9 @@ class Console:
         with self._survives:  # an order that was obeyed is not reported as failed
             self._refused.look()
             self.launcher.look()
+            holder = self.control.holder
+            if self.members is not None and holder and not self.members.may_act(holder.number):
+                self.orders.lapse(holder)
             content = self.launcher.content()
             if content["last"] is not None:
                 content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())
@@ -143,7 +167,8 @@ class Console:
             self.feed.common.put("viewers", watching)
 
     async def _page(self, request: Request) -> Response:
-        if self._visitor(request) is None:
+        # Whose login has expired gets the page too, as stop is on it; it shows nothing of the rig.
+        if self._visitor(request, acts=True) is None:
             return RedirectResponse("/login", status_code=303)
         return HTMLResponse((PAGE / "console.html").read_text())
 
@@ -155,28 +180,40 @@ class Console:
         return Response(file.read_bytes(), media_type=KINDS.get(file.suffix, "text/plain"))
 
     async def _login_page(self, request: Request) -> Response:
-        if self._visitor(request) is not None:
+        visitor = self._visitor(request)
+        if visitor is not None and not visitor.expired:
             return RedirectResponse("/", status_code=303)
-        return _login_page("")
+        return self._login_form("")
+
+    def _login_form(self, problem: str, status: int = 200, wait_s: float = 0.0) -> Response:
+        name = "login.html" if self.members is None else "login_account.html"
+        return _login_page(name, problem, status, wait_s)
 
     async def _log_in(self, request: Request) -> Response:
         address = address_of(request.scope)
         fields: dict[str, list[str]] = {}
         with contextlib.suppress(ValueError):
             fields = parse_qs((await _body(request)).decode(errors="replace"), max_num_fields=4)
-        token, name = (fields.get(key, [""])[0] for key in ("token", "name"))
+        told = (fields.get(key, [""])[0] for key in ("token", "name", "password"))
+        token, name, password = told
         try:
-            cookie = self.visitors.log_in(token, name, address)
+            if self.members is None:
+                cookie, lasts_s = self.visitors.log_in(token, name, address), LIFETIME_S
+            else:
+                before = request.cookies.get(self.cookie)
+                cookie = await self.members.log_in(name, password, address, before)
+                lasts_s = LIFETIME_S + STOPPING_S
         except LoginRefused as refused:
             self._refused(address, f"login: {refused}")
             status = 429 if refused.wait_s else 403
-            return _login_page(str(refused), status, refused.wait_s)
-        visitor = self.visitors.visitor(cookie)
+            return self._login_form(str(refused), status, refused.wait_s)
+        known = self.visitors if self.members is None else self.members
+        visitor = known.visitor(cookie)
         assert visitor is not None
         self.log(f"{visitor.name} logs in, from {address}")
         answer = RedirectResponse("/", status_code=303)
         answer.set_cookie(
-            self.cookie, cookie, max_age=round(LIFETIME_S), httponly=True, samesite="strict",
+            self.cookie, cookie, max_age=round(lasts_s), httponly=True, samesite="strict",
             secure=self.address.secure,
         )  # fmt: skip
         return answer
@@ -185,13 +222,14 @@ class Console:
         visitor = self._visitor(request)
         if visitor is not None:
             self.orders.leave(visitor)
-            self.visitors.log_out(request.cookies.get(self.cookie))
+            known = self.visitors if self.members is None else self.members
+            known.log_out(request.cookies.get(self.cookie))
         answer = RedirectResponse("/login", status_code=303)
         answer.delete_cookie(self.cookie)
         return answer
 
     async def _order(self, request: Request) -> Response:
-        visitor = self._visitor(request)
+        visitor = self._visitor(request, acts=True)
         address = address_of(request.scope)
         if visitor is None:
             self._refused(address, "an order from nobody who is logged in")
@@ -205,7 +243,12 @@ class Console:
             return JSONResponse({"accepted": False, "reason": f"the order {error}"}, 400)
         threads = self._stopping if order.order == STOP else None
         loop = asyncio.get_running_loop()
-        answer = await loop.run_in_executor(threads, self.orders.carry_out, order, visitor)
+        try:
+            answer = await loop.run_in_executor(threads, self.orders.carry_out, order, visitor)
+        except ForbiddenError as error:
+            self._refused(address, f"{visitor.name}: {order.order}: {error}")
+            refusal = {"accepted": False, "reason": str(error), "expired": visitor.expired}
+            return JSONResponse(refusal, 401 if visitor.expired else 403)
         rig = order.rig if order.order == STOP else ""
         about = " ".join(part for part in (order.order, rig, order.name) if part)
         refused = "" if answer.accepted else f" refused, {answer.reason}"
@@ -220,6 +263,9 @@ class Console:
         await socket.accept()
         if visitor is None:
             await self._end(socket, LOGGED_OUT, "a live view for nobody who is logged in")
+            return
+        if visitor.expired:
+            await self._end(socket, EXPIRED, f"a live view for {visitor.name}, by an expired login")
             return
         if self.viewers.total() >= MOST_VIEWERS:
             await self._end(socket, FULL, f"more than {MOST_VIEWERS} viewers")
@@ -252,11 +298,14 @@ class Console:
 
         Without news, an empty message goes out every `ALIVE_S`.
         """
-        await socket.send_text(json.dumps({"you": visitor.number, "name": visitor.name}))
+        await socket.send_text(self._about(visitor))
         loop = asyncio.get_running_loop()
-        sent_at = loop.time()
+        sent_at, role = loop.time(), visitor.role
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            while self._visitor(socket) is not None:
+            while (now := self._visitor(socket)) is not None and not now.expired:
+                if now.role != role:
+                    role = now.role
+                    await socket.send_text(self._about(now))
                 news = self.feed.news(cursor)
                 if news is None and loop.time() - sent_at >= ALIVE_S:
                     news = "{}"
@@ -264,7 +313,14 @@ class Console:
                     await socket.send_text(news)
                     sent_at = loop.time()
                 await asyncio.sleep(TICK_S)
-            await socket.close(LOGGED_OUT)
+            await socket.close(LOGGED_OUT if now is None else EXPIRED)
+
+    def _about(self, visitor: Visitor) -> str:
+        """Return the message that tells a page whose it is, and what its role may not do."""
+        about: dict[str, Any] = {"you": visitor.number, "name": visitor.name}
+        if self.members is not None:
+            about |= {"role": str(visitor.role), "may_not": refusals(visitor.role)}
+        return json.dumps(about)
 
     async def _listen(self, socket: WebSocket, cursor: Cursor) -> None:
         """Receive a viewer's choices of a rig; close the websocket at any other message.
@@ -312,8 +368,8 @@ async def _body(request: Request) -> bytes:
         return b""
 
 
-def _login_page(problem: str, status: int = 200, wait_s: float = 0.0) -> Response:
-    page = (PAGE / "login.html").read_text()
+def _login_page(name: str, problem: str, status: int, wait_s: float) -> Response:
+    page = (PAGE / name).read_text()
     headers = {"retry-after": str(round(wait_s) + 1)} if wait_s else {}
     shown = f'<p class="problem" role="alert">{problem}</p>' if problem else ""
     return HTMLResponse(page.replace("<!-- problem -->", shown), status, headers)

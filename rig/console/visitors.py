@@ -9,10 +9,11 @@ import secrets
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from rig.accounts import Role
 from rig.stream import own_key
 
 from .logins import LONGEST_NAME, Login, LoginFile
@@ -47,11 +48,16 @@ class Visitor:
         number: number of the login, from 1 on; unlike the cookie it is shown to everybody.
         name: name as given at login.
         until: time in s on the clock of `Visitors` at which the login ends.
+        role: what the visitor may do, now; whoever has the token may do everything. It may change
+            while the login lasts, and makes no other visitor.
+        expired: whether the login has ended, so that all that is left of it is to stop.
     """
 
     number: int
     name: str
     until: float
+    role: Role = field(default=Role.ENGINEER, compare=False)
+    expired: bool = field(default=False, compare=False)
 
 
 def console_token() -> tuple[str, Path]:
@@ -112,7 +118,7 @@ class Visitors:
             raise LoginRefused(f"give a name, of {LONGEST_NAME} characters at most")
         self._count += 1
         cookie = secrets.token_urlsafe(32)
-        self._known[_digest(cookie)] = Visitor(self._count, name, self._clock() + LIFETIME_S)
+        self._known[cookie_digest(cookie)] = Visitor(self._count, name, self._clock() + LIFETIME_S)
         while len(self._known) > MOST_VISITORS:
             self._known.popitem(last=False)
         self._keep()
@@ -120,12 +126,12 @@ class Visitors:
 
     def visitor(self, cookie: str | None) -> Visitor | None:
         """Return the visitor who has this cookie; None if nobody has, or the login has ended."""
-        found = self._known.get(_digest(cookie or ""))
+        found = self._known.get(cookie_digest(cookie))
         return None if found is None or found.until < self._clock() else found
 
     def log_out(self, cookie: str | None) -> None:
         """End the login with this cookie, if there is one."""
-        if self._known.pop(_digest(cookie or ""), None) is not None:
+        if self._known.pop(cookie_digest(cookie), None) is not None:
             self._keep()
 
     def _keep(self) -> None:
@@ -153,9 +159,9 @@ class Visitors:
             self._failures.popitem(last=False)
 
 
-def _digest(cookie: str) -> str:
-    """Return SHA-256 of a cookie in hexadecimal digits."""
-    return hashlib.sha256(cookie.encode(errors="replace")).hexdigest()
+def cookie_digest(cookie: str | None) -> str:
+    """Return SHA-256 of a cookie in hexadecimal digits; that of an empty one if there is none."""
+    return hashlib.sha256((cookie or "").encode(errors="replace")).hexdigest()
 
 
 class NotInControl(Exception):  # noqa: N818 (a refusal, not a failure)

@@ -16,6 +16,7 @@ from .commands import (
     fingerprint as fingerprint,
     gate_of as gate_of,
     own_key as own_key,
+    state_folder as state_folder,
 )
 from .messages import (
     LASTING as LASTING,

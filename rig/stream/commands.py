@@ -318,6 +318,12 @@ def make_key(path: Path) -> None:
         raise KeyFileError(f"{path}: key cannot be written: {error.strerror}") from None
 
 
+def state_folder() -> Path:
+    """Return the folder of this user's secrets and state, which need not exist."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return state / "hydraulic-rig"
+
+
 def own_key(name: str) -> tuple[bytes, Path]:
     """Return a key of this user on this machine, which is made if it does not exist, and its file.
 
@@ -327,8 +333,7 @@ def own_key(name: str) -> tuple[bytes, Path]:
     Raises:
         KeyFileError: the key cannot be made or used.
     """
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    path = state / "hydraulic-rig" / name
+    path = state_folder() / name
     if not path.exists():
         make_key(path)
     return read_key(path), path

@@ -35,6 +35,10 @@ _LISTEN = "127.0.0.1:8480"
     "--runs", type=click.Path(path_type=Path, file_okay=False), default=Path("runs"),
     show_default=True, metavar="DIR", help="Folder for what is started.",
 )  # fmt: skip
+@click.option(
+    "--accounts", "accounts_path", type=_FILE, metavar="FILE",
+    help="Accounts to log in by, made by `rig accounts`; those of this user if there are any.",
+)  # fmt: skip
 @follows_streams
 def command(
     listen: str,
@@ -44,28 +48,35 @@ def command(
     campaigns: tuple[str, ...],
     rig_reference: str | None,
     runs: Path,
+    accounts_path: Path | None,
     connect: tuple[str, ...],
     profile: str,
 ) -> int:
     """Serve the operator's web page: watch rigs live, start, hold, skip, retry, stop.
 
     The page shows the live stream, and its commands are signed as those of `rig monitor --send`.
-    The token to log in with is printed, and kept in a file that only you may read. docs/console.md
-    describes the rest. Campaigns can be started only where the profile's endpoints are all on this
+    One logs in with a token, which is printed, and kept in a file that only you may read; or, once
+    `rig accounts add` has made accounts, with name and password. docs/console.md describes the
+    rest. Campaigns can be started only where the profile's endpoints are all on this
     machine and --connect is not given. Ctrl-C ends the page; campaigns go on.
     """
+    from rig.accounts import FILE_NAME, AccountFile, AccountsError
     from rig.console import AddressError, Served, address_of, console_token, offers_of, serve
-    from rig.stream import KeyFileError, StreamClient, StreamError
+    from rig.stream import KeyFileError, StreamClient, StreamError, state_folder
 
     settings = load_stream(profile)
     where = endpoints(connect)
     offers = offers_of(campaigns)
-    with ending(EXIT_BAD_INPUT, KeyFileError, StreamError, OSError, before="console: "):
+    with ending(
+        EXIT_BAD_INPUT, AccountsError, KeyFileError, StreamError, OSError, before="console: "
+    ):
         try:
             address = address_of(listen, names, certificate, key)
         except AddressError as error:
             problem = Problem("--listen", 0, 0, "console", listen, str(error), "")
             raise ConfigError([problem]) from None
+        accounts = AccountFile(accounts_path or state_folder() / FILE_NAME)
+        has_accounts = accounts_path is not None or accounts.exists()
         token, token_file = console_token()
         with StreamClient(settings, where) as client:
             may_start = settings.is_local and not where
@@ -73,10 +84,16 @@ def command(
 
             def ready(url: str) -> None:
                 click.echo(f"console: {url}")
-                click.echo(f"token:   {token}  (also in {token_file})")
+                if has_accounts:
+                    click.echo(f"accounts: {accounts.path}; log in with name and password")
+                else:
+                    click.echo(f"token:   {token}  (also in {token_file})")
 
             secrets = token_file.parent
-            serve(client, token, served, address, log=_log, ready=ready, secrets=secrets)
+            serve(
+                client, token, served, address, log=_log, ready=ready, secrets=secrets,
+                accounts=accounts if has_accounts else None,
+            )  # fmt: skip
     return 0
 
 

@@ -4,6 +4,7 @@ import { Alarm } from "./alarm.js";
 import { Chart } from "./chart.js";
 import { ask } from "./dialog.js";
 import { Link } from "./link.js";
+import { EXPIRED, limit, offerLogin } from "./people.js";
 import { rigState } from "./rig_state.js";
 import * as views from "./views.js";
 import { clock, element, lasted } from "./words.js";
@@ -106,7 +107,7 @@ function render() {
   for (const name of dirty) {
     if (views[name] && (name in sections || name in common)) views[name](link);
   }
-  if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks"].some((name) => dirty.has(name))) actions();
+  if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks", "role"].some((name) => dirty.has(name))) actions();
   if (sections.life?.life !== render.life) {
     render.life = sections.life?.life;
     views.campaign(link);
@@ -136,7 +137,8 @@ function alive() {
   const lost = !link.open || silent > SILENT_MS;
   const pill = by("life");
   let [text, how] = ["no rig yet", "off"];
-  if (lost) [text, how] = ["no console", "bad"];
+  if (link.expired) [text, how] = ["login expired", "off"];
+  else if (lost) [text, how] = ["no console", "bad"];
   else if (life?.life === "live") [text, how] = [`live, ${life.rate_hz} samples/s`, "good"];
   else if (life?.life === "dead") [text, how] = [`dead for ${lasted(life.age_s)}`, "bad"];
   else if (life?.life === "ended") [text, how] = [`${link.sections.campaign?.activity ? "" : "campaign "}ended, ${lasted(life.age_s)} ago`, "off"];
@@ -149,7 +151,8 @@ function alive() {
 }
 
 function stands(lost, silent) {
-  const [tone, word, why] = rigState(link, lost, silent);
+  const [tone, word, why] = link.expired ? EXPIRED : rigState(link, lost, silent);
+  if (link.expired) offerLogin();
   alarm.take(tone, word, link.rig);
   const key = JSON.stringify([tone, word, why]);
   if (stands.shown === key) return;
@@ -212,6 +215,7 @@ function actions() {
   const goesOn = isLive && !campaign.activity && life.state !== "tripped" && !interlocks?.first_out?.length;
   may.hold = goesOn && !campaign.pausing;
   may.resume = goesOn && campaign.pausing;
+  may.set = isLive && Boolean(present());
   may.skip = goesOn && skippable().length > 0;
   may.retry = goesOn && repeatable().length > 0;
   for (const button of document.querySelectorAll("[data-do]")) {
@@ -223,6 +227,7 @@ function actions() {
   by("stop").setAttribute("aria-label", `Stop ${link.rig || "the rig"}: end the campaign now`);
   by("stop-rig").textContent = (link.common.rigs?.length ?? 0) > 1 ? link.rig : "";
   by("progress-meter").hidden = !progress?.duration_s;
+  limit(link, isMine());
 }
 
 function toast(text, how = "") {
@@ -240,7 +245,7 @@ async function order(name, told) {
 
 async function stop() {
   // Whatever the page shows by the time of the answer: this is what the hand meant.
-  const { rig } = link;
+  const rig = link.rig || (link.expired ? link.chosen : "");
   const on = rig ? `${rig}: ` : "";
   const button = by("stop");
   button.classList.add("pressed");
@@ -322,6 +327,9 @@ const DIALOGS = {
   acknowledge: () => ({ title: "Acknowledge", confirm: "Acknowledge", remark: "What was seen (recorded)",
     text: "What failed, tripped, was interrupted or held was seen by you; the record names you." }),
   note: () => ({ title: "Note", confirm: "Keep", remark: "Goes into journal, recording and report", needed: true }),
+  set: () => ({ title: "Set the control of the test that runs", confirm: "Set", needed: true,
+    remark: "Settings (recorded), such as gain=80V/m, integral_time=0.5s",
+    text: "They hold from now to the end of this test, without a bump. What the model calls unstable is refused." }),
   abort: () => ({ title: "Abort the campaign", confirm: "Abort", danger: true, remark: "Remark (recorded)",
     text: "The motion comes to rest, the rig is made safe, the campaign ends. It can be gone on with later. The Stop button does the same without a question." }),
 };
@@ -334,6 +342,7 @@ for (const button of document.querySelectorAll("[data-do]")) {
     if (!told) return;
     const goesOn = button.dataset.do === "start" && told.name.startsWith(GO_ON);
     const chosen = goesOn ? told.name.slice(GO_ON.length) : ended ? ended.folder : told.name;
+    if (button.dataset.do === "set") { await order("set", { name: shownRun() ?? "", text: told.text }); return; }
     const name = ended || ["start", "reset", "skip", "retry"].includes(button.dataset.do) ? { name: chosen } : {};
     const kind = goesOn ? "go on" : ORDERS[button.dataset.do] ?? button.dataset.do;
     await order(kind, { ...name, ...(told.text ? { text: told.text } : {}) });

@@ -2,6 +2,7 @@
 
 const RETRY_MS = [300, 700, 1500, 3000];
 const LOGGED_OUT = 4401;
+const EXPIRED = 4402;
 const POINTS = 1000;
 const ORDER_MS = 9000;
 
@@ -14,6 +15,11 @@ export class Link {
     this.rig = "";
     this.chosen = sessionStorage.getItem("rig") ?? "";
     this.you = null;
+    // Of accounts only: the name, the role, and by order why the role may not give it.
+    this.name = "";
+    this.role = null;
+    this.mayNot = {};
+    this.expired = false;
     this.heardAt = 0;
     this.open = false;
     this.tries = 0;
@@ -36,6 +42,8 @@ export class Link {
     this.socket.onclose = (event) => {
       this.open = false;
       if (event.code === LOGGED_OUT) { location.assign("/login"); return; }
+      // A login that has expired can still stop: the page stays.
+      if (event.code === EXPIRED) { this.expired = true; this.changed(["link"]); return; }
       setTimeout(() => this.connect(), RETRY_MS[Math.min(this.tries++, RETRY_MS.length - 1)]);
       this.changed(["link"]);
     };
@@ -55,6 +63,10 @@ export class Link {
     this.heardAt = performance.now();
     const changed = ["link"];
     if (message.you !== undefined) this.you = message.you;
+    if (message.role !== undefined) {
+      [this.name, this.role, this.mayNot] = [message.name, message.role, message.may_not];
+      changed.push("role");
+    }
     if (message.rig !== undefined && message.rig !== this.rig) {
       this.rig = message.rig;
       this.sections = {};
@@ -92,8 +104,9 @@ export class Link {
         body: JSON.stringify({ order, rig: this.rig, ...told }),
         signal: ending.signal,
       });
-      if (response.status === 401) location.assign("/login");
-      return { ...(await response.json()), answered: true };
+      const answer = await response.json();
+      if (response.status === 401 && !answer.expired) location.assign("/login");
+      return { ...answer, answered: true };
     } catch {
       return { accepted: false, reason: "the console does not answer", answered: false };
     } finally {
