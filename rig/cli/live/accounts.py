@@ -69,7 +69,8 @@ def list_accounts(as_json: bool, path: Path | None) -> int:
     for each in accounts:
         click.echo(f"{each.role!s:9} {each.name}")
     if not accounts:
-        click.echo(f"{file.path}: no accounts; consoles ask for the token")
+        then = "is refused" if file.exists() else "asks for its token"
+        click.echo(f"{file.path}: no accounts; a console that is started {then}")
     return 0
 
 

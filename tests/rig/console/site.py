@@ -15,6 +15,7 @@ from urllib.parse import urlencode
 
 from websockets.sync.client import ClientConnection, connect
 
+from rig.accounts import AccountFile, Passwords
 from rig.console.address import address_of, with_port
 from rig.console.launcher import Served
 from rig.console.running import listener_of, server_of
@@ -23,6 +24,9 @@ from rig.console.server import Console
 from .fakes import RUNNING, FakeClient, until
 
 TOKEN = "cd" * 32
+CHEAP = Passwords(memory_kib=8, passes=1)
+"""Passwords that are hashed quickly, for tests whose claim is not the cost."""
+NOTHING_SERVED = Served()
 Headers = dict[str, str]
 
 
@@ -91,6 +95,10 @@ class Site:
         form = urlencode({"name": name, "token": token})
         return self.ask("POST", "/login", form, headers)
 
+    def member(self, name: str, password: str, **headers: str) -> Reply:
+        """Log in by an account."""
+        return self.ask("POST", "/login", urlencode({"name": name, "password": password}), headers)
+
     def cookie(self, name: str = "Anna") -> Headers:
         """Log in, and return the Cookie header of the visitor's further requests."""
         return {"Cookie": self.log_in(name).headers["set-cookie"].partition(";")[0]}
@@ -112,11 +120,15 @@ class Site:
 
 @contextmanager
 def site_served(
-    leaving: ExitStack, certificate: Path | None = None, key: Path | None = None
+    leaving: ExitStack,
+    certificate: Path | None = None,
+    key: Path | None = None,
+    accounts: AccountFile | None = None,
+    served: Served = NOTHING_SERVED,
 ) -> Iterator[Site]:
     """Serve a console of one rig on which a campaign runs, and yield it.
 
-    With `certificate` and `key` it is served over TLS. The server takes a fifth of a second to end;
+    With `certificate` and `key` it is served over TLS, with `accounts` by these. The server takes a fifth of a second to end;
     `leaving` waits for that later.
     """
     anywhere = address_of("127.0.0.1:0", (), certificate, key)
@@ -124,7 +136,9 @@ def site_served(
     address = with_port(anywhere, listener.getsockname()[1])
     client = FakeClient(RUNNING)
     log: list[str] = []
-    console = Console(client, TOKEN, address, Served(), log.append)
+    console = Console(
+        client, TOKEN, address, served, log.append, accounts=accounts, passwords=CHEAP
+    )
     server = server_of(console)
     serving = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listener])))
     serving.start()
