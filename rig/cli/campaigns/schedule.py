@@ -12,7 +12,9 @@ from typing import Any
 
 import click
 
+from rig.cli.option_types import text
 from rig.configuration import ConfigError, Entry, Rig, Schedule, load_campaign, load_schedule
+from rig.control_socket import own_name
 from rig.io import in_use
 from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
@@ -31,6 +33,10 @@ _POLL_S = 0.5
 _SHOWN = 20
 
 _path = click.argument("schedule", type=click.Path(path_type=Path), metavar="SCHEDULE.yaml")
+_by = click.option(
+    "--by", default="", type=text, metavar="NAME",
+    help="Who asks, for the schedule's journal; your user's name if not given.",
+)  # fmt: skip
 
 
 @click.group()
@@ -73,25 +79,28 @@ def run(schedule: Path, until_idle: bool) -> int:
 @click.argument("campaign")
 @click.option("--rig", metavar="RIG", help="Run on this rig, not the campaign's.")
 @click.option("--name", help="Name of the entry; the campaign's if not given.")
-def add(schedule: Path, campaign: str, rig: str | None, name: str | None) -> int:
+@_by
+def add(schedule: Path, campaign: str, rig: str | None, name: str | None, by: str) -> int:
     """Have CAMPAIGN run once, as soon as the schedule comes to it."""
     loaded = load_schedule(schedule)
     checked, _ = load_campaign(campaign, rig)
     on_rig = None if rig is None else _absolute(rig)
-    _ask(loaded, name=name or checked.name, campaign=_absolute(campaign), rig=on_rig)
+    entry = name or checked.name
+    _ask(loaded, by, name=entry, campaign=_absolute(campaign), rig=on_rig)
     click.echo(f"{checked.name}: waits in {loaded.folder}")
     return 0
 
 
 @command.command()
 @_path
-def resume(schedule: Path) -> int:
+@_by
+def resume(schedule: Path, by: str) -> int:
     """Go on with a schedule that halted as a run tripped or was stopped; look at the rig first."""
     loaded = load_schedule(schedule)
     state = _state(loaded)
     if not state.halted:
         raise RunError(f"{schedule}: is not halted")
-    _ask(loaded, resume=True)
+    _ask(loaded, by, resume=True)
     click.echo(f"goes on; it was halted as {state.halted}")
     return 0
 
@@ -195,9 +204,9 @@ def _state(schedule: Schedule) -> ScheduleState:
     return state_of(read_journal(path)) if path.exists() else ScheduleState()
 
 
-def _ask(schedule: Schedule, **asked: Any) -> None:
+def _ask(schedule: Schedule, by: str, **asked: Any) -> None:
     try:
-        add_request(schedule.folder, **asked)
+        add_request(schedule.folder, by=by or own_name(), **asked)
     except OSError as error:
         raise RunError(f"{schedule.folder}: cannot be written: {error.strerror}") from None
 

@@ -23,7 +23,8 @@ def add(folder: Path, **asked: Any) -> str:
 
     Args:
         folder: the schedule's folder; it is made if it is missing.
-        asked: the request by its keys: `campaign` with or without `rig` and `name`, or `resume`.
+        asked: the request by its keys: `campaign` with or without `rig` and `name`, or `resume`;
+            and `by`, who makes it, for the schedule's journal.
 
     Raises:
         OSError: the request cannot be written.

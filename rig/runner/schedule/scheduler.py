@@ -4,7 +4,7 @@ Its state follows from its journal: jobs that wait, runs that ended, and a halt.
 on where the schedule was.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timedelta
 from typing import Any, Final, NamedTuple, Protocol
@@ -17,6 +17,8 @@ from .additions import asked_of
 
 POLL_S: Final = 5.0
 """Longest time between two looks for requests while nothing runs, s."""
+LONGEST_AUTHOR: Final = 64
+"""Most characters of the name of who made a request, as of a person in a command."""
 MOST_RESUMES: Final = 3
 """How often a run is resumed at most after its process was killed."""
 JOURNAL: Final = "schedule.jsonl"
@@ -155,6 +157,12 @@ def details_of(job: Job) -> dict[str, Any]:
     details = asdict(job) | {"due": job.due.isoformat(), "not_before": later}
     del details["folder"], details["resumes"]
     return details
+
+
+def _author_of(request: Mapping[str, Any]) -> dict[str, str]:
+    """Return who made a request, as the detail `by` of a journal's entry; {} if it does not say."""
+    by = " ".join(str(request.get("by") or "").split())[:LONGEST_AUTHOR]
+    return {"by": by} if by else {}
 
 
 def _job(details: Any) -> Job:
@@ -330,14 +338,14 @@ class Scheduler:
             if request["id"] in self.state.taken:
                 continue
             if request.get("resume"):
-                self._keep("resumed", id=request["id"])
+                self._keep("resumed", id=request["id"], **_author_of(request))
                 self._hands.say("resumed")
                 continue
             campaign = str(request.get("campaign", ""))
             rig = request.get("rig")
             name = str(request.get("name") or file_stem(campaign))
             job = Job(request["id"], name, campaign, None if rig is None else str(rig), now)
-            self._keep("added", **details_of(job))
+            self._keep("added", **details_of(job), **_author_of(request))
 
     def _next(self) -> Job | None:
         """Return the job to run now; None if there is none, or while the schedule is halted.

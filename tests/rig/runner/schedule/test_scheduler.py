@@ -11,7 +11,7 @@ import pytest
 from hypothesis import Phase, given, settings, strategies as st
 
 from rig.configuration.campaigns.schedule import MOST_TIMES, Entry, Missed, Schedule
-from rig.runner.run_folder.journal import Journal, JournalError
+from rig.runner.run_folder.journal import Journal, JournalError, read_journal
 from rig.runner.schedule.additions import ADDITIONS, add
 from rig.runner.schedule.scheduler import JOURNAL, MOST_RESUMES, Job, Scheduler, ScheduleState
 
@@ -284,6 +284,18 @@ def test_a_trip_halts_the_schedule_until_somebody_has_looked(schedule: Schedule)
     state = night(schedule, hands, hands.at + timedelta(hours=1))
     assert not state.halted
     assert [name for _, name in hands.ran[1:4]] == ["leaks", "friction", "hourly"]
+
+
+def test_the_journal_names_who_added_a_run_and_who_went_on(schedule: Schedule) -> None:
+    hands = FakeHands()
+    hands.codes = {"hourly": [3]}
+    add(schedule.folder, campaign="loaded_7_2", name="extra", by=" Bo\n")
+    night(schedule, hands)
+    add(schedule.folder, resume=True, by="Eva")
+    night(schedule, hands, hands.at + timedelta(hours=1))
+    entries = read_journal(schedule.folder / JOURNAL)
+    named = {entry.kind: entry["by"] for entry in entries if entry.kind in ("added", "resumed")}
+    assert named == {"added": "Bo", "resumed": "Eva"}
 
 
 def test_a_schedule_may_go_on_after_a_trip(schedule: Schedule) -> None:
