@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from websockets.sync.client import ClientConnection
 
 from rig.accounts import AccountFile, Role
 from rig.cli.live_stream import obeyed_by
-from rig.console.launcher import Launcher, Served
+from rig.console.launcher import Launcher, Offer, Served
 from rig.console.orders import ORDERS, Order, Orders
 from rig.console.visitors import ControlHolder, Visitor
 from rig.runner.campaign import Desk, StopFlag
@@ -22,7 +23,7 @@ from rig.stream.client import Answer
 from rig.stream.commands import Credentials, Gate, Sender
 from rig.stream.settings import COMMANDS
 
-from .fakes import RUNNING, FakeClient, until
+from .fakes import RUNNING, FakeClient, start_by, until
 from .site import CHEAP, TOKEN, Headers, Site, site_served
 
 PASSWORD = "four words that differ"
@@ -160,6 +161,15 @@ def test_a_forged_cookie_is_nobody(site: Site, forged: str) -> None:
 # -- the journal names who did it ------------------------------------------------------------------
 
 
+def a_control(taken: list[str]) -> Any:
+    """Return the control of a running test that takes every change, and keeps who asked for it."""
+
+    def asked(who: str, text: str) -> tuple[str, str]:
+        return f"{who}: {text}", "it is set"
+
+    return SimpleNamespace(asked=asked, add=taken.append)
+
+
 class JournalledClient(FakeClient):
     """A client whose commands are signed, checked, and obeyed by a desk that keeps a journal."""
 
@@ -195,7 +205,7 @@ def test_the_journal_names_who_held_resumed_skipped_noted_acknowledged_and_stopp
     launcher = Launcher(Served((), tmp_path, "loopback"), lambda text: None)
     with Journal(folder) as journal:
         desk.open(["first", "second"], {}, journal.write, StopFlag())
-        desk.begins(0)
+        desk.begins(0, a_control([]))
         orders = Orders(JournalledClient(desk), control, launcher)
         given = ("hold", "resume", "retry", "skip", "note", "acknowledge", "stop", "abort")
         for number, order in enumerate(given):
@@ -211,23 +221,64 @@ def test_the_journal_names_who_held_resumed_skipped_noted_acknowledged_and_stopp
     ]
 
 
-def test_control_is_set_by_an_engineer_in_a_run_of_this_console_and_reasons_are_told(
+def test_control_is_set_in_a_run_of_this_console_and_its_journal_names_who_did_it(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     eng, desk, control = Visitor(1, "Eng", 9e9), Desk(), ControlHolder(lambda text: None)
-    orders = Orders(
-        FakeClient(RUNNING), control, Launcher(Served((), tmp_path, "loopback"), lambda text: None)
-    )
+    launcher = Launcher(Served((), tmp_path, "loopback"), lambda text: None)
+    orders = Orders(FakeClient(RUNNING), control, launcher)
     control.take(eng)
+    taken: list[str] = []
     with Journal(folder) as journal, ControlPort(folder, desk, lambda why: None):
         desk.open(["first"], {}, journal.write, StopFlag())
-        answer = orders.carry_out(Order("set", name="out", text="gain=80V/m"), eng)
-        assert not answer.accepted
-        assert "no test" in answer.reason
+        early = orders.carry_out(Order("set", name="out", text="gain=80V/m"), eng)
+        assert not early.accepted
+        desk.begins(0, a_control(taken))
+        assert orders.carry_out(Order("set", name="out", text="gain=80V/m"), eng).accepted
         for name in ("", "..", "../out", str(folder), "other"):
             refused = orders.carry_out(Order("set", name=name, text="gain=80V/m"), eng)
             assert "this console's folder" in refused.reason
     gone = orders.carry_out(Order("set", name="out", text="gain=80V/m"), eng)
     assert "no campaign is running" in gone.reason
+    assert taken == ["Eng: gain=80V/m"]
+    (entry,) = read_journal(folder / JOURNAL)
+    assert (entry["request"], entry["person"], entry["text"]) == ("set", "Eng", "gain=80V/m")
+
+
+def test_an_end_that_is_acknowledged_has_its_account_s_name_in_the_journal(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    with Journal(folder) as journal:
+        journal.write("begin", campaign="leaks", tests=["first"])
+        journal.write("end", exit_code=3, reason="a trip")
+    bo, control = Visitor(1, "Bo", 9e9, Role.OPERATOR), ControlHolder(lambda text: None)
+    launcher = Launcher(Served((), tmp_path, "loopback"), lambda text: None)
+    control.take(bo)
+    orders = Orders(FakeClient(RUNNING), control, launcher)
+    answer = orders.carry_out(Order("acknowledge", name="out", text="it was me"), bo)
+    assert answer.accepted, answer.reason
+    entry = read_journal(folder / JOURNAL)[-1]
+    assert (entry["request"], entry["person"]) == ("acknowledge", "Bo")
+
+
+@pytest.mark.parametrize("order", ["start", "go on"])
+def test_whoever_starts_a_run_or_goes_on_with_it_is_named_to_it(
+    tmp_path: Path, order: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "out").mkdir()
+    with Journal(tmp_path / "out") as journal:
+        journal.write("begin", campaign="leaks", tests=["first"])
+    commands: list[list[str]] = []
+    start_by(monkeypatch, lambda command, **_: commands.append(command))
+    offers = (Offer("leaks", "leaks", "", "other", 1),)
+    launcher = Launcher(Served(offers, tmp_path, "loopback"), lambda text: None)
+    client, control = FakeClient(RUNNING), ControlHolder(lambda text: None)
+    client.become("bench", alive=False)
+    bo = Visitor(1, "-Bo", 9e9, Role.OPERATOR)
+    control.take(bo)
+    name = "leaks" if order == "start" else "out"
+    assert Orders(client, control, launcher).carry_out(Order(order, name=name), bo).accepted
+    # How the run keeps `--by` in its journal is proven where that is done.
+    assert "--by=-Bo" in commands[0]

@@ -24,9 +24,7 @@ def told(
     capsys: pytest.CaptureFixture[str], *arguments: str, password: str = PASSWORD
 ) -> tuple[object, str]:
     with pytest.MonkeyPatch.context() as patch:
-        stdin = SimpleNamespace(
-            buffer=io.BytesIO(password.encode() + b"\n"), isatty=lambda: False
-        )
+        stdin = SimpleNamespace(buffer=io.BytesIO(password.encode() + b"\n"), isatty=lambda: False)
         patch.setattr(sys, "stdin", stdin)
         with pytest.raises(SystemExit) as end:
             main(["accounts", *arguments])
