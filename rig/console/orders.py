@@ -151,7 +151,7 @@ class Orders:
         """
         if self._one_at_a_time.acquire(blocking=False):
             try:
-                self._control.release(visitor)
+                self._control.release(visitor, "has control no longer: the login may not act")
             finally:
                 self._one_at_a_time.release()
 

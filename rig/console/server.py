@@ -250,7 +250,8 @@ class Console:
             refusal = {"accepted": False, "reason": str(error), "expired": visitor.expired}
             return JSONResponse(refusal, 401 if visitor.expired else 403)
         rig = order.rig if order.order == STOP else ""
-        about = " ".join(part for part in (order.order, rig, order.name) if part)
+        what = order.text if order.order == "set" else ""
+        about = " ".join(part for part in (order.order, rig, order.name, what) if part)
         refused = "" if answer.accepted else f" refused, {answer.reason}"
         tell = self.say if order.order == STOP else self.log
         tell(f"{visitor.name}: {about}{refused}")

@@ -208,12 +208,12 @@ class ControlHolder:
         taken = f" over from {before.name}" if before is not None else ""
         self.say(f"{visitor.name} takes{taken or ' control'}")
 
-    def release(self, visitor: Visitor) -> None:
-        """Release control if this visitor has it; otherwise do nothing."""
+    def release(self, visitor: Visitor, why: str = "gives control up") -> None:
+        """Release control if this visitor has it, and say why; otherwise do nothing."""
         if self.holder == visitor:
             self.holder = None
             self.since_ns = self.clock_ns()
-            self.say(f"{visitor.name} gives control up")
+            self.say(f"{visitor.name} {why}")
 
     def require(self, visitor: Visitor) -> None:
         """Raise unless this visitor has control.

@@ -15,7 +15,7 @@ export function limit(link, isMine) {
     if (name === "set") button.hidden = link.role !== "engineer";
   }
   forbid(by("holder-button"), isMine ? "" : link.mayNot.take, true);
-  if (link.mayNot.take) by("actions-why").textContent = `As ${link.role} you see and may stop; to act, another role is needed.`;
+  if (link.mayNot.take) by("actions-why").textContent = "You see everything and may stop. Whoever acts needs the role operator.";
 }
 
 function forbid(button, why, enables = false) {
