@@ -26,10 +26,11 @@ function forbid(button, why, enables = false) {
 
 // What stands at the head of a page whose login has ended: it can still stop, and says so.
 export const EXPIRED = ["warn", "Your login has expired",
-  "Nothing of the rig is shown any more. Stop (F9) still works here. Log in again to see and to act."];
+  "The page shows nothing new any more. Stop (F9) still works here. Log in again to see and to act."];
 
-// The way to the login, offered once.
+// The way to the login; nothing else is offered but stop.
 export function offerLogin() {
+  for (const button of document.querySelectorAll("[data-do], #holder-button")) button.disabled = true;
   const button = by("log-in");
   button.hidden = false;
   button.onclick = () => location.assign("/login");

@@ -128,8 +128,8 @@ def site_served(
 ) -> Iterator[Site]:
     """Serve a console of one rig on which a campaign runs, and yield it.
 
-    With `certificate` and `key` it is served over TLS, with `accounts` by these. The server takes a fifth of a second to end;
-    `leaving` waits for that later.
+    With `certificate` and `key` it is served over TLS, and with `accounts` one logs in by these.
+    The server takes a fifth of a second to end; `leaving` waits for that later.
     """
     anywhere = address_of("127.0.0.1:0", (), certificate, key)
     listener = listener_of(anywhere)

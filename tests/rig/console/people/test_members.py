@@ -14,8 +14,8 @@ from rig.console.logins import account_logins
 from rig.console.members import IDLE_S, MOST_WAITING, STOPPING_S, WRONG, Members
 from rig.console.visitors import LIFETIME_S, MOST_VISITORS, LoginRefused
 
-from .site import CHEAP
-from .test_visitors import Clock
+from ..site import CHEAP
+from ..test_visitors import Clock
 
 PASSWORD = "four words that differ"
 HASH = CHEAP.hash(PASSWORD)
@@ -77,6 +77,18 @@ def can_only_stop(members: Members, cookie: str) -> bool:
     return visitor is not None and visitor.expired
 
 
+def nothing_fits(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Have every password be wrong; return the list that takes each hash it is compared with."""
+    compared: list[str] = []
+
+    def fits(hashed: str, _: str) -> bool:
+        compared.append(hashed)
+        return False
+
+    monkeypatch.setattr(CHEAP, "fits", fits)
+    return compared
+
+
 def test_name_and_password_let_in_and_the_cookie_tells_who_it_is(members: Members) -> None:
     visitor = members.visitor(log_in(members, " bO "))
     assert visitor is not None
@@ -96,8 +108,7 @@ def test_a_wrong_name_is_told_from_a_wrong_password_by_nothing(
 def test_a_name_without_account_costs_one_comparison_as_well(
     members: Members, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    compared: list[str] = []
-    monkeypatch.setattr(CHEAP, "fits", lambda hashed, _: bool(compared.append(hashed)))
+    compared = nothing_fits(monkeypatch)
     for name in ("Bo", "Eva"):
         fail(members, name=name)
     assert compared == [HASH, CHEAP.decoy]
@@ -119,8 +130,7 @@ def test_who_guesses_waits_and_keeps_nobody_else_out(members: Members, clock: Cl
 def test_two_hundred_guesses_at_once_cost_no_more_than_those_of_a_minute(
     members: Members, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    compared: list[str] = []
-    monkeypatch.setattr(CHEAP, "fits", lambda hashed, _: bool(compared.append(hashed)))
+    compared = nothing_fits(monkeypatch)
 
     async def storm() -> list[str]:
         tries = (members.log_in("Bo", "wrong", "a", None) for _ in range(200))

@@ -8,9 +8,9 @@ from playwright.sync_api import Browser, expect
 
 from rig.accounts import AccountFile, Role
 
-from .conftest import WAIT_MS
-from .fakes import until
-from .site import CHEAP, site_served
+from ..conftest import WAIT_MS
+from ..fakes import until
+from ..site import CHEAP, site_served
 
 expect.set_options(timeout=WAIT_MS)
 PASSWORD = "four words that differ"
@@ -51,9 +51,11 @@ def test_a_viewer_sees_and_stops_an_operator_acts_and_who_has_expired_still_stop
         clock = members._clock
         monkeypatch.setattr(members, "_clock", lambda: clock() + 3 * 3600.0)
         expect(page.locator("#rig-state-word")).to_have_text("Your login has expired")
+        expect(hold).to_be_disabled()
         assert page.evaluate("rigConsole.order('hold')")["expired"]
         page.reload()
         expect(page.locator("#rig-state-word")).to_have_text("Your login has expired")
+        expect(page.locator("#log-in")).to_be_visible()
         page.keyboard.press("F9")
         expect(page.locator("#banners")).to_contain_text("Stop obeyed")
         until(lambda: site.client.persons == ["Vera"], "the stop")

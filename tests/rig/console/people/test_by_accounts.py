@@ -23,8 +23,8 @@ from rig.stream.client import Answer
 from rig.stream.commands import Credentials, Gate, Sender
 from rig.stream.settings import COMMANDS
 
-from .fakes import RUNNING, FakeClient, start_by, until
-from .site import CHEAP, TOKEN, Headers, Site, site_served
+from ..fakes import RUNNING, FakeClient, start_by, until
+from ..site import CHEAP, TOKEN, Headers, Site, site_served
 
 PASSWORD = "four words that differ"
 HASH = CHEAP.hash(PASSWORD)
