@@ -34,6 +34,7 @@ from .sessions import (
 )
 from .settings import (
     COMMANDS as COMMANDS,
+    JOGGING as JOGGING,
     Access as Access,
     CommandName as CommandName,
     Endpoint as Endpoint,
