@@ -98,6 +98,8 @@ class Live:
         ahead = AHEAD_TICKS if planner.generator is None else FAR_AHEAD_TICKS
         if planner.place < here + LEAST_AHEAD_TICKS:
             broken = planner.caught_up(here + AHEAD_TICKS)
+            # Otherwise a supervisor whose turns are all as late would never get on.
+            ahead += AHEAD_TICKS
         position, speed = planner.position_m, planner.speed
         plan = planner.extend(here + ahead)
         if plan.first + plan.values.size > SEGMENT_TICKS:

@@ -32,7 +32,8 @@ REMOTE_S: Final = 3.0
 """Time in s without a sign of life after which a page that moved the ram last counts as lost."""
 ANSWER_S: Final = 1.0
 """Time in s within which a command must be looked at."""
-_AGAIN_S: Final = 0.2
+SETTLING_TICKS: Final = 200
+"""Number of ticks after which a ram is at the setpoint that rests, but for a fine creep."""
 _HOMED: Final = (State.ARMED, State.RUNNING, State.HOLDING)
 
 
@@ -115,7 +116,8 @@ class Manual:
     @property
     def rests(self) -> bool:
         """Whether the ram rests, and nothing moves it."""
-        return self._live is None or self._live.planner.rests
+        is_moving = self._live is not None and not self._live.planner.rests
+        return not is_moving and self._rig.state is not State.RUNNING
 
     def run(self, until: Callable[[], bool]) -> None:
         """Obey commands until `until` returns True, or one asks for the end.
@@ -357,8 +359,8 @@ class Manual:
         if live.turn():
             self._say("generator: broken off, as this computer was too busy; the ram comes to rest")
         if live.planner.rests and rig.state is State.RUNNING:
-            # The last stretch is laid out, and the loop has still to follow it.
-            if live.place < live.planner.place:
+            # The last stretch is laid out, and the ram has still to follow it.
+            if live.place < live.planner.place + SETTLING_TICKS:
                 return
             rig.handle(Event.DONE)
             self._holds = False
