@@ -30,9 +30,7 @@ _BY_ITSELF: Final = ("by", "to", "generator", "bypass")
 _KEYS: Final = "hold a key to move, q or Enter to leave"
 
 
-@click.command(
-    context_settings={"ignore_unknown_options": True}, epilog="\b\nCommands:\n" + HELP
-)
+@click.command(context_settings={"ignore_unknown_options": True}, epilog="\b\nCommands:\n" + HELP)
 @click.argument("reference", metavar="RIG")
 @click.argument("words", metavar="[COMMAND]...", nargs=-1)
 @click.option("--speed", help="Speed of the command `by` or `to`, such as 20mm/s.")

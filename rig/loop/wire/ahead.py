@@ -56,7 +56,9 @@ class SetAhead:
     ends: bool
 
 
-def set_ahead(order: SetAhead, setpoint: Array, feedforward: Array, words: NDArray[np.int64]) -> bool:
+def set_ahead(
+    order: SetAhead, setpoint: Array, feedforward: Array, words: NDArray[np.int64]
+) -> bool:
     """Replace setpoints as an order says, the nearest first; return whether that was in time.
 
     Args:
@@ -67,7 +69,7 @@ def set_ahead(order: SetAhead, setpoint: Array, feedforward: Array, words: NDArr
     """
     first, end = order.first, order.first + order.values.size
     runs = words[Word.SEGMENT] == order.segment == words[Word.SWITCH]
-    fits = 0 <= first and order.values.size and end <= setpoint.size == feedforward.size
+    fits = first >= 0 and order.values.size and end <= setpoint.size == feedforward.size
     if not runs or not fits or first < words[Word.TICK] + LEAST_AHEAD_TICKS:
         return False
     setpoint[first:end] = order.values

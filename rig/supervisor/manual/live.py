@@ -113,7 +113,7 @@ class Live:
         return broken
 
     def _feedforward(self, plan: Plan, position_m: float, speed: float) -> Array:
-        """Return the feedforward in V for each setpoint of a plan, which begins after a position."""
+        """Return the feedforward in V of a plan; position and speed are those before it."""
         before = [position_m - speed * TICK, position_m]
         whole = np.concatenate((before, plan.values, np.full(_LEAD_TICKS, plan.values[-1])))
         limit = self._rig.configured.limits.command_V

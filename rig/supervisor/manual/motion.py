@@ -162,7 +162,7 @@ class Planner:
             return self.position_m
         left = going.target_m - self.position_m
         step = self._stop * TICK
-        # The greatest speed from which the ram still comes to rest in whole ticks before the target.
+        # The greatest speed from which the ram still comes to rest at the target, in whole ticks.
         most = step * (sqrt(0.25 + 2.0 * abs(left) / (step * TICK)) - 0.5)
         self._slow(float(np.copysign(min(going.speed, most), left)))
         if abs(going.target_m - self.position_m) < _STEP_M + 0.5 * step * TICK:

@@ -3,7 +3,7 @@
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -306,7 +306,7 @@ class Manual:
         output = f"{kind}_needle" if asked.ball is None else f"{kind}_ball"
         if rig.off({output: 2.0}) != [output]:
             raise ManualError(f"bypass: {kind} has no ball valve; give an opening, such as 30%")
-        rig.write({output: float(asked.ball) if asked.value is None else asked.value})
+        rig.write({output: float(bool(asked.ball)) if asked.value is None else asked.value})
         self._bypass, self._shown_at = kind, time.monotonic() + 3.0
 
     def _show(self, _: Asked) -> None:
@@ -314,8 +314,9 @@ class Manual:
         position, setpoint = rig.latest("position_m"), rig.latest("setpoint_m")
         homed = "" if rig.state in _HOMED else ", not homed"
         doing = "" if self.rests else f", {self._moving}"
-        self._say(f"{rig.state.value}{homed}{doing}: ram {1e3 * position:.2f} mm, setpoint "
-                  f"{1e3 * setpoint:.2f} mm, command {rig.latest('device_command_V'):.3f} V")  # fmt: skip
+        places = f"ram {1e3 * position:.2f} mm, setpoint {1e3 * setpoint:.2f} mm"
+        volts = rig.latest("device_command_V")
+        self._say(f"{rig.state.value}{homed}{doing}: {places}, command {volts:.3f} V")
         loaded = {1.0: "loaded", 0.0: "unloaded"}.get(rig.slow("pump_loaded"), "not known")
         self._say(f"pump {loaded}, {1e-6 * rig.slow('pump_pressure_Pa'):.2f} MPa")
         for kind in rig.configured.injectable:
@@ -364,7 +365,9 @@ class Manual:
                 return
             rig.handle(Event.DONE)
             self._holds = False
-            self._say(f"{self._moving}: done, the ram is at {1e3 * rig.latest('position_m'):.2f} mm")
+            self._say(
+                f"{self._moving}: done, the ram is at {1e3 * rig.latest('position_m'):.2f} mm"
+            )
 
     def _wear(self, live: Live) -> None:
         """Bring a motion to rest whose segment is nearly at its end."""
@@ -389,9 +392,8 @@ class Manual:
         self._say(f"{self._moving or 'the ram'}: held: {sentence}; {remedy}")
 
 
-def _changed(wave: Wave, numbers: "dict[str, float] | object") -> Wave:
+def _changed(wave: Wave, numbers: Mapping[str, float]) -> Wave:
     """Return a wave with other quantities, by the words of the commands."""
-    assert isinstance(numbers, dict)
     frequency = numbers.get("frequency", wave.frequency_hz)
     upto = wave.to_hz if wave.shape == "chirp" else frequency
     return replace(
@@ -405,13 +407,13 @@ def _changed(wave: Wave, numbers: "dict[str, float] | object") -> Wave:
 
 
 _QUICK: Final[dict[str, Callable[[Manual, Asked], None]]] = {
-    "by": Manual._go,  # noqa: SLF001 (of this class)
-    "to": Manual._go,  # noqa: SLF001
-    "hold": Manual._hold,  # noqa: SLF001
-    "stop": Manual._stop,  # noqa: SLF001
-    "generator": Manual._generate,  # noqa: SLF001
-    "bypass": Manual._set_bypass,  # noqa: SLF001
-    "show": Manual._show,  # noqa: SLF001
-    "help": Manual._help,  # noqa: SLF001
-    "end": Manual._end,  # noqa: SLF001
+    "by": Manual._go,
+    "to": Manual._go,
+    "hold": Manual._hold,
+    "stop": Manual._stop,
+    "generator": Manual._generate,
+    "bypass": Manual._set_bypass,
+    "show": Manual._show,
+    "help": Manual._help,
+    "end": Manual._end,
 }
