@@ -184,7 +184,8 @@ def _numbers(what: str, words: list[str], known: tuple[str, ...]) -> dict[str, f
 def _quantity(what: str, words: list[str], unit: str) -> tuple[float, list[str]]:
     """Return the quantity with which words begin, and the words after it.
 
-    Its unit may be a word of its own, and a sign may stand before it. Raise `ManualError` if it is no such quantity.
+    Its unit may be a word of its own, and a sign may stand before it.
+    Raise `ManualError` if it is no such quantity.
     """
     is_apart = len(words) > 1 and words[0][-1].isdigit() and words[1] not in _QUANTITIES
     used = 2 if is_apart else 1
