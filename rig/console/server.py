@@ -207,7 +207,8 @@ class Console:
         loop = asyncio.get_running_loop()
         answer = await loop.run_in_executor(threads, self.orders.carry_out, order, visitor)
         rig = order.rig if order.order == STOP else ""
-        about = " ".join(part for part in (order.order, rig, order.name) if part)
+        line = order.text if order.order == "jog" else ""
+        about = " ".join(part for part in (order.order, rig, order.name, line) if part)
         refused = "" if answer.accepted else f" refused, {answer.reason}"
         tell = self.say if order.order == STOP else self.log
         # Whoever holds a button of manual mode sends twenty heartbeats a second.

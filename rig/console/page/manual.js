@@ -113,13 +113,15 @@ export class Manual {
 
   async hold(way) {
     this.release();
-    const held = { beating: 0 };
+    // Heartbeats begin at once: the answer may take longer than the rig waits for the first.
+    const held = { beating: setInterval(() => this.beat(), HOLD_MS) };
     this.held = held;
     const speed = Math.min(by("manual-speed").value, 20);
     const answer = await this.ask(`hold ${way} speed ${speed}mm/s`);
     if (this.held !== held) return;
-    if (answer.accepted) held.beating = setInterval(() => this.beat(), HOLD_MS);
-    else this.held = null;
+    if (answer.accepted) return;
+    clearInterval(held.beating);
+    this.held = null;
   }
 
   release() {

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 from rig.configuration import show
-from rig.loop import Action, Cause, Drive, Word, explain
+from rig.loop import Action, Cause, Drive, StopRequestedError, Word, explain
 from rig.plant import TICK
 from rig.supervisor.arming import arm, home
 from rig.supervisor.calibration import WAYS
@@ -339,11 +339,16 @@ class Manual:
         self._ended = True
 
     def _check_remote(self) -> None:
-        """End the session if the page that moves the ram is lost."""
+        """End the session if the page that moves the ram is lost.
+
+        Raises:
+            StopRequestedError: it is.
+        """
         silent = time.monotonic() - self._inbox.heard_at > REMOTE_S
         if self._remote and silent and not self.rests:
-            self._say(f"the page that moved the ram is silent for {REMOTE_S:g} s; the session ends")
-            self._ended = True
+            raise StopRequestedError(
+                f"stopped: the page by which the ram was moved is silent for {REMOTE_S:g} s"
+            )
 
     def _turn(self) -> None:
         live, rig = self._live, self._rig
