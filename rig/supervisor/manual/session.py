@@ -37,12 +37,15 @@ SETTLING_TICKS: Final = 200
 _HOMED: Final = (State.ARMED, State.RUNNING, State.HOLDING)
 
 
+Waiting = tuple[Asked, str, bool, "queue.SimpleQueue[str]"]
+"""A command, who gives it, whether it came by the stream, and the queue for its answer."""
+
+
 class Inbox:
     """Takes commands from several threads, and keeps them until the session looks at them."""
 
     def __init__(self) -> None:
-        self._waiting: queue.SimpleQueue[tuple[Asked, str, bool, queue.SimpleQueue[str]]]
-        self._waiting = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[tuple[float, Waiting]] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._beats: list[float | None] = []
         self.busy = "the rig is being connected"
@@ -69,7 +72,7 @@ class Inbox:
         if self.busy:
             return f"{asked.what}: {self.busy}; ask again when that is done, or stop it by abort"
         answer: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._waiting.put((asked, who, remote, answer))
+        self._waiting.put((time.monotonic() + ANSWER_S, (asked, who, remote, answer)))
         try:
             return answer.get(timeout=ANSWER_S)
         except queue.Empty:
@@ -81,12 +84,17 @@ class Inbox:
             beats, self._beats = self._beats, []
         return beats
 
-    def take(self) -> tuple[Asked, str, bool, queue.SimpleQueue[str]] | None:
-        """Return the next command with its giver and the queue for its answer; None without one."""
-        try:
-            return self._waiting.get_nowait()
-        except queue.Empty:
-            return None
+    def take(self) -> "Waiting | None":
+        """Return the next command; None without one.
+
+        One that has waited for longer than `ANSWER_S` is dropped, as its giver was told that it was
+        not looked at, and must not be surprised by it.
+        """
+        while not self._waiting.empty():
+            until, waiting = self._waiting.get()
+            if time.monotonic() <= until:
+                return waiting
+        return None
 
 
 class Manual:

@@ -262,6 +262,17 @@ def test_a_loop_that_takes_nothing_lets_the_ram_rest(rig: FakeRig, clock: Clock)
     assert len(set(rig.followed)) == 1
 
 
+def test_a_command_that_was_not_looked_at_in_time_is_never_obeyed(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "ANSWER_S", 0.01)
+    inbox = Inbox()
+    inbox.busy = ""
+    assert "was not looked at" in inbox.ask("by 5mm", "Bo", remote=False)
+    clock.now += 1.0
+    assert inbox.take() is None
+
+
 def test_a_command_is_refused_while_the_rig_is_busy() -> None:
     inbox = Inbox()
     assert "is being connected" in inbox.ask("by 5mm", "Bo", remote=True)
