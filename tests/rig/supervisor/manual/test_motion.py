@@ -23,7 +23,7 @@ def followed(
     ahead: int = 60,
     each: Callable[[int], object] = lambda turn: None,
 ) -> Array:
-    """Return the setpoints (ticks,) that a loop meets which follows what is laid out turn by turn."""
+    """Return the setpoints (ticks,) that a loop meets as they are laid out turn by turn."""
     laid_out = np.full((turns + 1) * TURN + 4000, np.nan)
     for turn in range(turns):
         each(turn)
