@@ -139,6 +139,10 @@ def _typed(inbox: Inbox, say: Callable[[str], None]) -> None:
         line = text.strip()
         if not line:
             continue
+        if line.startswith("hold ") and sys.stdin.isatty():
+            say(_KEYS)
+            say(_held_keys(line, inbox) or "let go")
+            continue
         refusal = inbox.ask(line, own_name(), remote=False)
         while refusal and inbox.busy and not sys.stdin.isatty():
             # Lines of a file or pipe wait for their turn; a person is told at once.
@@ -146,36 +150,33 @@ def _typed(inbox: Inbox, say: Callable[[str], None]) -> None:
             refusal = inbox.ask(line, own_name(), remote=False)
         if refusal:
             say(refusal)
-        elif line.startswith("hold ") and sys.stdin.isatty():
-            say(_KEYS)
-            _held_keys(line, inbox)
         if line == "end" and not refusal:
             return
     inbox.ask("stop", own_name(), remote=False)
     inbox.ask("end", own_name(), remote=False)
 
 
-def _held_keys(line: str, inbox: Inbox) -> None:
-    """Move while a key repeats itself, by the command `line`, until q, Enter or another command.
+def _held_keys(line: str, inbox: Inbox) -> str:
+    """Move while a key repeats itself, by the command `line`, until q or Enter, or a refusal.
+
+    Return why it was refused; "" if it was not.
 
     Each repetition of the key is a heartbeat. A terminal repeats a key after a delay of its own,
     before which the ram comes to rest once.
     """
     keyboard = sys.stdin.fileno()
-    before = termios.tcgetattr(keyboard)
+    before, refusal = termios.tcgetattr(keyboard), ""
     try:
         tty.setcbreak(keyboard)
-        while True:
+        while not refusal:
             ready, _, _ = select.select([keyboard], [], [], 1.0)
             if not ready:
                 continue
             keys = os.read(keyboard, 64)
             if not keys or any(key in b"qQ\r\n\x04" for key in keys):
                 break
-            if inbox.ask("beat", own_name(), remote=False) or inbox.ask(
-                line, own_name(), remote=False
-            ):
-                break
+            refusal = inbox.ask(line, own_name(), remote=False)
     finally:
         termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
         inbox.ask("stop", own_name(), remote=False)
+    return refusal
