@@ -1,16 +1,16 @@
 """The live stream of commands that drive a rig: what is sent by it, and what is obeyed."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
 from rig.control_socket import own_name, remark_of
 from rig.runner import Observer, StopFlag
 from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request
-from rig.stream import StreamSettings
-from rig.supervisor import Onlooker
+from rig.stream import JOGGING, StreamSettings
+from rig.supervisor import Inbox, Onlooker
 
 if TYPE_CHECKING:
     from rig.runner.campaign import StreamedRun
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
     Obey = Callable[[Command], str]
     """Takes a command; returns why it is refused, or "" if it is obeyed."""
+
+MANUAL: Final = "manual"
+"""What manual mode is called in the message `campaign`, by which the page knows it."""
 
 
 def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
@@ -100,6 +103,7 @@ def motion_streamed(
     activity: str,
     *,
     paced: bool = True,
+    jog: "Obey | None" = None,
 ) -> Iterator[Observer]:
     """Give the block an observer as `streamed` does; anybody who may command can stop the command.
 
@@ -114,11 +118,15 @@ def motion_streamed(
         stop: a stop is requested on it when somebody asks to abort.
         activity: what the command does with the rig, such as "homing".
         paced: whether the rig goes at the wall clock.
+        jog: obeys the commands of manual mode; None if the command has no manual mode.
     """
 
     def obey(command: "Command") -> str:
+        if command.name in JOGGING and jog is not None:
+            return jog(command)
         if command.name != "abort":
-            return f"{activity} obeys abort only"
+            also = f", {' and '.join(JOGGING)}" if jog is not None else ""
+            return f"{activity} obeys abort{also} only"
         text = remark_of(command.text[:LONGEST_TEXT], command.person)
         who = command.person or command.by
         stop.request(f"{who}: {text}" if text else who)
@@ -157,20 +165,44 @@ def session_streamed(
     stop: StopFlag,
     activity: str,
     say: Callable[[str], None],
+    jog: "Obey | None" = None,
 ) -> Iterator[tuple[Callable[[str], None], Onlooker]]:
     """Give the block two arguments of a `ConnectedRig`, so that its session is seen and stopped.
 
     They are the function that shows a line, here and to who watches the stream, and the onlooker.
     The arguments are those of `motion_streamed`; `say` shows a line to the operator here.
     """
-    with motion_streamed(_Said(say), settings, rig, folder, stop, activity) as seen:
+    with motion_streamed(_Said(say), settings, rig, folder, stop, activity, jog=jog) as seen:
         yield seen.rig_tells, seen if isinstance(seen, Onlooker) else Onlooker()
+
+
+def manual_streamed(
+    settings: StreamSettings | None,
+    rig: Rig,
+    folder: Path,
+    stop: StopFlag,
+    inbox: Inbox,
+    say: Callable[[str], None],
+) -> AbstractContextManager[tuple[Callable[[str], None], Onlooker]]:
+    """Return the context of `session_streamed` for manual mode, which takes commands to move, too.
+
+    `inbox` takes them; the other arguments are those of `session_streamed`.
+    """
+
+    def jog(command: "Command") -> str:
+        text = remark_of(command.text[:LONGEST_TEXT], command.person)
+        line = f"beat {text}".strip() if command.name == "beat" else text
+        return inbox.ask(line, command.person or command.by, remote=True)
+
+    return session_streamed(settings, rig, folder, stop, MANUAL, say, jog)
 
 
 def obeyed_by(desk: Desk) -> "Obey":
     """Return a function that hands a stream's commands to the desk of a campaign."""
 
     def obey(command: "Command") -> str:
+        if command.name in JOGGING:
+            return "a campaign moves the rig; jog it with `rig jog` when that has ended"
         request = Request.PAUSE if command.name == "hold" else Request(command.name)
         try:
             said = command.text[:LONGEST_TEXT]

@@ -250,12 +250,14 @@ class Console:
             refusal = {"accepted": False, "reason": str(error), "expired": visitor.expired}
             return JSONResponse(refusal, 401 if visitor.expired else 403)
         rig = order.rig if order.order == STOP else ""
-        what = order.text if order.order == "set" else ""
+        what = order.text if order.order in ("jog", "set") else ""
         about = " ".join(part for part in (order.order, rig, order.name, what) if part)
         refused = "" if answer.accepted else f" refused, {answer.reason}"
         tell = self.say if order.order == STOP else self.log
-        tell(f"{visitor.name}: {about}{refused}")
-        self._look()
+        # Whoever holds a button of manual mode sends twenty heartbeats a second.
+        if order.order != "beat" or refused:
+            tell(f"{visitor.name}: {about}{refused}")
+            self._look()
         content = {"accepted": answer.accepted, "reason": answer.reason}
         return JSONResponse(content, 200 if answer.accepted else 409)
 

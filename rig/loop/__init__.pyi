@@ -78,6 +78,7 @@ from .timing import (
     in_short as in_short,
 )
 from .wire import (
+    LEAST_AHEAD_TICKS as LEAST_AHEAD_TICKS,
     NULL_V as NULL_V,
     ChangeControl as ChangeControl,
     Close as Close,
@@ -92,6 +93,7 @@ from .wire import (
     Opened as Opened,
     Pace as Pace,
     Segment as Segment,
+    SetAhead as SetAhead,
     WireLoop as WireLoop,
     changed_course as changed_course,
     control_in as control_in,
@@ -100,6 +102,7 @@ from .wire import (
     pace as pace,
     post_decision as post_decision,
     prepared as prepared,
+    set_ahead as set_ahead,
     wire_channels as wire_channels,
     wire_memory as wire_memory,
     wire_ticks as wire_ticks,

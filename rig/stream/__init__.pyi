@@ -35,6 +35,7 @@ from .sessions import (
 )
 from .settings import (
     COMMANDS as COMMANDS,
+    JOGGING as JOGGING,
     Access as Access,
     CommandName as CommandName,
     Endpoint as Endpoint,

@@ -5,8 +5,12 @@ from pathlib import Path
 from typing import Final, Literal, get_args
 
 Mode = Literal["peer", "client", "router"]
-CommandName = Literal["abort", "hold", "resume", "skip", "retry", "note", "acknowledge"]
+CommandName = Literal[
+    "abort", "hold", "resume", "skip", "retry", "note", "acknowledge", "jog", "beat"
+]
 COMMANDS: Final[tuple[CommandName, ...]] = get_args(CommandName)
+JOGGING: Final[tuple[CommandName, ...]] = ("jog", "beat")
+"""Commands of manual mode: a line of `rig jog`, and the heartbeat of who moves the ram."""
 
 DEFAULT_PORT: Final = 7447
 LOOPBACK_NAMES: Final = ("localhost", "::1")

@@ -2,6 +2,13 @@ from .calibration import Strokes as Strokes, calibratable as calibratable, calib
 from .checks import checks_for as checks_for, greatest_null_V as greatest_null_V
 from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig
 from .guiding import basis_for as basis_for, guide_for as guide_for
+from .manual import (
+    HELP as HELP,
+    Inbox as Inbox,
+    Manual as Manual,
+    ManualError as ManualError,
+    parse as parse,
+)
 from .processes import News as News, Onlooker as Onlooker, RowFeed as RowFeed, Stream as Stream
 from .session import Session as Session
 from .trip_report import (

@@ -21,6 +21,7 @@ COMMANDS = {
     "friction experiment": "identify friction --rig rig.yaml",
     "tuning": "tune rig.yaml",
     "commissioning: first motions": "commission rig.yaml --yes",
+    "manual": "jog rig.yaml generator sine amplitude 10mm frequency 0.2Hz",
     "gap of the model": "gap --live --rig rig.yaml --out gap",
 }
 MOVES = ("homing", "running", "armed", "not homed")

@@ -6,6 +6,7 @@ import { ask } from "./dialog.js";
 import { Link } from "./link.js";
 import { EXPIRED, limit, offerLogin } from "./people.js";
 import { rigState } from "./rig_state.js";
+import { Manual } from "./manual.js";
 import * as views from "./views.js";
 import { clock, element, lasted } from "./words.js";
 
@@ -74,6 +75,7 @@ const link = new Link((changed) => {
   }
 });
 window.rigConsole = link; // for whoever looks at it from the browser's own tools
+const manual = new Manual(link);
 const alarm = new Alarm(by("silence"));
 window.rigConsoleAlarm = alarm;
 
@@ -100,6 +102,7 @@ function render() {
     for (const chart of Object.values(charts)) chart.draw(link.points);
     frames += 1;
   }
+  if (dirty.has("bypass")) manual.show(isMine());
   if (dirty.has("decision")) {
     const levels = (sections.decision?.thresholds_kPa ?? []).filter((value) => value !== null);
     charts.residuals.levels = levels.map((value) => ({ value }));
@@ -198,6 +201,7 @@ function follow() {
 
 function actions() {
   follow();
+  manual.show(isMine());
   const { life, campaign, progress, interlocks } = link.sections;
   const { holder, launch } = link.common;
   const isLive = life?.life === "live" && campaign?.status === "running";

@@ -1,4 +1,9 @@
 from . import orders as orders
+from .ahead import (
+    LEAST_AHEAD_TICKS as LEAST_AHEAD_TICKS,
+    SetAhead as SetAhead,
+    set_ahead as set_ahead,
+)
 from .cycle import wire_ticks as wire_ticks
 from .layout import (
     NULL_V as NULL_V,

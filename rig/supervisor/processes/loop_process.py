@@ -16,6 +16,8 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Final
 
+import numpy as np
+
 from estimator.filters import compiled_filter
 from rig.compile_cache import telling_of_compiling
 from rig.io import DriverError, FastDriver, corrections_of
@@ -37,6 +39,7 @@ from rig.loop import (
     Pace,
     RealTime,
     Segment,
+    SetAhead,
     TripError,
     Word,
     changed_course,
@@ -47,6 +50,7 @@ from rig.loop import (
     pace,
     passed_on,
     prepared,
+    set_ahead,
     wire_memory,
     wire_ticks,
     with_limits,
@@ -99,6 +103,7 @@ class LoopProcess:
         self._offset_m = 0.0
         self._segments: dict[int, Segment] = {}
         self._changes: dict[int, ChangeControl] = {}
+        self._laid_out = np.empty(0), np.empty(0)
         self._thread: threading.Thread | None = None
         self._running = threading.Event()
         self._grants: tuple[Grant, ...] = ()
@@ -137,6 +142,8 @@ class LoopProcess:
             elif isinstance(order, ChangeControl):
                 self._changes[order.number] = prepared(order)
                 self._pipe.send(order.number)
+            elif isinstance(order, SetAhead):
+                self._pipe.send(set_ahead(order, *self._laid_out, self._words))
             self._tend_null()
             if self._thread is not None and not self._thread.is_alive():
                 return self._rescue()
@@ -222,6 +229,7 @@ class LoopProcess:
         judging = with_limits(self._interlock, limit_table(segment.limits, period_s))
         planned = course(replace(segment, number=number))
         planned = planned._replace(change=int(self._words[Word.CHANGE]))
+        self._laid_out = planned.setpoint, planned.feedforward
         earlier, filt = control_in(planned), compiled_filter(segment.memory, segment.assumed)
         while True:
             left = Left(

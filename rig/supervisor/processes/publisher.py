@@ -195,6 +195,8 @@ class Publisher:
             elif isinstance(order, Obeyed) and order.number in self._waiting:
                 query, command, _ = self._waiting.pop(order.number)
                 self._reply(query, order.refusal)
+                if command.name == "beat" and not order.refusal:
+                    return
                 state = f"not obeyed: {order.refusal}" if order.refusal else "obeyed"
                 self._event("command", self._described(command, state))
 
@@ -296,7 +298,9 @@ class Publisher:
             self._reply(query, str(refused))
             return
         self._waiting[command.number] = (query, command, time.monotonic() + ANSWER_S)
-        self._event("command", self._described(command, "accepted"))
+        # Heartbeats come twenty times a second; only a refused one is an event.
+        if command.name != "beat":
+            self._event("command", self._described(command, "accepted"))
         asked_for = self._described(command, "asked for")
         self._pipe.send(Asked(time.monotonic_ns(), "stream", asked_for, command))
 

@@ -246,6 +246,8 @@ class Stream:
                 self._survives.note(error)
                 refusal = f"it failed: {failure(error)}"
             self._order(Obeyed(news.command.number, refusal))
+            if news.command.name == "beat":
+                return
         self._say(f"{news.who}: {news.text}")
 
 

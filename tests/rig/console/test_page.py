@@ -179,3 +179,29 @@ def test_the_page_is_worked_by_keyboard_alone(site: Site, page: Page) -> None:
     page.keyboard.type("lunch")
     page.keyboard.press("Enter")
     until(lambda: site.client.sent == [("hold", "bench", "Anna: lunch", "")], "the hold")
+
+
+@pytest.mark.parametrize("let_go", ["pointer", "blur"])
+def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
+    site: Site, page: Page, let_go: str
+) -> None:
+    panel, sent = page.locator("#manual-card"), site.client.sent
+    expect(panel).to_be_hidden()
+    manual = {**RUNNING.campaign, "name": "manual", "activity": "manual", "tests": []}
+    site.client.shots["bench"] = replace(RUNNING, campaign=manual)
+    expect(panel).to_be_visible()
+    page.get_by_role("button", name="Jog by").click()
+    until(lambda: ("jog", "bench", "Anna: by 5mm speed 20mm/s", "") in sent, "the jog")
+    page.get_by_role("button", name="Hold: out").hover()
+    page.mouse.down()
+    until(lambda: sum(each[0] == "beat" for each in sent) > 5, "heartbeats")
+    if let_go == "pointer":
+        page.mouse.up()
+    else:
+        page.evaluate("dispatchEvent(new Event('blur'))")
+    until(lambda: ("jog", "bench", "Anna: stop", "") in sent, "the stop")
+    assert ("jog", "bench", "Anna: hold out speed 20mm/s", "") in sent
+    page.locator("#holder-button").click()
+    expect(page.get_by_role("button", name="Hold: out")).to_be_disabled()
+    site.client.shots["bench"] = RUNNING
+    expect(panel).to_be_hidden()

@@ -1,0 +1,145 @@
+// Manual mode: what a person asks of the ram, the pump and the bypasses, while `rig jog` runs.
+
+import { element, figure, shortly } from "./words.js";
+
+const by = (id) => document.getElementById(id);
+// A holder beats at least every 100 ms; the rig comes to rest 120 ms after the last heartbeat.
+const HOLD_MS = 40;
+// So often a page that has moved the ram shows that it is still there.
+const THERE_MS = 1000;
+
+export class Manual {
+  constructor(link) {
+    this.link = link;
+    this.card = by("manual-card");
+    this.mine = false;
+    this.used = false;
+    this.waved = false;
+    this.held = null;
+    this.changing = false;
+    this.rows = new Map();
+    for (const button of this.card.querySelectorAll("[data-jog]")) {
+      button.addEventListener("click", () => this.ask(button.dataset.jog));
+    }
+    for (const button of this.card.querySelectorAll("[data-go]")) {
+      button.addEventListener("click", () => {
+        const length = by(button.dataset.go === "by" ? "manual-step" : "manual-to").value;
+        this.ask(`${button.dataset.go} ${length}mm speed ${by("manual-speed").value}mm/s`);
+      });
+    }
+    for (const button of this.card.querySelectorAll("[data-hold]")) this.holdable(button);
+    for (const range of this.card.querySelectorAll("input[type=range]")) {
+      const show = () => { range.parentElement.querySelector("output").textContent = range.value; };
+      range.addEventListener("input", show);
+      range.addEventListener("change", () => { if (this.waved) this.change(); });
+      show();
+    }
+    this.card.querySelector("[data-wave]").addEventListener("click", () => {
+      this.ask(`generator ${by("manual-shape").value} ${this.wave()}${by("manual-shape").value === "chirp" ? ` upto ${2 * by("manual-frequency").value}Hz` : ""}`)
+        .then((answer) => { this.waved = answer.accepted; });
+    });
+    // Whatever takes the hand or the eye off the button lets it go.
+    addEventListener("blur", () => this.release());
+    addEventListener("pagehide", () => this.release());
+    document.addEventListener("visibilitychange", () => { if (document.hidden) this.release(); });
+    setInterval(() => { if (this.used && !this.held && this.on()) this.beat(); }, THERE_MS);
+  }
+
+  on() {
+    const { life, campaign } = this.link.sections;
+    return this.mine && life?.life === "live" && campaign?.status === "running" && campaign.activity === "manual";
+  }
+
+  show(mine) {
+    this.mine = mine;
+    const { life, campaign, bypass } = this.link.sections;
+    this.card.hidden = !(life?.life === "live" && campaign?.status === "running" && campaign.activity === "manual");
+    if (this.card.hidden) { this.used = this.waved = false; }
+    if (this.held && !this.on()) this.release();
+    for (const button of this.card.querySelectorAll("button, input, select")) button.disabled = !this.on();
+    for (const valve of bypass ?? []) this.bypass(valve);
+  }
+
+  // A row with the bypass's own buttons, its opening and the reading of its meter.
+  bypass(valve) {
+    let row = this.rows.get(valve.name);
+    if (!row) {
+      const needle = element("input");
+      Object.assign(needle, { type: "range", min: 0, max: 100, value: 0, title: "needle, %" });
+      needle.setAttribute("aria-label", `${shortly(valve.name)}: needle, %`);
+      needle.addEventListener("change", () => this.ask(`bypass ${valve.name} ${needle.value}%`));
+      const buttons = valve.ball === null ? [] : ["open", "shut"].map((state) => {
+        const button = element("button", "", state);
+        button.type = "button";
+        button.addEventListener("click", () => this.ask(`bypass ${valve.name} ${state}`));
+        return button;
+      });
+      row = element("span", "quiet");
+      this.rows.set(valve.name, row);
+      by("manual-bypasses").append(element("div", "buttons", element("span", "", shortly(valve.name)), ...buttons, needle, row));
+    }
+    const ball = valve.ball === null ? "" : valve.ball > 0.01 ? "open, " : "shut, ";
+    const flow = valve.metered_L_per_min ?? valve.shut_L_per_min;
+    row.textContent = `${ball}needle ${figure(100 * valve.needle, 0)} %, ${flow === null ? "no meter" : `${figure(flow, 2)} L/min`}`;
+  }
+
+  wave() {
+    return `mean ${by("manual-mean").value}mm amplitude ${by("manual-amplitude").value}mm frequency ${by("manual-frequency").value}Hz`;
+  }
+
+  // Only the newest place of the sliders is sent, one change after the other.
+  async change() {
+    if (this.changing) { this.again = true; return; }
+    this.changing = true;
+    do {
+      this.again = false;
+      await this.ask(`generator ${this.wave()}`);
+    } while (this.again);
+    this.changing = false;
+  }
+
+  holdable(button) {
+    button.addEventListener("pointerdown", (event) => {
+      if (event.button === 0 && !button.disabled) this.hold(button.dataset.hold);
+    });
+    for (const name of ["pointerup", "pointerleave", "pointercancel", "blur"]) {
+      button.addEventListener(name, () => this.release());
+    }
+    button.addEventListener("keydown", (event) => {
+      if (event.key === " " && !event.repeat) this.hold(button.dataset.hold);
+    });
+    button.addEventListener("keyup", () => this.release());
+  }
+
+  async hold(way) {
+    this.release();
+    // Heartbeats begin at once: the answer may take longer than the rig waits for the first.
+    const held = { beating: setInterval(() => this.beat(), HOLD_MS) };
+    this.held = held;
+    const speed = Math.min(by("manual-speed").value, 20);
+    const answer = await this.ask(`hold ${way} speed ${speed}mm/s`);
+    if (this.held !== held) return;
+    if (answer.accepted) return;
+    clearInterval(held.beating);
+    this.held = null;
+  }
+
+  release() {
+    if (!this.held) return;
+    clearInterval(this.held.beating);
+    this.held = null;
+    this.ask("stop");
+  }
+
+  beat() {
+    this.link.order("beat", { text: String(Math.round(performance.now())) });
+  }
+
+  async ask(line) {
+    const answer = await this.link.order("jog", { text: line });
+    this.used ||= answer.accepted;
+    if (line === "stop" || line.startsWith("pump")) this.waved = false;
+    by("manual-said").textContent = answer.accepted ? `${line}: obeyed` : answer.reason;
+    return answer;
+  }
+}
