@@ -336,21 +336,24 @@ def test_a_heartbeat_from_before_the_own_start_command_is_no_restart(
     # The node is OPERATIONAL from a session before. Its heartbeat of the state to which the set-up
     # brings it has a lower priority on the bus than the status message that follows.
     bench.opened().close()
-    late = can.Message(arbitration_id=HEARTBEAT + NODE, data=b"\x7f", is_extended_id=False)
     statuses: list[can.Message] = []
+    heartbeats: list[can.Message] = []
 
     def by_priority(frame: can.Message) -> None:
         orders = [e["command"] for e in bench.record.events if e["event"] == "drive_nmt"]
-        if frame.arbitration_id == TPDO1 + NODE and orders == [0x80, 1, 0x80, 1]:
-            statuses.append(frame)
-            if len(statuses) == 2:
-                bench.bus.send(late)
+        if frame.arbitration_id == HEARTBEAT + NODE and len(orders) > 2:
+            heartbeats.append(frame)
+            return
         bench.bus.send(frame)
+        if frame.arbitration_id == TPDO1 + NODE and len(orders) > 3:
+            statuses.append(frame)
+            if len(statuses) % 2 == 0 and heartbeats:
+                bench.bus.send(heartbeats.pop(0))
 
     monkeypatch.setattr(bench.valve, "_send_frame", by_priority)
     driver = bench.opened()
-    assert bench.read(driver, 5)["drive_state"] == DriveState.INIT
-    assert len(statuses) > 2
+    assert bench.read(driver, 10)["drive_state"] == DriveState.INIT
+    assert len(statuses) > 4
 
 
 def test_garbage_on_the_bus_is_passed_over(bench: ValveBench) -> None:
