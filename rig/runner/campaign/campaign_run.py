@@ -265,6 +265,8 @@ class _CampaignRun(Setting):
         self.observer.campaign_begins(self.campaign, self.keeper.folder, stands)
         for name, text in unstable_controls(self.campaign, self.rig):
             self.observer.rig_tells(f"warning: {name}: {text}")
+        if self.campaign.baseline_doubt:
+            self.observer.rig_tells(f"warning: {self.campaign.baseline_doubt}")
         self.desk.open(
             [test.name for test in self.campaign.tests],
             {index: str(outcome.status) for index, outcome in finished.items()},
