@@ -144,8 +144,9 @@ def load_baseline(path: Path, model: Model) -> Baseline:
 
     Raises:
         BaselineError: the file cannot be read, is not a baseline of a version that is read, was
-            changed after it was written (its checksum is wrong or was taken out), has a wrong number, unit or key (all of them are named), or was learnt
-            with another model: one of another name, or, where the file has a hash, another hash.
+            changed after it was written (its checksum is wrong or was taken out), has a wrong
+            number, unit or key (all of them are named), or was learnt with another model: one of
+            another name, or, where the file has a hash, another hash.
     """
     try:
         content = json.loads(read_bounded(path, LARGEST_JSON))
@@ -183,8 +184,8 @@ def baseline_doubt(path: str | Path, baseline: Baseline) -> str:
     if not baseline.unverified:
         return ""
     return (
-        f"{path}: has no checksum, as it is from before there was one: whether it was changed after "
-        "it was written cannot be checked; make it anew with rig baseline, which writes one"
+        f"{path}: has no checksum, as it is from before there was one: whether it was changed "
+        "after it was written cannot be checked; make it anew with rig baseline, which writes one"
     )
 
 

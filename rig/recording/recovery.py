@@ -94,8 +94,8 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
         raise RecordingError.of_file(source, value, "record again")
     if collector.times.wrong:
         lost.append(
-            f"the log times of {collector.times.wrong} messages or chunks contradicted the times in "
-            f"the messages, which were kept; {collector.times.first}"
+            f"the log times of {collector.times.wrong} messages or chunks contradicted the times "
+            f"in the messages, which were kept; {collector.times.first}"
         )
     dropped = sum(sizes) - sizes[best]
     if dropped:

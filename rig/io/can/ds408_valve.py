@@ -114,8 +114,8 @@ class Ds408Valve:
             self._write(entry, value)
         self._order(NmtCommand.START)
         self.fresh = False
-        # Heartbeats have the lowest priority: one from before `START` may come after a status message
-        # from behind it. So the state is that of a heartbeat which says that the node has obeyed.
+        # Heartbeats have the lowest priority: one from before `START` may come after a status
+        # message from behind it. So it is waited for a heartbeat which says that the node obeyed.
         self._nmt_state = None
         if not self._wait_for(
             lambda: self.fresh and self._nmt_state is NmtState.OPERATIONAL, options.open_timeout
@@ -144,8 +144,8 @@ class Ds408Valve:
             raise self._error("has restarted: it has sent its boot-up message", action)
         if self._nmt_state not in (None, NmtState.OPERATIONAL):
             state = (
-                f"is in {self._nmt_state.name}, not OPERATIONAL: another master commanded it so, or "
-                "it has restarted and its boot-up message was not heard"
+                f"is in {self._nmt_state.name}, not OPERATIONAL: another master commanded it so, "
+                "or it has restarted and its boot-up message was not heard"
             )
             action = "end whatever else commands it, check its power and cable, then open it again"
             raise self._error(state, action)
