@@ -6,7 +6,7 @@ from enum import StrEnum
 from math import inf
 
 from control import ControlSettings, Setpoint
-from estimator.baselines import Baseline
+from estimator.baselines import Baseline, baseline_doubt
 from estimator.leaks import Detector, detector_for
 from rig.plant import Model
 
@@ -217,6 +217,13 @@ class Campaign:
         if self.baseline is None:
             return detector_for(self.filter_name, self.model, self.false_alarms_per_day)
         return self.baseline.detector(self.filter_name, self.model, self.false_alarms_per_day)
+
+    @property
+    def baseline_doubt(self) -> str:
+        """A sentence on what cannot be checked of the baseline's file; "" if all was checked."""
+        if self.baseline is None:
+            return ""
+        return baseline_doubt(self.baseline_file, self.baseline)
 
     @property
     def rig_time_s(self) -> float:

@@ -7,6 +7,7 @@ from .baseline import (
     learn_baseline as learn_baseline,
 )
 from .baseline_file import (
+    baseline_doubt as baseline_doubt,
     baseline_of as baseline_of,
     content_of as content_of,
     load_baseline as load_baseline,

@@ -96,6 +96,8 @@ class Baseline:
         noise: the rig's own noise; None if it was not learnt.
         commissioning: the first baseline, if this one was learnt on from later recordings.
         accepted: what was accepted since then, oldest first.
+        unverified: whether the baseline is from a file without a checksum, so that nobody can tell
+            whether the file was changed.
     """
 
     nuisances: NuisanceBelief
@@ -107,6 +109,7 @@ class Baseline:
     noise: LearntNoise | None = None
     commissioning: "Baseline | None" = None
     accepted: tuple[Accepted, ...] = ()
+    unverified: bool = False
 
     def account_detector(self, model: Model, false_alarms_per_day: float) -> OilAccountDetector:
         """Return a new detector of oil accounts that assumes this baseline.

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +15,7 @@ from rig.plant import LEAKS, Model, model_sha256
 from rig.recording import LARGEST_JSON, read_bounded
 
 from .baseline import PATTERN_FILTERS, Accepted, Baseline, BaselineError
-from .checking import CHECKSUM, VERSION, checksum_of, problems_of
+from .checking import CHECKSUM, READ_VERSIONS, VERSION, checksum_of, problems_of
 
 _NAMES: Final = [nuisance.name for nuisance in NUISANCES]
 
@@ -72,8 +73,9 @@ def baseline_of(content: Mapping[str, Any]) -> Baseline:
         ValueError, KeyError, TypeError, AttributeError, numpy.linalg.LinAlgError: the content is
             not a baseline of this version.
     """
-    if content["baseline_version"] != VERSION:
-        raise ValueError(f"its version is {content['baseline_version']}, not {VERSION}")
+    if content["baseline_version"] not in READ_VERSIONS:
+        known = " or ".join(map(str, READ_VERSIONS))
+        raise ValueError(f"its version is {content['baseline_version']}, not {known}")
     if list(content["nuisances"]) != _NAMES:
         raise ValueError("it tells of other weaknesses of the model than this version knows")
     count = len(NUISANCES)
@@ -134,20 +136,23 @@ def write_baseline(baseline: Baseline, path: Path) -> None:
 def load_baseline(path: Path, model: Model) -> Baseline:
     """Return the baseline from a file that `write_baseline` wrote.
 
+    A file from before there were checksums is read, and the baseline is `unverified`.
+
     Args:
         path: path of the JSON file.
         model: the model with which the baseline is to be used.
 
     Raises:
-        BaselineError: the file cannot be read, is not a baseline of this version, was changed after
-            it was written, has a wrong number, unit or key (all of them are named), or was learnt
-            with another model: one of another name, or, where the file has a hash, another hash.
+        BaselineError: the file cannot be read, is not a baseline of a version that is read, was
+            changed after it was written (its checksum is wrong or was taken out), has a wrong
+            number, unit or key (all of them are named), or was learnt with another model: one of
+            another name, or, where the file has a hash, another hash.
     """
     try:
         content = json.loads(read_bounded(path, LARGEST_JSON))
         if problems := problems_of(content):
             raise BaselineError([_none(path, problem) for problem in problems])
-        baseline = baseline_of(content)
+        baseline = replace(baseline_of(content), unverified=CHECKSUM not in content)
     except BaselineError:
         raise
     except RecursionError:
@@ -172,6 +177,16 @@ def load_baseline(path: Path, model: Model) -> Baseline:
             ]
         )
     return baseline
+
+
+def baseline_doubt(path: str | Path, baseline: Baseline) -> str:
+    """Return a sentence on what cannot be checked of a baseline's file; "" if all was checked."""
+    if not baseline.unverified:
+        return ""
+    return (
+        f"{path}: has no checksum, as it is from before there was one: whether it was changed "
+        "after it was written cannot be checked; make it anew with rig baseline, which writes one"
+    )
 
 
 def _none(path: Path, reason: str) -> str:

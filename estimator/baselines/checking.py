@@ -18,10 +18,14 @@ from rig.plant import FAULTS, LEAKS
 
 from .baseline import PATTERN_FILTERS
 
-VERSION: Final = 1
-"""Version of the form of baselines' files that is written and read."""
+VERSION: Final = 2
+"""Version of the form of baselines' files that is written. Since version 2 a file must have its
+checksum: one without was changed."""
+READ_VERSIONS: Final = (1, VERSION)
+"""Versions that are read. Those of version 1 have the same keys, and may lack the checksum, as the
+first of them were written before there was one."""
 CHECKSUM: Final = "content_sha256"
-"""Key of the SHA-256 of all the rest of a file; files from before there was one lack it."""
+"""Key of the SHA-256 of all the rest of a file."""
 MOST_TOLERANCES: Final = 100.0
 """Most that a nuisance, or its deviation, may be in multiples of its tolerance. A hundred
 tolerances are a spool null that is off by 1 mm, all of a servovalve's stroke, or a discharge
@@ -63,13 +67,20 @@ def problems_of(content: object) -> list[str]:
     """
     if not isinstance(content, dict):
         return ["it is no JSON object"]
-    if "baseline_version" in content and content["baseline_version"] != VERSION:
-        return [f"baseline_version: its version is {content['baseline_version']!r}, not {VERSION}"]
+    if "baseline_version" in content and content["baseline_version"] not in READ_VERSIONS:
+        known = " or ".join(map(str, READ_VERSIONS))
+        version = _shown(content["baseline_version"])
+        return [f"baseline_version: its version is {version}, not {known}"]
     if "baseline_version" not in content:
         return ["baseline_version: there is no such key in it"]
     found = []
     if CHECKSUM in content and content[CHECKSUM] != checksum_of(content):
         found.append(f"{CHECKSUM}: the file was changed after it was written")
+    if CHECKSUM not in content and content["baseline_version"] != 1:
+        found.append(
+            f"{CHECKSUM}: there is no such key in it, and each file of version "
+            f"{content['baseline_version']} is written with it: the file was changed"
+        )
     return found + list(_of_baseline(content, "", (CHECKSUM,)))
 
 
@@ -81,8 +92,9 @@ def _of_baseline(content: object, at: str, more: Collection[str] = ()) -> Iterat
     for key in ("model", "model_sha256"):
         if not isinstance(content.get(key, ""), str):
             yield f"{at}{key}: {_shown(content[key])} is no text"
-    if at and content.get("baseline_version", VERSION) != VERSION:
-        yield f"{at}baseline_version: {_shown(content['baseline_version'])} is not {VERSION}"
+    if at and content.get("baseline_version", VERSION) not in READ_VERSIONS:
+        known = " or ".join(map(str, READ_VERSIONS))
+        yield f"{at}baseline_version: {_shown(content['baseline_version'])} is not {known}"
     if "model_error" in content:
         yield from _of_number(content["model_error"], 0.0, MOST_MODEL_ERROR, f"{at}model_error")
     if "recordings" in content:

@@ -88,7 +88,8 @@ class CheckReport:
         name: its name, or the file's name without suffix where it has none.
         summary: a few lines that describe the configuration.
         tests: plan of every test of a campaign; empty for other kinds.
-        calibration_warnings: warnings about the calibrations of a rig, or of a campaign's rig.
+        calibration_warnings: warnings about the calibrations of a rig, or of a campaign's rig, and
+            about a campaign's baseline.
     """
 
     kind: Kind
@@ -286,6 +287,7 @@ def _report_campaign(path: Path, campaign: Campaign, rig: Rig, day: date) -> Che
     doubts = (
         *calibration_warnings(rig.calibrations, rig.limits, day, lasting),
         *corrected_twice(rig.calibrations, campaign.model),
+        *filter(None, (campaign.baseline_doubt,)),
     )
     return CheckReport("campaign", path, campaign.name, summary, plan, doubts)
 

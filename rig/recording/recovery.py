@@ -92,6 +92,11 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
     if not sizes[best]:
         value = "; ".join(["no sample can be read", *lost])
         raise RecordingError.of_file(source, value, "record again")
+    if collector.times.wrong:
+        lost.append(
+            f"the log times of {collector.times.wrong} messages or chunks contradicted the times "
+            f"in the messages, which were kept; {collector.times.first}"
+        )
     dropped = sum(sizes) - sizes[best]
     if dropped:
         lost.append(f"{dropped} readable samples on the other side of a gap")

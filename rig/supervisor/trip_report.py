@@ -145,7 +145,8 @@ class TripReport:
         for found in self.driven:
             first, last = _after(found.first_ns, at_ns), _after(found.last_ns, at_ns)
             span = f"{first} to {last}" if found.times > 1 else first
-            lines.append(f"  {found.sentence}, {span}; it was brought back to its safe state")
+            # Whether it obeyed is not known here: where it did not, a note below says so.
+            lines.append(f"  {found.sentence}, {span}; its safe state was commanded each time")
         for other, (reason, when) in list(self.trips.items())[1:]:
             lines.append(f"  then the {other} {_after(when, at_ns)}: {explain(reason).sentence}")
         lines += [f"  {self._passed_in_words(each)}" for each in self.passed]

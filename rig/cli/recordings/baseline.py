@@ -11,6 +11,7 @@ from estimator.baselines import (
     LEAST_LEARNING_S,
     Baseline,
     accepted_onto,
+    baseline_doubt,
     learn_baseline,
     load_baseline,
     write_baseline,
@@ -83,6 +84,8 @@ def command(
     if problems.found:
         return problems.report()
     if earlier is not None:
+        if doubt := baseline_doubt(str(onto), earlier):
+            click.echo(f"warning: {doubt}", err=True)
         learnt = accepted_onto(earlier, contents, assumed)
     else:
         learnt = learn_baseline(contents, assumed, learn_noise=model_error is None)

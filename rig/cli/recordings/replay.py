@@ -9,7 +9,7 @@ from typing import Any, Final
 import click
 from rich.text import Text
 
-from estimator.baselines import load_baseline
+from estimator.baselines import baseline_doubt, load_baseline
 from estimator.filters import DEFAULT_FILTER, filter_named
 from estimator.leaks import Decision, Found, detector_for, replay
 from faults import Verdict, to_litres_per_minute
@@ -133,6 +133,8 @@ def command(
                 replayed.append(judged(recording, content))
     if problems.found:
         return problems.report()
+    if baseline is not None and (doubt := baseline_doubt(str(baseline_file), baseline)):
+        click.echo(f"warning: {doubt}", err=True)
     if as_json:
         for each in replayed:
             click.echo(json.dumps(json_object(each), allow_nan=False))

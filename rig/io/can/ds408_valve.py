@@ -75,8 +75,9 @@ class Ds408Valve:
         sent = canopen.EMERGENCY, canopen.TPDO1, canopen.SDO_REPLY, canopen.HEARTBEAT
         self._link = CanLink(driver, options, [base + options.node for base in sent])
         self._status_at = self._heard_at = clock()
-        # Communication state in the last heartbeat; None before the first.
+        # Communication state in the last heartbeat; None before the first since `START` was sent.
         self._nmt_state: NmtState | None = None
+        self._has_restarted = False
         self._emergencies: list[int] = []
         self._awaited: Entry | None = None
         self._reply: bytes | None = None
@@ -113,11 +114,16 @@ class Ds408Valve:
             self._write(entry, value)
         self._order(NmtCommand.START)
         self.fresh = False
+        # Heartbeats have the lowest priority: one from before `START` may come after a status
+        # message from behind it. So it is waited for a heartbeat which says that the node obeyed.
+        self._nmt_state = None
         if not self._wait_for(
             lambda: self.fresh and self._nmt_state is NmtState.OPERATIONAL, options.open_timeout
         ):
             state = f"does not send its status for {options.open_timeout:g} s"
             raise self._error(state, "check that its TPDO1 can be mapped (docs/can.md)")
+        # A boot-up message so far is why the node was in need of being set up.
+        self._has_restarted = False
 
     def listen(self) -> list[int]:
         """Handle the frames that have come in; return the error codes of new emergencies.
@@ -125,16 +131,23 @@ class Ds408Valve:
         An emergency is new if no earlier call returned it.
 
         Raises:
-            DriverError: heartbeat or status message stay away for `silence`, or the valve has
-                restarted.
+            DriverError: heartbeat or status message stay away for `silence`, the valve has sent
+                its boot-up message since it was set up, or is not OPERATIONAL any more.
         """
         self._take_frames()
         now, action = self._clock(), "check its power and cable, then open it again"
         for what, at in (("heartbeat", self._heard_at), ("status", self._status_at)):
             if now - at > self._options.silence:
                 raise self._error(f"is lost: no {what} for {now - at:.2f} s", action)
+        # This host commands no reset, so that every boot-up message is of a restart.
+        if self._has_restarted:
+            raise self._error("has restarted: it has sent its boot-up message", action)
         if self._nmt_state not in (None, NmtState.OPERATIONAL):
-            state = f"has restarted: it is in {self._nmt_state.name}, not OPERATIONAL"
+            state = (
+                f"is in {self._nmt_state.name}, not OPERATIONAL: another master commanded it so, "
+                "or it has restarted and its boot-up message was not heard"
+            )
+            action = "end whatever else commands it, check its power and cable, then open it again"
             raise self._error(state, action)
         codes, self._emergencies = self._emergencies, []
         return codes
@@ -216,6 +229,7 @@ class Ds408Valve:
         match frame.arbitration_id - self._options.node, len(data):
             case (canopen.HEARTBEAT, 1) if data[0] in [*NmtState]:
                 self._nmt_state, self._heard_at = NmtState(data[0]), self._clock()
+                self._has_restarted |= self._nmt_state is NmtState.BOOT_UP
             case (canopen.EMERGENCY, 8):
                 self._emergencies.append(int.from_bytes(data[:2], "little"))
             case (canopen.TPDO1, _):

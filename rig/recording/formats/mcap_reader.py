@@ -52,7 +52,8 @@ def read_mcap(path: str) -> Table:
     """Return the table in a complete MCAP file that McapWriter wrote.
 
     Raises:
-        RecordingError: the file is cut off, damaged, too large, or written by another program.
+        RecordingError: the file is cut off, damaged, too large, or written by another program, or
+            the log times of its messages contradict the times in them.
     """
     collector = SampleCollector(path)
     with mapped(path) as file:
@@ -67,6 +68,10 @@ def read_mcap(path: str) -> Table:
             raise
         except DAMAGE as error:
             raise _damaged(path, f"damaged ({_reason(error)})") from None
+    collector.compare_overview()
+    if count := collector.times.wrong:
+        where = "one place" if count == 1 else f"{count} places"
+        raise _damaged(path, f"its times contradict each other in {where}: {collector.times.first}")
     columns = columns_of(collector.channels, collector.blocks)
     replayed = () if collector.division is None else collector.division.replayed
     return Table(

@@ -23,6 +23,7 @@ from rig.recording.recording import Event
 from .divided_rows import DETAILS_TOPIC, OVERVIEW_TOPIC
 from .division import Division
 from .joining import Halves, NumberedRows
+from .log_times import LogTimes
 from .mcap_stream import serialised
 from .mcap_writer import EVENTS_TOPIC, METADATA_NAME, SAMPLES_TOPIC
 from .packed_columns import unpacked
@@ -71,6 +72,7 @@ class SampleCollector:
             order.
         metadata: metadata of the recording.
         events: events in file order.
+        times: what was found of times that contradict each other.
     """
 
     def __init__(self, path: str) -> None:
@@ -86,6 +88,7 @@ class SampleCollector:
         self.blocks: list[NDArray[np.float64]] = []
         self.metadata: dict[str, Any] = {}
         self.events: list[Event] = []
+        self.times = LogTimes()
         self._schemas: dict[int, Schema] = {}
         self._layouts: dict[int, SampleLayout] = {}
         self._overviews: dict[int, SampleLayout] = {}
@@ -119,17 +122,26 @@ class SampleCollector:
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
             self._describe(sum(map(len, record.metadata.values())))
             self.metadata = {key: json.loads(text) for key, text in record.metadata.items()}
+            self.times.start_ns = int(self.metadata.get("start_ns", 0))
         elif isinstance(record, Message) and record.channel_id in self._layouts:
             self._take_samples(serialised([record]), 0, record.channel_id)
         elif isinstance(record, Message) and record.channel_id in self._overviews:
             self._take_overview(serialised([record]), 0, record.channel_id)
         elif isinstance(record, Message) and record.channel_id in self._details_channels:
-            self._take_details(record.data)
+            self._take_details(record)
         elif isinstance(record, Message) and record.channel_id in self._event_channels:
             self._describe(len(record.data))
             content = json.loads(record.data)
             event = Event(float(content["time_s"]), str(content["kind"]), str(content["text"]))
             self.events.append(event)
+            self._compare(EVENTS_TOPIC, np.array([event.time_s]), record)
+
+    def _compare(self, topic: str, time_s: NDArray[np.float64], record: Message) -> None:
+        """Compare the times of a message that is of one time, (1,), s."""
+        log_time = np.array([record.log_time], np.uint64)
+        self.times.compare(topic, time_s, log_time)
+        published = np.array([record.publish_time], np.uint64)
+        self.times.compare_published(topic, log_time, published)
 
     def _describe(self, size: int) -> None:
         """Count a text of metadata or an event, of a size in bytes.
@@ -163,13 +175,22 @@ class SampleCollector:
             elif opcode == Opcode.CHANNEL:
                 self.take(Channel.read(content))
             elif opcode == Opcode.MESSAGE:
-                (channel_id,) = struct.unpack_from("<H", data, start)
+                channel_id, _, log_time = struct.unpack_from("<HIQ", data, start)
+                self.times.seen(np.array([log_time], np.uint64))
                 if channel_id in self._layouts:
                     offset = self._take_samples(data, start - RECORD_PREFIX, channel_id)
                 elif channel_id in self._overviews:
                     offset = self._take_overview(data, start - RECORD_PREFIX, channel_id)
                 else:
                     self.take(Message.read(content, content_length))
+        self.times.end_chunk(chunk.message_start_time, chunk.message_end_time)
+
+    def compare_overview(self) -> None:
+        """Compare the log times of the overview with all samples; nothing may be missing."""
+        if self.overview and self.blocks and self.channels[0] == "time_s":
+            time_s = np.concatenate([block[:, 0] for block in self.blocks])
+            log_times = np.concatenate([times for times, _ in self.overview])
+            self.times.compare_overview(OVERVIEW_TOPIC, time_s, log_times)
 
     @property
     def unmatched(self) -> int:
@@ -228,28 +249,42 @@ class SampleCollector:
         layout = self._layouts[channel_id]
         records = _run_at(layout, data, offset, channel_id, SAMPLES_TOPIC)
         self._grow(len(records) * len(layout.channels))
-        values = layout.values(records)
-        if self._details_channels:
-            first = int(records["sequence"][0])
-            self.blocks += self._halves.joined(signals=NumberedRows(first, values))
-        else:
-            self.blocks.append(values)
+        values, log_times = layout.values(records), records["log_time"].copy()
+        self.times.seen(log_times)
+        self.times.compare_published(SAMPLES_TOPIC, log_times, records["publish_time"])
+        rows = NumberedRows(int(records["sequence"][0]), values, log_times)
+        self._add(self._halves.joined(signals=rows) if self._details_channels else [rows])
         return offset + records.nbytes
+
+    def _add(self, blocks: Sequence[NumberedRows]) -> None:
+        """Add whole rows to the blocks, after their times were compared with the log times."""
+        for block in blocks:
+            if self.channels[0] == "time_s":
+                self.times.compare(SAMPLES_TOPIC, block.rows[:, 0], block.log_times)
+            self.blocks.append(block.rows)
 
     def _take_overview(self, data: bytes, offset: int, channel_id: int) -> int:
         """Collect the run of overview records at data[offset], as `_take_samples` does."""
         layout = self._overviews[channel_id]
         records = _run_at(layout, data, offset, channel_id, OVERVIEW_TOPIC)
         self._grow(len(records) * len(layout.channels))
-        self.overview.append((records["log_time"].copy(), layout.values(records)))
+        log_times = records["log_time"].copy()
+        self.times.seen(log_times)
+        self.times.compare_published(OVERVIEW_TOPIC, log_times, records["publish_time"])
+        self.overview.append((log_times, layout.values(records)))
         return offset + records.nbytes
 
-    def _take_details(self, message: bytes) -> None:
-        first, rows, columns = details_of(message)
+    def _take_details(self, record: Message) -> None:
+        first, rows, columns = details_of(record.data)
         # A few bytes may say that they are the same value in any number of rows.
         self._grow(rows * max(1, len(self._details)))
         details = NumberedRows(first, unpacked(columns, rows, len(self._details)))
-        self.blocks += self._halves.joined(details=details)
+        joined = self._halves.joined(details=details)
+        self._add(joined)
+        # They are as late as their first row, whose signals come before them unless the file was
+        # written anew by another program.
+        if joined and joined[0].first == first and self.channels[0] == "time_s":
+            self._compare(DETAILS_TOPIC, joined[0].rows[:1, 0], record)
 
     def _grow(self, values: int) -> None:
         """Count values before they are put into memory.

@@ -13,6 +13,7 @@ from typing import Any, Final
 from estimator.leaks import DetectorFactory
 from faults import Campaign
 from rig.configuration import Rig, unstable_controls
+from rig.heap import give_back
 from rig.io import DriverError, today
 from rig.loop import StopRequestedError, TripError
 from rig.runner.counters import RigCounter, counters_path
@@ -264,6 +265,8 @@ class _CampaignRun(Setting):
         self.observer.campaign_begins(self.campaign, self.keeper.folder, stands)
         for name, text in unstable_controls(self.campaign, self.rig):
             self.observer.rig_tells(f"warning: {name}: {text}")
+        if self.campaign.baseline_doubt:
+            self.observer.rig_tells(f"warning: {self.campaign.baseline_doubt}")
         self.desk.open(
             [test.name for test in self.campaign.tests],
             {index: str(outcome.status) for index, outcome in finished.items()},
@@ -336,6 +339,7 @@ class _CampaignRun(Setting):
                 self._skip(index)
             else:
                 self._run_test(index)
+                give_back()
             # After the last test they are written once the rig is left: the run passes only then.
             if time.monotonic() - self.written_at > _WRITE_EVERY_S and self._next() is not None:
                 self.write()

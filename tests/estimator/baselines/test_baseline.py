@@ -43,6 +43,7 @@ def old_file(baseline: Baseline, folder: Path, change: Callable[[dict[str, Any]]
     write_baseline(baseline, path)
     content: dict[str, Any] = json.loads(path.read_text())
     del content["content_sha256"]
+    content["baseline_version"] = 1
     change(content)
     path.write_text(json.dumps(content))
     return path

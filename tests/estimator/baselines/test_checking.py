@@ -10,7 +10,7 @@ import pytest
 
 from estimator.accounts.nuisances import UNINFORMED
 from estimator.baselines.baseline import PATTERN_FILTERS, Accepted, Baseline, BaselineError
-from estimator.baselines.baseline_file import load_baseline, write_baseline
+from estimator.baselines.baseline_file import baseline_doubt, load_baseline, write_baseline
 from estimator.leaks.pattern import HealthyLevel
 from rig.plant import Model
 from tests.estimator.learnt.made_up import noise
@@ -37,6 +37,7 @@ def problems(path: Path, change: Callable[[Content], object], *, old: bool) -> l
     content = json.loads(path.read_text())
     if old:
         del content["content_sha256"]
+        content["baseline_version"] = 1
     change(content)
     path.write_text(json.dumps(content))
     with pytest.raises(BaselineError) as caught:
@@ -61,11 +62,31 @@ def test_indents_and_the_order_of_keys_do_not_count(path: Path) -> None:
     assert load_baseline(path, Model()).model == "nominal"
 
 
-def test_a_file_without_a_checksum_is_read(path: Path) -> None:
+def test_a_file_from_before_checksums_is_read_and_said_to_be_unchecked(path: Path) -> None:
+    assert baseline_doubt(path, load_baseline(path, Model())) == ""
     content = json.loads(path.read_text())
     del content["content_sha256"]
+    content["baseline_version"] = 1
     path.write_text(json.dumps(content))
-    assert load_baseline(path, Model()).accepted[0].hidden == (0.0, 0.001, 0.002)
+    loaded = load_baseline(path, Model())
+    assert loaded.accepted[0].hidden == (0.0, 0.001, 0.002)
+    assert baseline_doubt(path, loaded).startswith(f"{path}: has no checksum")
+
+
+def test_a_file_whose_checksum_was_taken_out_is_refused(path: Path) -> None:
+    (problem,) = problems(path, lambda content: content.pop("content_sha256"), old=False)
+    assert problem == (
+        f"{path}: not a baseline: content_sha256: there is no such key in it, and each file of "
+        "version 2 is written with it: the file was changed; make it anew with rig baseline"
+    )
+
+
+def test_a_checksum_that_is_there_is_checked_in_every_version(path: Path) -> None:
+    def older(content: Content) -> None:
+        content["baseline_version"] = 1
+
+    (problem,) = problems(path, older, old=False)
+    assert "content_sha256: the file was changed after it was written" in problem
 
 
 def sets(*place: str | int, to: object) -> Callable[[Content], object]:

@@ -94,7 +94,7 @@ def test_what_another_master_drove_is_reported_with_how_often_and_when() -> None
     (line,) = [line for line in report.lines() if "another master" in line]
     assert line == (
         "  valve driven by another master: enabled, output at 5.00 V, 12 times, "
-        "+120 ms to +870 ms; it was brought back to its safe state"
+        "+120 ms to +870 ms; its safe state was commanded each time"
     )
     (told,) = report.document()["driven_by_another_master"]
     assert told == {

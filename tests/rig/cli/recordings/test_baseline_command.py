@@ -18,6 +18,18 @@ def test_a_baseline_of_a_healthy_recording_is_used_by_replay(
     done = invoke("replay", "--json", "--baseline", "rig.json", short_run / "leak_low.mcap")
     assert done.code == 0
     assert json.loads(done.out)["verdict"] == "external_leakage_1"
+    assert done.err == ""
+    content = json.loads(Path("rig.json").read_text())
+    del content["content_sha256"]
+    Path("rig.json").write_text(json.dumps(content | {"baseline_version": 1}))
+    old = invoke("replay", "--json", "--baseline", "rig.json", short_run / "leak_low.mcap")
+    assert (old.code, old.out) == (0, done.out)
+    assert "warning: rig.json: has no checksum" in old.err
+    assert "make it anew with rig baseline" in old.err
+    Path("rig.json").write_text(json.dumps(content))
+    refused = invoke("replay", "--baseline", "rig.json", short_run / "leak_low.mcap")
+    assert refused.code == 2
+    assert "content_sha256: there is no such key in it" in refused.err
 
 
 def test_a_baseline_shows_how_far_the_model_may_be_off(invoke: Invoke, short_run: Path) -> None:

@@ -347,6 +347,7 @@ def test_a_baseline_beside_the_campaign_is_known_to_its_detector(tmp_path: Path,
     campaign = load(tmp_path, HEAD + detector + TEST)
     assert campaign.baseline is not None
     assert campaign.baseline_file == "rig.json"
+    assert campaign.baseline_doubt == ""
     assert str(tmp_path / "rig.json") in campaign.source_files
     assert load(tmp_path, HEAD + TEST).baseline is None
 

@@ -304,15 +304,6 @@ def test_lost_status_messages_are_reported(
         bench.read(driver, 50)
 
 
-def test_a_valve_that_restarts_is_reported(bench: ValveBench) -> None:
-    driver = bench.active()
-    bench.valve.receive(can.Message(arbitration_id=0, data=[0x81, NODE], is_extended_id=False))
-    with pytest.raises(
-        DriverError, match=r"node 5 has restarted: it is in (BOOT_UP|PRE_OPERATIONAL)"
-    ):
-        bench.read(driver, 10)
-
-
 def test_garbage_on_the_bus_is_passed_over(bench: ValveBench) -> None:
     bench.valve.faults.garbage = True
     driver = bench.active()
