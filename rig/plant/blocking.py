@@ -6,11 +6,12 @@ not know of it: the shares are put into the discharge coefficient and the differ
 """
 
 from math import hypot, inf, sqrt
+from typing import Final
 
 from .dynamics import valve_conductance
 from .parameters import Parameters
 
-OPEN_CONDUCTANCE = inf
+OPEN_CONDUCTANCE: Final = inf
 """Conductance of an open blocking valve, m^3/(s Pa^0.5): its drop is neglected."""
 
 
