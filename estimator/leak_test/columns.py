@@ -37,8 +37,8 @@ seventh to a half goes so."""
 RELAXATION_ERROR: Final = 0.012
 """Its tolerance."""
 STEADY_RELAXATION: Final = 2e-4
-"""Share of a pressure step that goes in each second by the heat of compression, where that goes from
-thin layers and lines: a third of 6 %, with a time constant of 50 to 100 s, long against a soak."""
+"""Share of a pressure step that goes in each second by the heat of compression, where that goes
+from thin layers and lines: a third of 6 %, with a time constant of 50 to 100 s."""
 STEADY_RELAXATION_ERROR: Final = 2e-4
 """Its tolerance."""
 SEAL_CREEP: Final = 0.0015
@@ -98,6 +98,7 @@ def disturbances(
     blocking: BlockingLeak,
 ) -> Iterator[Column]:
     """Yield the columns of all known disturbances of a test."""
+    pairs = list(zip(soaks, accounts, strict=True))
     middle = 0.5 * (accounts[0].time_s[0] + accounts[-1].time_s[-1])
     for chamber in (0, 1):
         name = f"chamber {chamber + 1}"
@@ -113,25 +114,25 @@ def disturbances(
         )
         yield Column(
             f"heat of compression in {name}",
-            tuple(map(lambda s, a, i=chamber: _yielding(s, a, i, np.sqrt), soaks, accounts)),
+            tuple(_yielding(s, a, chamber, np.sqrt) for s, a in pairs),
             RELAXATION_ERROR / sqrt(_RELAXED_AT_S),
             RELAXATION / sqrt(_RELAXED_AT_S),
         )
         yield Column(
             f"steady loss of the heat of compression in {name}",
-            tuple(map(lambda s, a, i=chamber: _yielding(s, a, i, np.positive), soaks, accounts)),
+            tuple(_yielding(s, a, chamber, np.positive) for s, a in pairs),
             STEADY_RELAXATION_ERROR,
             STEADY_RELAXATION,
         )
         yield Column(
             f"creep of seals and hoses of {name}",
-            tuple(map(lambda s, a, i=chamber: _yielding(s, a, i, np.log), soaks, accounts)),
+            tuple(_yielding(s, a, chamber, np.log) for s, a in pairs),
             SEAL_CREEP_ERROR,
             SEAL_CREEP,
         )
         yield Column(
             f"leak of the blocking valve of {name}",
-            tuple(map(lambda s, a, i=chamber: _blocking(s, a, i, blocking), soaks, accounts)),
+            tuple(_blocking(s, a, chamber, blocking) for s, a in pairs),
             blocking.flow / sqrt(12.0),
             0.5 * blocking.flow,
         )
@@ -150,9 +151,7 @@ def _over_time(flow: Array, time_s: Array) -> Array:
     return total
 
 
-def _drift(
-    account: Account, par: Parameters, chamber: int, middle: float, power: int
-) -> Array:
+def _drift(account: Account, par: Parameters, chamber: int, middle: float, power: int) -> Array:
     volumes = account.compliance[:, chamber] * par.bulk_modulus
     flow = np.zeros_like(account.lost)
     flow[:, chamber] = EXPANSION * volumes * (account.time_s - middle) ** power

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 FALSE_ALARMS: Final = 0.01
 """Share of the tests of a tight cylinder that accuse it, in any of the three places."""
 THRESHOLD: Final = 2.713
-"""Quantile of the standard normal distribution at 1 - `FALSE_ALARMS` / 3: each place has a third."""
+"""Quantile of the standard normal distribution at 1 - `FALSE_ALARMS` / 3; a place has a third."""
 FOUND_IN_95: Final = 1.645
 """Its quantile at 0.95: a leak by this many standard errors above the threshold is found in 95 of
 100 tests."""

@@ -1,4 +1,4 @@
-"""Soaks of a locked cylinder: at which pressures they are made, and the oil that each chamber loses.
+"""Soaks of a locked cylinder: at which pressures they are made, and the oil each chamber loses.
 
 The ram stands, both blocking valves are shut, and pressures and position are recorded.
 """
@@ -16,13 +16,13 @@ Array = NDArray[np.float64]
 SOAK_S: Final = 6.0
 """Length of a soak in s: three of them, with the moves between, make the half minute of a test."""
 BLOCK_S: Final = 0.25
-"""Length in s of the blocks over which samples are averaged. A leak that matters changes a pressure
-by 0.02 to 0.1 MPa in it, which is nearly straight."""
+"""Length in s of the blocks over which samples are averaged. A leak that matters changes a
+pressure by 0.02 to 0.1 MPa in it, nearly in a straight line."""
 LEAST_PRESSURE: Final = 1e6
 """Least chamber pressure in Pa at which a block counts. Below it a little air would soften the oil
 by more than the tolerance of its bulk modulus: 1 % of air halves the stiffness at 2 MPa."""
 LEAST_BLOCKS: Final = 6
-"""Fewest blocks of a soak: an offset, a rate and a curvature are fitted to each soak, twice over."""
+"""Fewest blocks of a soak: offset, rate and curvature are fitted to each, and twice as many do."""
 
 _MEAN_SHARE: Final = 0.725
 _LOW_SHARE: Final = 0.22

@@ -37,7 +37,7 @@ def soaks_of(rigs: Rigs, levels: Levels, generator: np.random.Generator) -> list
         ports = port_pressures(number, NOMINAL.supply_pressure, NOMINAL.return_pressure)
         pressures, positions = _soak(rigs, levels, first, first - before, ports, begun)
         skipped = round(SETTLE_S / STEP_S)
-        time_s = begun + STEP_S * np.arange(pressures.shape[0])
+        time_s: Array = begun + STEP_S * np.arange(pressures.shape[0], dtype=np.float64)
         drift = time_s[:, None, None] * rigs.zero_drift
         noise = DATA_SHEET.pressure_noise * generator.standard_normal(pressures.shape)
         shown = pressures + drift + noise
@@ -87,7 +87,9 @@ def _soak(
         quick = 0.3 / rigs.quick_s * np.exp(-since / rigs.quick_s)
         slow = 0.7 / rigs.slow_s * np.exp(-since / rigs.slow_s)
         rate -= steps * (rigs.heat * (quick + slow))[:, None]
-        rate -= steps * rigs.yielding * (np.exp(-since / rigs.yielding_s) / rigs.yielding_s)[:, None]
+        rate -= (
+            steps * rigs.yielding * (np.exp(-since / rigs.yielding_s) / rigs.yielding_s)[:, None]
+        )
         p = p + STEP_S * rate
     return pressures, positions
 

@@ -14,12 +14,7 @@ from rig.configuration import Rig, load_model, load_rig
 from rig.recording import replace_text
 from rig.report.leak_test import HEADINGS, leak_rows, leak_sentences, leak_test_page
 from rig.runner import StopFlag, stop_on_signals
-from rig.runner.leak_test import (
-    SimulatedLockable,
-    StoppedError,
-    leak_test_figures,
-    run_leak_test,
-)
+from rig.runner.leak_test import SimulatedLockable, StoppedError, leak_test_figures, run_leak_test
 from rig.runner.run_folder import default_directory, make_empty
 
 EXIT_LEAK: Final = 1
@@ -52,14 +47,21 @@ def command(reference: str, model: str, seed: int, folder: Path | None, as_json:
         raise click.BadParameter(without_valves(rig), param_hint="RIG")
     begun = datetime.now(UTC)
     directory = folder or default_directory(f"leak-test-{rig.name}", begun)
+    existed = directory.exists()
     make_empty(directory)
     screen, stop = Screen(), StopFlag()
     screen.quiet = as_json
-    with ending(EXIT_STOPPED, LeakTestError, StoppedError), stop_on_signals(stop):
-        test = run_leak_test(
-            rig, assumed.parameters, SimulatedLockable(rig, seed),
-            lambda number, _: screen.print(f"soak {number} of 3"), lambda: stop.reason,
-        )  # fmt: skip
+    lost = "; nothing was written"
+    with ending(EXIT_STOPPED, LeakTestError, StoppedError, after=lost), stop_on_signals(stop):
+        try:
+            test = run_leak_test(
+                rig, assumed.parameters, SimulatedLockable(rig, seed),
+                lambda number, _: screen.print(f"soak {number} of 3"), lambda: stop.reason,
+            )  # fmt: skip
+        except (LeakTestError, StoppedError):
+            if not existed:
+                directory.rmdir()
+            raise
     figures = leak_test_figures(test)
     text = json.dumps(figures, indent=1, allow_nan=False)
     replace_text(directory / "leak_test.json", text + "\n")
@@ -76,8 +78,8 @@ def command(reference: str, model: str, seed: int, folder: Path | None, as_json:
 def without_valves(rig: Rig) -> str:
     """Return why a rig without blocking valves cannot be tested, and what it can do instead."""
     return (
-        f"{rig.name} has no blocking valves (`blocking_valves` in its file), and a servovalve at null "
-        "passes far more than what this test looks for; without them use a motion (`rig run`): of "
-        "those studied a sine is best, of which no detector finds less than 0.0090 L/min in 10 s or "
-        "0.0056 in 60 s, and this one finds 0.042 in 10 s and 0.028 in 60 s (docs/leak_test.md)"
+        f"{rig.name} has no blocking valves (`blocking_valves` in its file), and a servovalve at "
+        "null passes far more than what this test looks for; use a motion (`rig run`) instead: of "
+        "those studied a sine is best, of which no detector finds less than 0.0090 L/min in 10 s "
+        "or 0.0056 in 60 s, and this one finds 0.042 in 10 s and 0.028 in 60 s (docs/leak_test.md)"
     )

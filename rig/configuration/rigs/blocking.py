@@ -1,4 +1,4 @@
-"""The blocking valves of a rig: one in the line of each chamber, which together lock the cylinder."""
+"""Blocking valves: one in the line of each chamber, which together lock the cylinder."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -32,8 +32,9 @@ MOST_COMMAND: Final = 0.5
 """Greatest command in V while a pressure is regulated. Were a blocking valve to let go, the ram
 would move with some 40 mm/s, as slowly as in commissioning."""
 SOAK_COMMAND: Final = 0.3
-"""Command in V during a soak: it connects one port of the servovalve to the supply and the other to
-the return beyond any shift of its null, so that the pressure behind each blocking valve is known."""
+"""Command in V during a soak: it connects one port of the servovalve to the supply and the other
+to the return, beyond any shift of its null, so that the pressures behind the blocking valves are
+known."""
 REGULATE_S: Final = 0.5
 """Time in s for which a pressure is regulated: five time constants of the control."""
 SETTLE_S: Final = 1.0
@@ -100,7 +101,7 @@ class _Sequence:
 
     def soak(self, number: int, targets: tuple[float, float]) -> Soak:
         """Bring both chambers to pressures in Pa, lock them, and return the samples of a soak."""
-        par, before = self._par, self._before or self._rig.exchange(0.0)
+        par, before = self._par, self._before or self._lock()
         for _ in range(ROUNDS):
             for chamber in (0, 1):
                 # A valve opens only when the other one is shut, and while the pressure that it is
@@ -126,7 +127,17 @@ class _Sequence:
             pressure_1=float(table[1, -50:].mean()), pressure_2=float(table[2, -50:].mean())
         )
         ports = port_pressures(number, par.supply_pressure, par.return_pressure)
-        return Soak(*table, *ports, steps, begun_s - locked_s)
+        time_s, pressure_1, pressure_2, position = table
+        return Soak(time_s, pressure_1, pressure_2, position, *ports, steps, begun_s - locked_s)
+
+    def _lock(self) -> Reading:
+        """Shut both valves with the servovalve at null; return a sample from before."""
+        before = self._exchange(0.0)
+        self._rig.block(True, True)
+        until_s = self._rig.time_s + 1.5 * self._travel_s
+        while self._rig.time_s < until_s:
+            self._exchange(0.0)
+        return before
 
     def _regulate(self, chamber: int, target: float, duration_s: float) -> Reading:
         """Regulate the pressure of a chamber to a target in Pa; return the last sample."""

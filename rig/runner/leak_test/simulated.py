@@ -43,9 +43,7 @@ class SimulatedLockable:
             supply_pressure_sensor=rig.has_supply_pressure_sensor,
         )  # fmt: skip
         self._plant.set_leaks(leaks or {})
-        self._shut = leak_conductance(
-            max(blocking_leak, 1e-3) * valves.leak, valves.leak_pressure
-        )
+        self._shut = leak_conductance(max(blocking_leak, 1e-3) * valves.leak, valves.leak_pressure)
         self._per_period = PERIOD_NS * 1e-9 / max(valves.travel_s, PERIOD_NS * 1e-9)
         self._positions = [0.0, 0.0]
         self._targets = (0.0, 0.0)
