@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.plant import LEAKS, Parameters, SensorParameters
 
-from .columns import BULK_MODULUS, BlockingLeak, disturbances, leak_columns
+from .columns import BULK_MODULUS, LEAK_LAW, BlockingLeak, disturbances, leak_columns
 from .soaks import LEAST_BLOCKS, SOAK_S, Account, Levels, Soak, account_of
 
 Array = NDArray[np.float64]
@@ -47,8 +47,8 @@ class LeakFinding:
     Attributes:
         name: the leak, one of `rig.plant.LEAKS`.
         flow: estimated flow in m^3/s at the stated pressure.
-        standard_error: its standard error in m^3/s, without that of the bulk modulus.
-        lower: lower end of the 95 % interval, m^3/s, with the tolerance of the bulk modulus.
+        standard_error: its standard error in m^3/s, without bulk modulus and leak law.
+        lower: lower end of the 95 % interval, m^3/s, with the tolerances of both.
         upper: its upper end.
         is_leak: whether the place leaks, at the rate `FALSE_ALARMS` for all places together.
         smallest: smallest leak in m^3/s that 95 of 100 tests like this one would have found.
@@ -136,7 +136,7 @@ def fit_leaks(
     findings = []
     for i, name in enumerate(LEAKS):
         flow, error = solved[i] * scale[i], sqrt(inverse[i, i]) * scale[i] * max(1.0, misfit)
-        half = hypot(INTERVAL * error, INTERVAL * BULK_MODULUS * flow)
+        half = INTERVAL * hypot(error, BULK_MODULUS * flow, LEAK_LAW * flow)
         most = 3 + int(np.argmax(np.abs(carried[i, 3 : len(names)])))
         findings.append(
             LeakFinding(
