@@ -24,6 +24,7 @@ TIMES_OF_DAY = {
     "rig/cli/hardware/commission.py": "the day of a commissioning",
     "rig/cli/hardware/home.py": "the name of a folder",
     "rig/cli/hardware/jog.py": "the name of a folder",
+    "rig/cli/hardware/leak_test.py": "the day of a leak test",
     "rig/cli/models/gap_finding.py": "a seed",
     "rig/cli/models/identify.py": "the day of an identification",
     "rig/cli/models/sweep.py": "the name of a folder",

@@ -59,6 +59,10 @@ COMMANDS: Final = {
         "hardware.commission",
         "Find how a new rig is wired and what it is like; write it into its file.",
     ),
+    "leak-test": (
+        "hardware.leak_test",
+        "Lock a cylinder by its blocking valves, and measure its leaks.",
+    ),
     "calibrate": ("hardware.calibrate", "Measure a rig's needle valves with its flow meters."),
     "tune": ("models.tune", "Tune a rig's position loop by an experiment."),
     "doctor": ("hardware.doctor", "Show what this machine grants to a rig, and the remedies."),

@@ -48,6 +48,7 @@ from .reading import (
 from .rigs import (
     DEFAULT as DEFAULT,
     OFF as OFF,
+    BlockingValves as BlockingValves,
     NotAsMeantError as NotAsMeantError,
     Rig as Rig,
     control_in_words as control_in_words,

@@ -16,12 +16,14 @@ from rig.io import simulated_rig
 from rig.plant import (
     DATA_SHEET,
     FAULT_COLUMNS,
+    OPEN_CONDUCTANCE,
     READING_COUNT,
     Model,
     PlantState,
     Reading,
     SensorParameters,
     hold_reference,
+    throttled,
 )
 
 from .advancing import advance_plant, sample_plant, shown_position
@@ -37,6 +39,7 @@ PUMP_TIME_CONSTANT: Final = 0.05
 unloading valve; it is chosen, not taken from a data sheet."""
 
 _PUMP_STEP_NS: Final = 1_000_000
+_BLOCKING_STEP_NS: Final = 1_000_000
 _PUMP_SETTLED: Final = 1e3
 """Distance in Pa from its target within which the supply pressure counts as having reached it."""
 
@@ -87,6 +90,7 @@ class EmulatedPlant:
         self._sampled = np.empty(READING_COUNT)
         self._command = 0.0
         self._stuck_at: float | None = None
+        self._blocking = (OPEN_CONDUCTANCE, OPEN_CONDUCTANCE)
         self.pump_loaded = pump_loaded
         if not pump_loaded:
             self._set_supply(self._par.return_pressure)
@@ -141,11 +145,19 @@ class EmulatedPlant:
         # A stuck spool stands where this command would hold it.
         stuck, command = self._stuck_at, self._command
         acting = command if stuck is None else stuck / self._par.valve_gain
-        advance_plant(
-            rig.state, rig.path, rig.seen, rig.meters, acting, self._par,
-            self._fault, duration_ns * 1e-9, self.sensors.flow_time_constant,
-        )  # fmt: skip
-        self.time_ns += duration_ns
+        locked = self._blocking != (OPEN_CONDUCTANCE, OPEN_CONDUCTANCE)
+        until_ns = self.time_ns + duration_ns
+        while self.time_ns < until_ns:
+            # What a blocking valve passes depends on the spool, which moves from tick to tick.
+            step_ns = until_ns - self.time_ns
+            step_ns = min(step_ns, _BLOCKING_STEP_NS) if locked else step_ns
+            opening = float(self._state[0]) + self._par.spool_null_bias
+            par = throttled(self._par, opening, self._blocking)
+            advance_plant(
+                rig.state, rig.path, rig.seen, rig.meters, acting, par,
+                self._fault, step_ns * 1e-9, self.sensors.flow_time_constant,
+            )  # fmt: skip
+            self.time_ns += step_ns
 
     def _set_supply(self, pressure: float) -> None:
         """Set the pump's pressure in Pa; its ripple is in proportion to that above the return's."""
@@ -199,6 +211,23 @@ class EmulatedPlant:
             valve = self._bypass_valves.get(bypass)
             coefficient = valve.effective(needle, ball) if valve else 0.0
         self._fault[FAULT_COLUMNS.index(bypass)] = coefficient
+
+    def set_blocking(self, conductance_1: float, conductance_2: float) -> None:
+        """Set what the blocking valves of chambers 1 and 2 pass from now on, m^3/(s Pa^0.5).
+
+        A rig without such valves has `OPEN_CONDUCTANCE` in both lines, as has a new plant.
+        """
+        self.catch_up()
+        self._blocking = (conductance_1, conductance_2)
+
+    def set_leaks(self, coefficients: Mapping[str, float]) -> None:
+        """Set fault coefficients, SI, by the names `FAULT_COLUMNS`; others stay as they are.
+
+        They are leaks of the cylinder itself, which no bypass makes.
+        """
+        self.catch_up()
+        for name, coefficient in coefficients.items():
+            self._fault[FAULT_COLUMNS.index(name)] = coefficient
 
     @property
     def coefficients(self) -> dict[str, float]:

@@ -14,6 +14,11 @@ from .added_terms import (
     terms_of as terms_of,
     unit_per as unit_per,
 )
+from .blocking import (
+    OPEN_CONDUCTANCE as OPEN_CONDUCTANCE,
+    leak_conductance as leak_conductance,
+    throttled as throttled,
+)
 from .command_effects import (
     LONGEST_DELAY_TICKS as LONGEST_DELAY_TICKS,
     PATH_SIZE as PATH_SIZE,
@@ -31,6 +36,7 @@ from .dynamics import (
     PlantState as PlantState,
     added_inflows as added_inflows,
     aeration_compliance as aeration_compliance,
+    aeration_softening as aeration_softening,
     chamber_volumes as chamber_volumes,
     is_real_valve as is_real_valve,
     lapped as lapped,

@@ -24,6 +24,8 @@ PUBLISHED: Final = (
      "0.124 internal offline, 0.23 online"),
     ("wavelets, Goharrizi and Sepehri, IJFP", "0.20 to 0.25 internal, 0.3 external"),
     ("unscented Kalman filter, Nurmi and Mattila", "0.7 external"),
+    ("structured input on an electro-hydrostatic actuator, Thakur, University of Manitoba",
+     "0.0042 internal, in 85 % of the tests"),
 )  # fmt: skip
 """Smallest leaks that others found, all on real rigs: source and leak in L/min."""
 

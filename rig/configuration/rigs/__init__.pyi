@@ -1,3 +1,4 @@
+from .blocking import BlockingValves as BlockingValves
 from .calibrated import (
     calibration_warnings as calibration_warnings,
     corrected_twice as corrected_twice,

@@ -36,6 +36,7 @@ from rig.io import (
 )
 from rig.plant import Model, SensorParameters
 
+from .blocking import BlockingFile, BlockingValves, read_blocking_valves
 from .calibrated import Expired, TransducerFiles, measured_by, read_calibrations, uncalibrated
 from .control import UNLESS_USUAL, read_control
 from .drivers import driver_files, read_drivers
@@ -86,6 +87,7 @@ class Rig:
         calibrations: calibrations of the transducers, by which readings are corrected.
         uncalibrated: measured channels without calibration; () if no channel has one.
         wiring: how a hardware rig is wired, against the names in its device's register map.
+        blocking_valves: the valves that lock the cylinder; None if there are none.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Rig:
     calibrations: tuple[TransducerCalibration, ...] = field(default=(), metadata=UNLESS_USUAL)
     uncalibrated: tuple[str, ...] = field(default=(), metadata=UNLESS_USUAL)
     wiring: Wiring = field(default_factory=Wiring, metadata=UNLESS_USUAL)
+    blocking_valves: BlockingValves | None = field(default=None, metadata=UNLESS_USUAL)
 
     @property
     def injectable(self) -> tuple[str, ...]:
@@ -136,6 +139,7 @@ class RigFile(Schema):
         None
     )
     return_valve: Annotated[Any, Under(lambda: (ReturnValveFile,))] = None
+    blocking_valves: Annotated[Any, Under(lambda: (BlockingFile,))] = None
     limits: Annotated[Any, Under(lambda: (LimitsFile,))]
     position_gain: Annotated[float, GAIN] = POSITION_GAIN
     pace: Pace = "fast"
@@ -180,6 +184,8 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     sensors = _read_sensors(root.get("sensors"))
     bypass_valves = read_bypass_valves(root.get("bypass_valves"))
     return_valve = read_return_valve(root.get("return_valve"))
+    backend = file.backend if file is not None else "simulated"
+    blocking = read_blocking_valves(root.get("blocking_valves"), backend)
     limits = read_limits(root.get("limits"), plant)
     rungs = read_ladder(root.get("limits"))
     loop = read_options(LoopSettings, root.get("loop"))
@@ -217,6 +223,7 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
         calibrations=calibrations,
         uncalibrated=uncalibrated(calibrations, measured or frozenset()),
         wiring=wiring,
+        blocking_valves=blocking,
     )
 
 

@@ -1,0 +1,17 @@
+from .columns import BlockingLeak as BlockingLeak
+from .fit import (
+    FALSE_ALARMS as FALSE_ALARMS,
+    LeakFinding as LeakFinding,
+    LeakTestError as LeakTestError,
+    LeakTestResult as LeakTestResult,
+    fit_leaks as fit_leaks,
+    foreseen_limits as foreseen_limits,
+    port_pressures as port_pressures,
+)
+from .soaks import (
+    LEAST_PRESSURE as LEAST_PRESSURE,
+    SOAK_S as SOAK_S,
+    Levels as Levels,
+    Soak as Soak,
+    levels_of as levels_of,
+)

@@ -1,0 +1,85 @@
+"""`rig leak-test` locks a rig's cylinder by its blocking valves and measures its leaks."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import click
+
+from estimator.leak_test import LeakTestError
+from rig.cli.application import EXIT_STOPPED, ending
+from rig.cli.screen import Screen
+from rig.configuration import Rig, load_model, load_rig
+from rig.recording import replace_text
+from rig.report.leak_test import HEADINGS, leak_rows, leak_sentences, leak_test_page
+from rig.runner import StopFlag, stop_on_signals
+from rig.runner.leak_test import SimulatedLockable, StoppedError, leak_test_figures, run_leak_test
+from rig.runner.run_folder import default_directory, make_empty
+
+EXIT_LEAK: Final = 1
+
+
+@click.command()
+@click.argument("reference", metavar="RIG")
+@click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the sensors' noise.")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="A new or empty folder for the results; runs/leak-test-RIG-TIME if not given.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One object instead of a table.")
+def command(reference: str, model: str, seed: int, folder: Path | None, as_json: bool) -> int:
+    """Lock the cylinder of RIG, a file or a shipped name, and measure its leaks in half a minute.
+
+    The servovalve brings both chambers to three pressures in turn; each time the blocking valves
+    lock them, and the decay of the pressures is watched for 6 s. The leaks out of both chambers and
+    across the piston are fitted together, with temperature drift, creep, and the blocking valves'
+    own leak within its data sheet. Writes leak_test.html and leak_test.json.
+
+    RIG needs `blocking_valves`; so far only a simulated rig can have them, such as `locked`. Exit
+    code 0 no leak, 1 a leak, 2 bad input, 3 stopped, or a chamber did not keep its pressure.
+    """
+    rig, assumed = load_rig(reference), load_model(model)
+    if rig.blocking_valves is None:
+        raise click.BadParameter(without_valves(rig), param_hint="RIG")
+    begun = datetime.now(UTC)
+    directory = folder or default_directory(f"leak-test-{rig.name}", begun)
+    existed = directory.exists()
+    make_empty(directory)
+    screen, stop = Screen(), StopFlag()
+    screen.quiet = as_json
+    lost = "; nothing was written"
+    with ending(EXIT_STOPPED, LeakTestError, StoppedError, after=lost), stop_on_signals(stop):
+        try:
+            test = run_leak_test(
+                rig, assumed.parameters, SimulatedLockable(rig, seed),
+                lambda number, _: screen.print(f"soak {number} of 3"), lambda: stop.reason,
+            )  # fmt: skip
+        except (LeakTestError, StoppedError):
+            if not existed:
+                directory.rmdir()
+            raise
+    figures = leak_test_figures(test)
+    text = json.dumps(figures, indent=1, allow_nan=False)
+    replace_text(directory / "leak_test.json", text + "\n")
+    page = directory / "leak_test.html"
+    replace_text(page, leak_test_page(test, f"{begun:%Y-%m-%d %H:%M}"))
+    if as_json:
+        click.echo(json.dumps(figures, allow_nan=False))
+    screen.print_table(HEADINGS, leak_rows(test), right=HEADINGS[2:5])
+    for sentence in (*leak_sentences(test), f"page: {page}"):
+        screen.print(sentence, soft_wrap=True)
+    return EXIT_LEAK if test.leaks else 0
+
+
+def without_valves(rig: Rig) -> str:
+    """Return why a rig without blocking valves cannot be tested, and what it can do instead."""
+    return (
+        f"{rig.name} has no blocking valves (`blocking_valves` in its file), and a servovalve at "
+        "null passes far more than what this test looks for; use a motion (`rig run`) instead: of "
+        "those studied a sine is best, of which no detector finds less than 0.0090 L/min in 10 s "
+        "or 0.0056 in 60 s, and this one finds 0.042 in 10 s and 0.028 in 60 s (docs/leak_test.md)"
+    )

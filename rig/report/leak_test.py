@@ -1,0 +1,77 @@
+"""The words and the page of `rig leak-test`."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.plant import LITRE_PER_MINUTE
+from rig.report.templating import rendered
+from rig.runner.leak_test import LeakTest
+
+HEADINGS = ("place", "verdict", "L/min", "95 % interval", "could have seen", "limited by")
+"""Headings of the table that `leak_rows` fills."""
+
+_PLACES = {
+    "external_leakage_1": "chamber 1, out",
+    "external_leakage_2": "chamber 2, out",
+    "internal_leakage": "across the piston",
+}
+
+
+def leak_rows(test: LeakTest) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of a row for each place, flows in L/min."""
+    for each in test.found.findings:
+        flow, low, high, smallest = (
+            value / LITRE_PER_MINUTE for value in (each.flow, each.lower, each.upper, each.smallest)
+        )
+        yield (
+            _PLACES[each.name],
+            "leak" if each.is_leak else "healthy",
+            f"{flow:.5f}",
+            f"{low:.5f} to {high:.5f}",
+            f"{smallest:.5f}",
+            each.limited_by,
+        )
+
+
+def leak_sentences(test: LeakTest) -> tuple[str, ...]:
+    """Return in sentences at which pressures the flows are stated, and how sure a verdict is."""
+    levels = test.found.levels
+    foreseen = ", ".join(f"{value / LITRE_PER_MINUTE:.5f}" for value in test.foreseen)
+    return (
+        f"Flows out of a chamber are stated at {1e-6 * levels.pressure:.1f} MPa, that across the "
+        f"piston at a difference of {1e-6 * levels.difference:.1f} MPa.",
+        "One in a hundred tests of a tight cylinder accuses it in any place. What the test could "
+        "have seen is the leak that 95 of 100 such tests name; computed before it: "
+        f"{foreseen} L/min.",
+        f"It took {test.duration_s:.0f} s. What is left unexplained is {test.found.misfit:.1f} "
+        "times what the sensors' noise is expected to leave.",
+    )
+
+
+def leak_test_page(test: LeakTest, started: str) -> str:
+    """Return the HTML page of a leak test, which began at `started`, UTC, as text."""
+    soaks = [
+        (
+            f"{number}",
+            *(f"{1e-6 * value:.2f}" for value in _ends(soak.pressure_1)),
+            *(f"{1e-6 * value:.2f}" for value in _ends(soak.pressure_2)),
+            f"{1e6 * (soak.position[-1] - soak.position[0]):.0f}",
+        )
+        for number, soak in enumerate(test.soaks, start=1)
+    ]
+    return rendered(
+        "leak_test.html.j2",
+        rig=test.rig,
+        started=started,
+        headings=HEADINGS,
+        rows=list(leak_rows(test)),
+        sentences=leak_sentences(test),
+        soaks=soaks,
+    )
+
+
+def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the means of the first and the last quarter of a second."""
+    return float(values[:50].mean()), float(values[-50:].mean())

@@ -1,0 +1,3 @@
+from .results import LeakTest as LeakTest, leak_test_figures as leak_test_figures
+from .sequence import StoppedError as StoppedError, run_leak_test as run_leak_test
+from .simulated import SimulatedLockable as SimulatedLockable
