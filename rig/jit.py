@@ -20,6 +20,7 @@ from llvmlite import ir  # noqa: E402
 from numba import njit as njit, types  # noqa: E402
 from numba.core import cgutils  # noqa: E402
 from numba.core.boxing import unbox_tuple  # noqa: E402
+from numba.core.codegen import CPUCodeLibrary  # noqa: E402
 from numba.core.datamodel import models  # noqa: E402
 from numba.core.datamodel.registry import default_manager  # noqa: E402
 from numba.core.pythonapi import NativeValue, unbox  # noqa: E402
@@ -90,3 +91,19 @@ def _remembered(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, A
 
 
 BaseFunction.get_call_type = _remembered  # type: ignore[assignment, method-assign]
+
+
+def _optimise_functions(self: Any, module: Any) -> None:
+    """Optimise each function of an LLVM module that has code, and leave out mere declarations.
+
+    This stands in place of numba's method, which does the same for declarations too.
+    """
+    module.data_layout = self._codegen._data_layout
+    for function in module.functions:
+        if not function.is_declaration:
+            passes, builder = self._codegen._function_pass_manager()
+            with self._recorded_timings.record(f"Function passes on {function.name!r}", builder):
+                passes.run(function, builder)
+
+
+CPUCodeLibrary._optimize_functions = _optimise_functions

@@ -340,7 +340,7 @@ def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
     steps = batch * MOST_STEPS
     log = empty_lanes(steps * LOGGED_OF_CHAMBERS).reshape((steps, LOGGED_OF_CHAMBERS, LANES))
     rows, setpoint = empty_lanes(batch), empty_lanes(batch)
-    first = 0
+    first = np.int64(0)  # A bare 0 has numba compile `plant_ticks` once more, for 0 alone.
     while first < ticks:
         count = min(batch if first == 0 else batch - 1, ticks - first)
         case_setpoints(first, cases, cases.table, setpoint[:count])
@@ -454,7 +454,7 @@ def thesis7_readings(ahead, rigs, cases, filters, loop, like, sensors, assumed, 
     rows, setpoint = empty_lanes(batch), empty_lanes(batch)
     readings = empty_lanes(batch * _READING_COUNT).reshape((batch, _READING_COUNT, LANES))
     again = cases.pressures.copy()
-    first = 0
+    first = np.int64(0)  # A bare 0 has numba compile `plant_ticks` once more, for 0 alone.
     while first < ticks:
         count = min(batch if first == 0 else batch - 1, ticks - first)
         case_setpoints(first, cases, cases.table, setpoint[:count])

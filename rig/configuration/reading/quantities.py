@@ -121,18 +121,27 @@ def unit_factor(unit: str, si_unit: str) -> Decimal:
 
 
 def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
-    known = [name for each in DIMENSIONS.values() for name in each.units]
-    near = nearest(unit, dimension(si_unit).units) or nearest(unit, known)
-    remedy = f"did you mean {near}?" if near else f"write it like {dimension(si_unit).example}"
     if not _UNIT.fullmatch(unit):
         shown = unit if len(unit) <= 60 else f"{unit[:57]}..."
-        raise QuantityError(f"has an unusable unit {shown!r}", remedy)
+        raise QuantityError(f"has an unusable unit {shown!r}", _likely_unit(unit, si_unit))
     text = _ROOT.sub(r"\1^0.5", unit).replace("·", "*")
     registry = unit_registry()
     try:
         return registry.parse_units(text)
     except Exception as error:  # pint passes on whatever its tokenizer and arithmetic raise
+        remedy = _likely_unit(unit, si_unit)
         raise QuantityError(f"has an unknown unit {unit!r}", remedy) from error
+
+
+def _likely_unit(unit: str, si_unit: str) -> str:
+    """Return the remedy for a unit that cannot be read: the unit that was probably meant.
+
+    It is looked for among the units of the wanted quantity and then among all others; if none is
+    close, the remedy is an example of the wanted quantity.
+    """
+    known = [name for each in DIMENSIONS.values() for name in each.units]
+    near = nearest(unit, dimension(si_unit).units) or nearest(unit, known)
+    return f"did you mean {near}?" if near else f"write it like {dimension(si_unit).example}"
 
 
 def read(raw: object, si_unit: str) -> Reading:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
@@ -94,9 +95,20 @@ def checked(
     `fields` gives the type of each key's value, `hints` the remedy for misplaced keys. Mistakes are
     recorded as problems, keys that are not in `fields` among them.
     """
-    definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
-    file = read_mapping(create_model("Section", __base__=Schema, **definitions), item, hints)
+    file = read_mapping(_section(tuple(fields.items())), item, hints)
     return {key: getattr(file, key, None) for key in fields}
+
+
+@lru_cache(maxsize=64)
+def _section(fields: tuple[tuple[str, Any], ...]) -> type[Schema]:
+    """Return a schema with these keys, each with the type of its value, all of which may be absent.
+
+    Making a schema with all parameters of a plant takes as long as reading a whole campaign file,
+    and each file of a model needs the same one. So the last 64 are kept, which is more than the
+    shipped files need; the types must be hashable.
+    """
+    definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields}
+    return create_model("Section", __base__=Schema, **definitions)
 
 
 def elements_of(item: Located | None, remedy: str) -> list[Located]:

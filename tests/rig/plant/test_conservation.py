@@ -141,12 +141,12 @@ def test_a_chambers_oil_changes_by_what_flows_through_its_orifices(
 
 
 @njit(cache=True, error_model="numpy")
-def finely(state, command, par, fault, states):  # type: ignore[no-untyped-def]
-    """Run tick by tick, keeping the state after each sixteenth of a millisecond."""
+def finely(state, command, par, fault, steps, states):  # type: ignore[no-untyped-def]
+    """Run tick by tick, in so many steps, keeping the state after each sixteenth of a millisecond."""
     for k in range(command.size):
         for piece in range(PIECES):
             states[k * PIECES + piece] = state
-            advance(state, command[k], par, fault, TICK / PIECES, 1)
+            advance(state, command[k], par, fault, TICK / PIECES, steps)
 
 
 @pytest.mark.parametrize("law", [BRISTLE, KARNOPP], ids=["bristle", "karnopp"])
@@ -158,7 +158,7 @@ def test_over_a_run_into_a_stroke_end_and_through_cavitation_the_oil_accounts_ba
     command = 10.0 * np.sign(np.sin(10.0 * np.pi * time + 0.3))
     states = np.empty((command.size * PIECES, len(PlantState._fields)))
     start = disturbed(0.57, 0.0, 6.9e6, 6.9e6, law)
-    finely(start, command, rig, np.zeros(len(NO_FAULT)), states)
+    finely(start, command, rig, np.zeros(len(NO_FAULT)), 1, states)
     run = dict(zip(PlantState._fields, states.T, strict=True))
     assert run["position"].max() > rig.stroke_max
     assert min(run["pressure_1"].min(), run["pressure_2"].min()) < -1e4

@@ -82,8 +82,8 @@ class Judge:
         inputs = np.array([told.get(name, nan) for name in FAST_INPUTS])
         action, cause, channel_at = check_sample(
             Tick(
-                inputs, fresh, elapsed, exchange, age, command, self.counter % 65536, driving,
-                homed, nan, 0, self.counter, place,
+                inputs, fresh, elapsed, exchange, age, command, float(self.counter % 65536),
+                driving, homed, nan, 0, self.counter, place,
             ),
             self.interlock,
         )  # fmt: skip

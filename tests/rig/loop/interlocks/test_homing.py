@@ -59,7 +59,8 @@ class HomedRig:
                 command, False, self.interlock.tolerances, self.interlock.memory
             )
             found = check_sample(
-                Tick(inputs, True, 1, 0.15, 0, allowed, tick, True, False), self.interlock
+                Tick(inputs, True, 1, 0.15, 0, allowed, float(tick), True, False),
+                self.interlock,
             )
             self.worst = max(self.worst, found)
             self.greatest_load_pressure = max(
@@ -70,7 +71,7 @@ class HomedRig:
                 command = self.homing.next_command(sample) + self.null_V
                 if self.homing.offset_m is not None:
                     return self.homing.offset_m
-            advance(state, allowed, self.rig.parameters, NO_FAULT)
+            advance(state, allowed, self.rig.parameters, tuple(NO_FAULT))
         raise AssertionError("homing neither ended nor gave up")
 
 
@@ -161,5 +162,7 @@ def test_a_blocked_ram_that_is_pushed_hard_trips_with_its_cause() -> None:
     inputs = np.full(len(FAST_INPUTS), np.nan)
     for tick in range(100):
         inputs[:3] = 0.0, 1e7 + 1e3 * tick, 1e6 + 1e3 * tick
-        found = check_sample(Tick(inputs, True, 1, 0.15, 0, 0.5, tick, True, False), rig.interlock)
+        found = check_sample(
+            Tick(inputs, True, 1, 0.15, 0, 0.5, float(tick), True, False), rig.interlock
+        )
     assert found[:2] == (Action.TRIP, Cause.HOMING_FORCE)

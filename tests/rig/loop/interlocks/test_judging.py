@@ -73,7 +73,7 @@ class Interlock:
         } | values
         inputs = np.array([sample.get(name, nan) for name in FAST_INPUTS])
         action, cause, channel = check_sample(
-            Tick(inputs, fresh, 1, 0.15, self.age, command, self.tick % 65536, self.driving,
+            Tick(inputs, fresh, 1, 0.15, self.age, command, float(self.tick % 65536), self.driving,
                  self.homed),
             Judged(self.limits, TOL, self.memory, passing_log()),
         )  # fmt: skip
@@ -280,7 +280,7 @@ def test_limits_of_a_test_hold_beside_those_of_the_rig_and_are_gone_after_it() -
     widened = with_limits(known, more)
     sample = np.full(len(FAST_INPUTS), nan)
     sample[:3] = 0.3, 7e6, 7e6
-    tick = Tick(sample, True, 1, 0.15, 0, 0.0, 1, True, True, 6e-3)
+    tick = Tick(sample, True, 1, 0.15, 0, 0.0, 1.0, True, True, 6e-3)
     action, cause, channel = check_sample(tick, widened)
     assert (action, cause) == (Action.RAMP_DOWN, Cause.LIMIT_HIGH)
     assert channel_name(channel) == "following_error_m"

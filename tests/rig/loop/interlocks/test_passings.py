@@ -36,7 +36,7 @@ def passed(judge: Interlock, errors: list[float], ahead: int = 0) -> list[RungPa
         sample = np.full(len(FAST_INPUTS), nan)
         sample[:3] = 0.3, 7e6 + number, 7e6 - number
         tick = Tick(
-            sample, True, 1, 0.15, 0, 0.0, 1, True, True, error, 4, number, number + ahead
+            sample, True, 1, 0.15, 0, 0.0, 1.0, True, True, error, 4, number, number + ahead
         )  # fmt: skip
         check_sample(tick, judge)
     return reader.take()

@@ -73,6 +73,12 @@ _STALLS_EVERY = 97
 
 
 @njit(cache=True, error_model="numpy")
+def _advanced(plant: Array, command: float, par: Parameters, fault: tuple[float, ...]) -> None:
+    """Advance the plant by a tick; the code of `advance`, which is long, stands here only once."""
+    advance(plant, command, par, fault)
+
+
+@njit(cache=True, error_model="numpy")
 def _interlocked(
     setpoint: Array, open_loop: bool, faults: Array, every: int, usual: float, stall: int,
     in_exchange: bool,
@@ -107,7 +113,7 @@ def _interlocked(
         inputs[14], inputs[15], inputs[16] = k % 65536, k % 65536, last
         fresh = k % every == 0
         if 0 < k % _STALLS_EVERY <= stall:
-            advance(plant, command, par, fault)
+            _advanced(plant, command, par, fault)
             continue
         if faulty == 1:
             inputs[0] = 2.0 * held_inputs[0] - inputs[0]
@@ -155,7 +161,21 @@ def _interlocked(
             late = elapsed - 1
             elapsed, exchange, owed = 1 + owed, exchange + late, late
         action, cause, channel = check_sample(
-            Tick(inputs, fresh, elapsed, exchange, age, command, k, True, True, np.nan, 0, k, k),
+            Tick(
+                inputs,
+                fresh,
+                elapsed,
+                exchange,
+                age,
+                command,
+                float(k),
+                True,
+                True,
+                np.nan,
+                0,
+                k,
+                k,
+            ),
             Interlock(limits, tol, memory, log),
         )
         elapsed = 0
@@ -171,7 +191,7 @@ def _interlocked(
         if faulty == 6:
             plant[0], plant[1] = held_inputs[3], 0.0
             driven = held_inputs[3] / par.valve_gain
-        advance(plant, driven, par, fault)
+        _advanced(plant, driven, par, fault)
         if open_loop:
             command = setpoint[k]
         else:
