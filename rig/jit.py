@@ -106,4 +106,4 @@ def _optimise_functions(self: Any, module: Any) -> None:
                 passes.run(function, builder)
 
 
-CPUCodeLibrary._optimize_functions = _optimise_functions
+CPUCodeLibrary._optimize_functions = _optimise_functions  # type: ignore[method-assign]

@@ -142,7 +142,7 @@ def test_a_chambers_oil_changes_by_what_flows_through_its_orifices(
 
 @njit(cache=True, error_model="numpy")
 def finely(state, command, par, fault, steps, states):  # type: ignore[no-untyped-def]
-    """Run tick by tick, in so many steps, keeping the state after each sixteenth of a millisecond."""
+    """Run tick by tick in so many steps; keep the state each sixteenth of a millisecond."""
     for k in range(command.size):
         for piece in range(PIECES):
             states[k * PIECES + piece] = state
