@@ -69,6 +69,8 @@ def dimension(si_unit: str) -> Dimension:
 _NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*?)\s*", re.S)
 _UNIT: Final = re.compile(r"[A-Za-zµμ°%·²³\s\d.*/^()+-]{0,60}")
 _ROOT: Final = re.compile(r"sqrt\s*(\([^()]*\))")
+_JUXTAPOSED: Final = re.compile(r"(?<=[\w°%µμ²³)])\s*\(")
+"""A parenthesis behind a unit, a number or another parenthesis: it multiplies."""
 _ANGLE: Final = re.compile(r"rad|deg|°|turn|rev|rpm|Hz")
 
 
@@ -125,6 +127,9 @@ def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
         shown = unit if len(unit) <= 60 else f"{unit[:57]}..."
         raise QuantityError(f"has an unusable unit {shown!r}", _likely_unit(unit, si_unit))
     text = _ROOT.sub(r"\1^0.5", unit).replace("·", "*")
+    # Without a sign, pint from 0.26 on, which Python from 3.12 on gets, takes the power behind the
+    # parenthesis for one of the unit in front too.
+    text = _JUXTAPOSED.sub("*(", text)
     registry = unit_registry()
     try:
         return registry.parse_units(text)
