@@ -1,0 +1,2 @@
+from .resident import NOTHING_MOVES as NOTHING_MOVES, WATCH as WATCH, Resident as Resident
+from .station_log import LOG as LOG, StationLog as StationLog, keep_newest as keep_newest
