@@ -1,6 +1,4 @@
-"""What a session holds from its beginning to its end: the station's lease, its devices' locks, and
-descriptors.
-"""
+"""What a session holds from beginning to end: a lease, its devices' locks, descriptors."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

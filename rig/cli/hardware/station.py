@@ -1,12 +1,12 @@
-"""`rig station` owns a rig from power-on to power-off, and lends it to the commands that drive it."""
+"""`rig station` owns a rig from power-on to power-off, and lends it to what drives it."""
 
 import json
 import shlex
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import click
 
@@ -20,11 +20,12 @@ from rig.control_socket import own_name
 from rig.runner import Observer, StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
 from rig.runner.run_folder import file_stem
-from rig.runner.station import WATCH, Resident, StationLog
+from rig.runner.station import WATCH, Obey, Resident, StationLog
 from rig.stream import StreamSettings
 from rig.supervisor import Errand, Keeper, Onlooker, word_of_station
 from rig.surviving import Surviving
 
+Say = Callable[[str], None]
 EXIT_NONE: Final = 1
 EXIT_NO_DEVICES: Final = 3
 UNIT: Final = """\
@@ -39,7 +40,7 @@ After=network-online.target
 [Service]
 WorkingDirectory={folder}
 ExecStart={command}
-# SIGTERM leaves the rig safe: 5 s to bring the motion to rest, 20 s for slow drivers, 10 s for the loop.
+# SIGTERM leaves the rig safe, within 20 s for slow drivers and 10 s for the loop.
 TimeoutStopSec=60
 KillMode=mixed
 Restart=always
@@ -102,19 +103,15 @@ def command(
     screen, stop = Screen(), StopFlag()
     log_of = _said_by(screen)
     with failures_reported(), stop_on_signals(stop):
+        # A client that waited for the compiler would give up, so that it comes before the socket.
+        compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
         with Keeper(rig, Surviving("the station's socket", log_of)) as keeper:
             folder.mkdir(parents=True, exist_ok=True)
-            keeper.stands("no devices", "the station compiles what it runs")
-            compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
-
-            @contextmanager
-            def watched(
-                obey: Callable[[Any], str],
-            ) -> Iterator[tuple[Callable[[str], None], Onlooker]]:
-                with _stream(settings, rig, folder, obey) as seen:
-                    yield seen
-
             log = StationLog(folder, log_of)
+
+            def watched(obey: Obey) -> AbstractContextManager[tuple[Say, Onlooker]]:
+                return _stream(settings, rig, folder, obey)
+
             Resident(rig, assumed, folder, keeper, stop, log, watched).run()
     return 0
 
@@ -130,8 +127,8 @@ class _Watching(Onlooker):
 
 @contextmanager
 def _stream(
-    settings: StreamSettings | None, rig: Rig, folder: Path, obey: Callable[[Any], str]
-) -> Iterator[tuple[Callable[[str], None], Onlooker]]:
+    settings: StreamSettings | None, rig: Rig, folder: Path, obey: Obey
+) -> Iterator[tuple[Say, Onlooker]]:
     """Open the live stream of an idle session, if there are settings for one."""
     if settings is None:
         yield lambda text: None, _Watching()
@@ -144,7 +141,7 @@ def _stream(
         yield run.rig_tells, run
 
 
-def _said_by(screen: Screen) -> Callable[[str], None]:
+def _said_by(screen: Screen) -> Say:
     return lambda text: screen.print(text, soft_wrap=True)
 
 
@@ -162,7 +159,7 @@ def _show_status(rig: Rig, *, as_json: bool) -> int:
     else:
         click.echo(
             f"{rig.name}: station is process {found['pid']}, version {found['version']}, since "
-            f"{found['since']}\nstate: {found['state']}: {found['text']}\n"
+            f"{found['since']}\nstate: {found['text']}\n"
             f"devices: {', '.join(found['devices'])}"
         )
     if found is None:

@@ -1,4 +1,4 @@
-"""A station owns a rig from power-on to power-off: it reads, tells and journals, and lends the rig."""
+"""A station owns a rig from power-on to power-off: it reads, journals, and lends the rig."""
 
 from lazy_loader import attach_stub
 

@@ -71,7 +71,7 @@ class Session(Protocol):
 
 @dataclass(frozen=True)
 class Yielding:
-    """A flag by which an idle session ends when the station is to end, or somebody asks for the rig.
+    """A flag by which an idle session ends: the station is to end, or somebody asks for the rig.
 
     Attributes:
         stop: the flag of the station itself.
