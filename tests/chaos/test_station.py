@@ -71,6 +71,10 @@ class Lab:
         self.stage.wait(lambda: len(self.kept("lent")) > before, "the lease", COMPILE_S)
         return client
 
+    def found_again(self, before: int) -> None:
+        """Wait until a station has read the rig more often than `before`."""
+        self.stage.wait(lambda: len(self.kept("found")) > before, "the station to read the rig")
+
     def safe_after(self, at: float) -> float:
         """Wait until the rig is safe; return how long that took from `at`, s."""
         self.stage.wait(self.stage.is_safe, "valve at null, bypass shut, pump unloaded", SAFE_S)
@@ -166,7 +170,7 @@ def test_clients_killed_at_any_moment_leave_a_safe_rig_that_the_station_takes_ba
         at = time.monotonic()
         client.kill()
         took.append(lab.safe_after(at))
-        lab.stage.wait(lambda found=found: len(lab.kept("found")) > found, "the station")
+        lab.found_again(found)
         assert len(lab.kept("died")) == number + 1
         assert "OPEN" not in lab.kept("found")[-1]
         assert "LOADED" not in lab.kept("found")[-1]
@@ -188,7 +192,7 @@ def test_a_station_killed_at_any_moment_leaves_a_safe_rig_and_lets_a_client_go_o
             said, _ = client.communicate(timeout=60.0)
             assert client.returncode == 0, said
             lab.safe_after(time.monotonic())
-            lab.stage.wait(lambda found=found: len(lab.kept("found")) > found, "the new station")
+            lab.found_again(found)
             again.terminate()
             again.communicate(timeout=60.0)
         else:

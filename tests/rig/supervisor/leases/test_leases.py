@@ -19,7 +19,7 @@ from rig.io.driver import DriverError
 from rig.loop.interlocks.trip import StopRequestedError
 from rig.supervisor.leases import asking, keeper as keeper_module, protocol
 from rig.supervisor.leases.asking import leased, why_busy, word_of_station
-from rig.supervisor.leases.keeper import Keeper
+from rig.supervisor.leases.keeper import Keeper, Lease
 from rig.supervisor.processes.onlooker import Errand
 from rig.surviving import Surviving
 from tests.waiting import until
@@ -70,6 +70,13 @@ def look() -> None:
     """Look at nothing."""
 
 
+def lease_of(keeper: Keeper) -> Lease:
+    """Return the lease that somebody has asked for, once that is so."""
+    lease = until(lambda: keeper._lease, "the lease")
+    assert lease is not None
+    return lease
+
+
 def test_without_a_station_nobody_is_asked(rig: Rig) -> None:
     with leased(rig, HOMING, look) as kept:
         assert kept == ()
@@ -117,7 +124,7 @@ def test_a_client_without_an_errand_is_known_by_its_command_line(
 def test_it_is_known_whether_a_client_ended_or_died(rig: Rig, keeper: Keeper, says: bool) -> None:
     context = leased(rig, HOMING, look)
     (kept,) = context.__enter__()
-    lease = until(lambda: keeper._lease, "the lease")
+    lease = lease_of(keeper)
     if says:
         context.__exit__(None, None, None)
     else:
@@ -136,7 +143,7 @@ def test_a_lease_lasts_as_long_as_a_process_that_has_its_descriptor(
         part = subprocess.Popen(
             [sys.executable, "-S", "-c", "input()"], pass_fds=(kept,), stdin=subprocess.PIPE
         )
-    lease = until(lambda: keeper._lease, "the lease")
+    lease = lease_of(keeper)
     until(lambda: lease.said_end, "the client's last word")
     assert keeper.holds(lease)
     part.communicate(b"\n")
@@ -156,7 +163,7 @@ def test_a_client_that_is_stopped_while_it_waits_goes_without_the_rig(
 
 def test_who_is_refused_learns_why(rig: Rig, keeper: Keeper) -> None:
     def refuse() -> None:
-        keeper.refuse(until(lambda: keeper.asked, "a request"), "bypass: not safe", "look at it")
+        keeper.refuse(lease_of(keeper), "bypass: not safe", "look at it")
 
     thread = threading.Thread(target=refuse)
     thread.start()
@@ -216,7 +223,7 @@ def test_a_folder_of_another_user_holds_no_station(
 ) -> None:
     folder = protocol.folder_of_station(rig)
     uid = os.getuid()
-    monkeypatch.setattr(protocol.os, "getuid", lambda: uid + 1)
+    monkeypatch.setattr("os.getuid", lambda: uid + 1)
     assert not protocol.is_own_folder(folder)
 
 
