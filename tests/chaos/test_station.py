@@ -142,11 +142,13 @@ def test_who_drives_is_seen_refuses_others_and_is_stopped_on_the_stream(
         )
         campaign = client.snapshot("emulated").campaign
         assert (campaign["activity"], campaign["begun_by"]) == (activity, by or own_name())
-        assert lab.status()["driver"]["by"] == (by or own_name())
-        second = lab.rig(*HOME)
-        said, _ = second.communicate(timeout=COMPILE_S)
-        assert second.returncode == 2, said
-        assert f"asked by {by or own_name()}, has the rig since" in said
+        if command is not HOME:
+            # Homing would have ended before another program is loaded on a busy machine.
+            assert lab.status()["driver"]["by"] == (by or own_name())
+            second = lab.rig(*HOME)
+            said, _ = second.communicate(timeout=COMPILE_S)
+            assert second.returncode == 2, said
+            assert f"asked by {by or own_name()}, has the rig since" in said
         assert client.send("abort", "emulated", "enough").accepted
         lab.safe_after(time.monotonic())
         driving.communicate(timeout=60.0)

@@ -131,7 +131,11 @@ class Resident:
         self._unsafe = ""
 
     def run(self) -> None:
-        """Read the rig and lend it, until the station is asked to end; then leave it safe."""
+        """Read the rig and lend it, until the station is asked to end; then leave it safe.
+
+        Raises:
+            TripError: a device was not confirmed safe in the end.
+        """
         self._log.write("started", f"station of {self._rig.name} started")
         while not self._stop.requested:
             if self._keeper.asked is not None:
@@ -139,6 +143,8 @@ class Resident:
             else:
                 self._idle()
         self._log.write("ended", f"station of {self._rig.name} ended by {self._stop.reason}")
+        if self._unsafe:
+            raise TripError(self._unsafe)
 
     def _lend(self, lease: Lease) -> None:
         """Leave the rig to a client until its lease ends, or the station is to end."""

@@ -119,7 +119,14 @@ class Station:
             load_rig("emulated"), Model(), folder, cast(Any, self.keeper), self.stop, log,
             self._watched, lambda *arguments: cast(Any, Session()),
         )  # fmt: skip
-        self.thread = threading.Thread(target=self.resident.run)
+        self.ended_with: TripError | None = None
+        self.thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        try:
+            self.resident.run()
+        except TripError as error:
+            self.ended_with = error
 
     @contextmanager
     def _watched(self, obey: Any) -> Iterator[Any]:
@@ -200,6 +207,15 @@ def test_devices_that_are_lost_are_told_once_and_tried_until_they_are_back(
     station.reads()
     (lost,) = station.kept("lost")
     assert str(error).rstrip("; ") in lost
+
+
+def test_a_station_that_ends_without_a_safe_rig_says_so(station: Station) -> None:
+    station.thread.start()
+    station.reads()
+    Session.unsafe = [TripError("bypass: not safe: no answer")]
+    station.stop.request("SIGTERM")
+    station.thread.join()
+    assert str(station.ended_with) == "bypass: not safe: no answer"
 
 
 def test_a_trip_while_idle_is_kept_and_the_rig_is_read_again(station: Station) -> None:
