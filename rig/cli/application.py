@@ -52,6 +52,10 @@ COMMANDS: Final = {
     ),
     "export": ("recordings.export", "Write a recording to another format."),
     "recover": ("recordings.recover", "Save what is left of a cut or damaged recording."),
+    "station": (
+        "hardware.station",
+        "Own a rig: read it, show it, lend it to what drives it.",
+    ),
     "home": ("hardware.home", "Home a rig's encoder, to see that it can be homed."),
     "jog": ("hardware.jog", "Move a rig by hand: jog, hold-to-run, generator, bypasses, pump."),
     "counters": ("hardware.counters", "Show what a rig has done: cycles, metres, hours."),

@@ -60,6 +60,7 @@ def streamed(
     paced: bool,
     by: str,
     activity: str = "",
+    idle: bool = False,
 ) -> Iterator["StreamedRun"]:
     """Give the block an observer that tells `observer` and the live stream what a command does.
 
@@ -75,6 +76,7 @@ def streamed(
         paced: whether the rig goes at the wall clock.
         by: who gave the command; empty if that is not known.
         activity: what the command does with the rig, such as "homing"; empty for a campaign.
+        idle: whether it only reads the rig, as a station does that nobody has asked for it.
     """
     from rig.runner.campaign import StreamedRun
     from rig.stream import rig_id
@@ -82,7 +84,9 @@ def streamed(
 
     stream = Stream(settings, rig_id(rig.name), folder / LOG, observer.rig_tells, obey)
     simulated = rig.backend == "simulated"
-    run = StreamedRun(stream, observer, simulated=simulated, live=paced, by=by, activity=activity)
+    run = StreamedRun(
+        stream, observer, simulated=simulated, live=paced, by=by, activity=activity, idle=idle
+    )
     failed = ""
     try:
         yield run

@@ -240,8 +240,12 @@ class Orders:
         begun = [each.get("begun_ns") for each in mine]
         return any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
 
+    def _drives(self, rig: str) -> bool:
+        """Return whether something drives a living rig, which its station does not only read."""
+        return self._client.snapshot(rig).campaign.get("status") != "idle"
+
     def _launch(self, order: Order, visitor: Visitor) -> None:
-        alive = self._client.living()
+        alive = [rig for rig in self._client.living() if self._drives(rig)]
         same = Path(self._launcher.rig_of(order.name)).stem in alive
         if alive and (order.order == "go on" or same):
             raise LaunchRefused(f"{', '.join(alive)} has a campaign running")

@@ -2,6 +2,12 @@ from .calibration import Strokes as Strokes, calibratable as calibratable, calib
 from .checks import checks_for as checks_for, greatest_null_V as greatest_null_V
 from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig
 from .guiding import basis_for as basis_for, guide_for as guide_for
+from .leases import (
+    Keeper as Keeper,
+    Lease as Lease,
+    why_busy as why_busy,
+    word_of_station as word_of_station,
+)
 from .manual import (
     HELP as HELP,
     Inbox as Inbox,
@@ -9,7 +15,14 @@ from .manual import (
     ManualError as ManualError,
     parse as parse,
 )
-from .processes import News as News, Onlooker as Onlooker, RowFeed as RowFeed, Stream as Stream
+from .processes import (
+    Errand as Errand,
+    MakeSafe as MakeSafe,
+    News as News,
+    Onlooker as Onlooker,
+    RowFeed as RowFeed,
+    Stream as Stream,
+)
 from .session import Session as Session
 from .trip_report import (
     TripReport as TripReport,

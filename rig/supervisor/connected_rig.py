@@ -158,13 +158,14 @@ class ConnectedRig:
         for doubt in calibration_doubts(self.configured.calibrations, today()):
             self.say(f"warning: {doubt}")
             self.note("calibrations", doubt)
-        self._devices.enter_context(held(self.configured, self._reserve))
+        holding = held(self.configured, self._reserve, self._onlooker.errand, self._heed_stop)
+        kept = self._devices.enter_context(holding)
         self.handle(Event.CONNECT)
         memory = self._memory()
         self._channels = wire_channels(memory.filter.states, open_loop=False)
         self.board = Board.create(len(self._channels))
         heard = self.event_log.take
-        self.parts = Parts.start(self.board, self._directory / LOG, heard)
+        self.parts = Parts.start(self.board, self._directory / LOG, heard, kept)
         self.safety = SafetyThread(
             self.board, self.parts, self.configured, self.note, heard, self._reserve
         )

@@ -15,7 +15,6 @@ import click
 from rig.cli.option_types import text
 from rig.configuration import ConfigError, Entry, Rig, Schedule, load_campaign, load_schedule
 from rig.control_socket import own_name
-from rig.io import in_use
 from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
 from rig.runner.run_folder import Journal, RunError, is_written, read_journal, read_run, runs_below
@@ -267,7 +266,10 @@ class _Hands:
         if job.folder is not None and is_written(Path(job.folder)):
             return ""
         try:
-            return in_use(self._rig_of(job).drivers)
+            # Imported here, as what only lists a schedule does not need the supervisor's libraries.
+            from rig.supervisor import why_busy
+
+            return why_busy(self._rig_of(job))
         except ConfigError:
             # A file was changed since: the run itself tells what is wrong with it.
             return ""

@@ -19,9 +19,10 @@ from rich.text import Text
 from rig.cli.application import EXIT_CRASHED
 from rig.cli.option_types import Range
 from rig.cli.screen import Screen
-from rig.configuration import load_rig
+from rig.configuration import Rig, load_rig
 from rig.io import DriverError, DriverSpec, LoopSettings, exclusive
 from rig.loop import Grant, RealTime, StageTimes, wakeup_lateness
+from rig.supervisor import word_of_station
 
 Grade = Literal["good", "weak", "bad"]
 
@@ -210,7 +211,7 @@ def command(reference: str | None, seconds: float, as_json: bool) -> int:
     findings = [
         *map(_granted, real_time.grants),
         *machine(Path.cwd()),
-        *(map(_opened, rig.drivers) if rig is not None else ()),
+        *(_devices(rig) if rig is not None else ()),
         _judged(timing, loop),
     ]
     if as_json:
@@ -228,6 +229,29 @@ def _granted(grant: Grant) -> Finding:
     if grant.granted:
         return Finding(grant.name, f"granted: {grant.why}")
     return Finding(grant.name, f"refused: {grant.why}", "weak", grant.remedy)
+
+
+def _devices(rig: Rig) -> Iterator[Finding]:
+    """Yield a finding on the rig's station, if there is one, and on each of its drivers.
+
+    Devices that the station has are not opened.
+    """
+    try:
+        station = word_of_station(rig)
+    except DriverError as error:
+        yield Finding("station", error.state, "bad", error.action)
+        station = None
+    if station is None or station["state"] == "no devices":
+        if station is not None:
+            remedy = "see the findings on the drivers below"
+            yield Finding("station", f"process {station['pid']}, {station['text']}", "weak", remedy)
+        yield from map(_opened, rig.drivers)
+        return
+    yield Finding(
+        "station", f"process {station['pid']} since {station['since']}: {station['text']}"
+    )
+    for spec in rig.drivers:
+        yield Finding(f"driver {spec.name}", "not opened: the station has it, or who it lent it to")
 
 
 def _opened(spec: DriverSpec) -> Finding:

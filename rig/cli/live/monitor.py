@@ -198,6 +198,8 @@ def _progress(snapshot: Snapshot) -> Text:
     by = f", begun by {person}" if person else ""
     name = campaign.get("activity") or campaign.get("name", "")
     if not progress:
+        if campaign.get("status") == "idle":
+            return Text(name)
         return Text(f"{name} {campaign.get('status', '')}{by}" if name else "no campaign")
     return Text(
         f"{name} {campaign.get('status', '')}{by}: "

@@ -39,6 +39,7 @@ function ended({ campaign, interlocks }) {
   const count = `${failed.length} of ${tests.length} ${tests.length === 1 ? "test" : "tests"}`;
   const first = interlocks?.first_out?.[0];
   const tripped = of(tests, "tripped")[0];
+  if (campaign.activity?.startsWith("idle:") && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
   if (campaign.activity && !first && !tripped) {
     return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
       : ["good", "Ended", `${capital(campaign.activity)} came to its end.${begunBy(campaign)}`];
@@ -63,6 +64,7 @@ function live({ life, campaign, progress, interlocks }) {
   const first = interlocks?.first_out?.[0];
   if (first) return ["bad", "Tripped", trip(first)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
+  if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
   if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
   const tests = campaign.tests ?? [];
   const failed = of(tests, "failed", "error");

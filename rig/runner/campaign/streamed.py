@@ -11,7 +11,7 @@ from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
 from rig.runner.outcomes import EXIT_STOPPED, Array, Observer, Status, TestOutcome, named
-from rig.supervisor import Onlooker, RowFeed, Stream
+from rig.supervisor import Errand, Onlooker, RowFeed, Stream
 
 PROGRESS_S: Final = 0.1
 """Shortest time between two messages about the progress of a test, s."""
@@ -30,6 +30,7 @@ class StreamedRun(Observer, Onlooker):
         live: whether the run is paced by the wall clock.
         by: name of who started the run, or went on with it; empty if that is not known.
         activity: what is done with the rig, such as "homing"; empty if it is only a campaign.
+        idle: whether it is a station that only reads, so that nothing drives the rig.
     """
 
     def __init__(
@@ -41,8 +42,10 @@ class StreamedRun(Observer, Onlooker):
         live: bool,
         by: str = "",
         activity: str = "",
+        idle: bool = False,
     ) -> None:
         self.stream = stream
+        self._idle = idle
         self._live = live
         self._by = by
         self._activity = activity
@@ -76,6 +79,12 @@ class StreamedRun(Observer, Onlooker):
         if self._feed is not None:
             self._feed.close()
 
+    @property
+    def errand(self) -> Errand:
+        """What is done with the rig, and who asked for it."""
+        name = self._activity or str(self._campaign.get("name", ""))
+        return Errand(name, self._by, self._idle)
+
     def connected(self, board: Board, channels: tuple[str, ...]) -> None:
         """Let the stream publish the rows of a session on hardware from its board.
 
@@ -91,7 +100,7 @@ class StreamedRun(Observer, Onlooker):
     def _said(self) -> dict[str, Any]:
         """Return what is said of a campaign and of any other activity when it begins."""
         return {
-            "status": "running",
+            "status": "idle" if self._idle else "running",
             "activity": self._activity,
             "begun_by": self._by,
             "begun_ns": time.time_ns(),

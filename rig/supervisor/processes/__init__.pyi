@@ -17,7 +17,7 @@ from .health import (
     stage_times as stage_times,
     trips_of as trips_of,
 )
-from .onlooker import Onlooker as Onlooker
+from .onlooker import Errand as Errand, Onlooker as Onlooker
 from .recorder import (
     BeginRecording as BeginRecording,
     FinishRecording as FinishRecording,

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -68,13 +68,20 @@ class Child:
         board: memory that the process shares.
         log: file to which its stdout and stderr are appended, and also errors of `on_news`.
         on_news: is called with each `News` that the process sends, in a thread of its own.
+        kept: further descriptors that stay open for as long as the process lives.
 
     Raises:
         OSError: the system grants no further process, thread or file; no process is left then.
     """
 
     def __init__(
-        self, name: str, module: str, board: Board, log: Path, on_news: Callable[[News], None]
+        self,
+        name: str,
+        module: str,
+        board: Board,
+        log: Path,
+        on_news: Callable[[News], None],
+        kept: Sequence[int] = (),
     ) -> None:
         self.name = name
         self._pipe, theirs = Pipe()
@@ -89,7 +96,7 @@ class Child:
         with log.open("ab") as stderr, theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", program, *(str(fd) for fd in descriptors)],
-                pass_fds=descriptors,
+                pass_fds=(*descriptors, *kept),
                 stdin=subprocess.DEVNULL,
                 stdout=stderr,
                 stderr=stderr,

@@ -1,6 +1,23 @@
 """The base class of objects that a session informs of its progress; nothing depends on them."""
 
+from typing import NamedTuple
+
 from rig.loop import Board
+
+
+class Errand(NamedTuple):
+    """What a session wants the rig for.
+
+    Attributes:
+        what: what is done with the rig, such as "homing"; empty if that is not known.
+        by: name of who asked for it; empty if that is not known.
+        of_station: whether it is the station itself that reads the rig, which asks no other program
+            for it.
+    """
+
+    what: str = ""
+    by: str = ""
+    of_station: bool = False
 
 
 class Onlooker:
@@ -8,6 +25,11 @@ class Onlooker:
 
     The session itself calls the methods, and waits for them to return.
     """
+
+    @property
+    def errand(self) -> Errand:
+        """What the session wants the rig for; a station is told this when it is asked for it."""
+        return Errand()
 
     def connected(self, board: Board, channels: tuple[str, ...]) -> None:
         """Learn that the session is connected, with this board, whose rows have these columns."""

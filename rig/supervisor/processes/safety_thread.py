@@ -7,7 +7,7 @@ which it repeats for as long as it lives.
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,13 +50,16 @@ class Parts:
     recorder: Child
 
     @classmethod
-    def start(cls, board: Board, log: Path, heard: Callable[[News], None]) -> "Parts":
+    def start(
+        cls, board: Board, log: Path, heard: Callable[[News], None], kept: Sequence[int] = ()
+    ) -> "Parts":
         """Start the three processes; if one cannot be started, end those that were.
 
         Args:
             board: the memory that they share.
             log: file to which their stdout and stderr are appended.
             heard: is called with what they tell without being asked.
+            kept: further descriptors that stay open for as long as one of them lives.
 
         Raises:
             OSError: a process cannot be started.
@@ -65,7 +68,7 @@ class Parts:
         try:
             for name, module in _MODULES.items():
                 program = f"rig.supervisor.processes.{module}"
-                started.append(Child(name, program, board, log, heard))
+                started.append(Child(name, program, board, log, heard, kept))
         except BaseException:
             for child in started:
                 child.end()

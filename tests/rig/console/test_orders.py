@@ -92,6 +92,15 @@ def test_nothing_is_started_on_a_rig_that_runs(client: FakeClient, tmp_path: Pat
     assert launcher.asked == ["start b by Anna", "start a by Anna", "go on out by Anna"]
 
 
+def test_a_campaign_is_started_on_a_rig_that_its_station_only_reads(
+    client: FakeClient, tmp_path: Path
+) -> None:
+    launcher = FakeLauncher(tmp_path)
+    client.become("bench", campaign={"status": "idle", "activity": "idle: nothing drives"})
+    assert orders(client, launcher).carry_out(Order("start", name="a"), ANNA).accepted
+    assert launcher.asked == ["start a by Anna"]
+
+
 def test_a_remark_has_its_writers_name(client: FakeClient, tmp_path: Path) -> None:
     desk = orders(client, FakeLauncher(tmp_path))
     told: dict[str, Any] = {"rig": "bench", "text": "oil", "name": "first"}

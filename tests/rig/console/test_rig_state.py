@@ -74,6 +74,16 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         launched({"said": COMPILING}, nobody), "warn", "Starting leaks", "being compiled", set()
     ),
     "idle": (rig(campaign={}, progress={}), "off", "Idle", "No campaign runs", {"start"}),
+    "read by its station": (
+        rig(progress={}, campaign=campaign(status="idle", activity="idle: nothing drives",
+                                           tests=[])),
+        "off", "Idle", "The station reads the rig; nothing drives.", {"start"},
+    ),
+    "left by its station": (
+        rig(alive=False, age_s=9.0, progress={}, campaign=campaign(
+            status="ended", activity="idle: nothing drives", tests=[], exit_code=0)),
+        "off", "Idle", "The station has left the rig", {"start"},
+    ),
     "connecting": (
         in_state("connecting", "", ""), "warn", "Connecting", "opened", {"hold", "skip"}
     ),

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from rig.cli.hardware.doctor import Finding, machine
+from rig.configuration import load_rig
 from rig.loop.clock import wakeup_lateness
+from rig.supervisor.leases.keeper import Keeper
+from rig.surviving import Surviving
 
 pytestmark = pytest.mark.usefixtures("no_memory_locked")
 
@@ -121,6 +124,26 @@ def test_the_drivers_of_a_rig_are_opened_and_what_is_refused_is_reported(
     assert found["processor 1023"]["grade"] == "weak"
     assert "loop: cpu" in found["processor 1023"]["remedy"]
     assert reported["loop"]["ticks"] == 20
+
+
+@pytest.mark.usefixtures("plain_drivers")
+@pytest.mark.parametrize(
+    ("state", "grade", "bypass"), [("idle", "good", "good"), ("no devices", "weak", "bad")]
+)
+def test_a_station_is_told_of_and_its_devices_are_left_alone(
+    tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch, state: str, grade: str,
+    bypass: str,
+) -> None:  # fmt: skip
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    file = tmp_path / "bench.yaml"
+    file.write_text(BENCH)
+    with Keeper(load_rig(str(file)), Surviving("the socket", print)) as keeper:
+        keeper.stands(state, "what it does")
+        done = invoke("doctor", "--rig", str(file), "--seconds", "0.02", "--json")
+    found = {finding["subject"]: finding for finding in json.loads(done.out)["findings"]}
+    assert found["station"]["grade"] == grade
+    assert "what it does" in found["station"]["found"]
+    assert found["driver bypass"]["grade"] == bypass
 
 
 def test_without_a_rig_the_table_ends_with_the_loop(invoke: Invoke) -> None:

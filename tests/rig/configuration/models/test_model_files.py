@@ -150,9 +150,12 @@ def test_models_that_descend_from_each_other_are_refused(tmp_path: Path) -> None
 
 FIELDS = {name: quantity for name, quantity in quantities().items() if name != "friction_law"}
 EFFECT_FIELDS = {p.field: effect.name for effect in CATALOGUE.values() for p in effect.parameters}
+READABLE_CHARACTERS = st.characters(exclude_characters="\0")
+READABLE = st.text(READABLE_CHARACTERS)
+"""Texts that a file may hold: one with a character of value zero is refused."""
 PROVENANCE: st.SearchStrategy[Any] = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | READABLE,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(READABLE, inner, max_size=3),
     max_leaves=8,
 )
 
@@ -171,9 +174,9 @@ def models(draw: st.DrawFn) -> Model:
         if effect not in effects and field not in SHIFTABLE:
             values[field] = getattr(NOMINAL, field)
     values["friction_law"] = draw(st.sampled_from(list(FRICTION_LAWS.values())))
-    provenance = draw(st.dictionaries(st.text(), PROVENANCE, max_size=4))
+    provenance = draw(st.dictionaries(READABLE, PROVENANCE, max_size=4))
     # No name may hold NUL, which ends a path for the operating system.
-    name = draw(st.text(st.characters(exclude_characters="\0"), min_size=1))
+    name = draw(st.text(READABLE_CHARACTERS, min_size=1))
     return Model(name, NOMINAL._replace(**values), tuple(effects), provenance)
 
 

@@ -1,0 +1,259 @@
+"""A station reads its rig while nothing drives it, lends it, and comes back whatever happens."""
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from rig.configuration import load_rig
+from rig.io.driver import DriverError
+from rig.loop.interlocks.trip import TripError
+from rig.plant import Model
+from rig.runner.campaign.stopping import StopFlag
+from rig.runner.station import resident as module
+from rig.runner.station.resident import NOTHING_MOVES, Resident
+from rig.runner.station.station_log import LOG, StationLog
+from rig.stream import Command
+from rig.supervisor import Onlooker
+from rig.supervisor.leases.keeper import Lease
+from tests.waiting import until
+
+
+class Keeper:
+    """Keeps a lease that the test gives, and what the station did about it."""
+
+    def __init__(self) -> None:
+        self.changed = threading.Event()
+        self.lease: Any = None
+        self.state = ""
+        self.refused: list[str] = []
+        self.granted = threading.Event()
+
+    @property
+    def asked(self) -> Any:
+        return self.lease if self.lease is not None and not self.lease.granted else None
+
+    def asks(self) -> Any:
+        self.granted.clear()
+        self.lease = SimpleNamespace(what="homing", by="Bo", pid=7, granted=False, said_end=False)
+        self.changed.set()
+        return self.lease
+
+    def ends(self, *, said: bool) -> None:
+        self.lease.said_end = said
+        self.lease = None
+        self.changed.set()
+
+    def holds(self, lease: Lease) -> bool:
+        return self.lease is lease
+
+    def grant(self, lease: Any) -> bool:
+        lease.granted = True
+        self.granted.set()
+        return True
+
+    def refuse(self, lease: Lease, problem: str, remedy: str) -> None:
+        self.refused.append(problem)
+        self.lease = None
+
+    def stands(self, state: str, text: str) -> None:
+        self.state = state
+
+
+class Session:
+    """A session of a rig whose devices answer as they are told to.
+
+    Attributes:
+        connects: errors of the next attempts to connect, None for none.
+        trips: the error of the next look at the rig.
+        unsafe: the error of leaving the rig.
+        left: how often the rig was left.
+    """
+
+    connects: list[Exception | None]
+    trips: list[TripError]
+    unsafe: list[TripError]
+    balls = 0.0
+    left = 0
+    parts = SimpleNamespace(field=None)
+
+    def connect(self) -> None:
+        error = Session.connects.pop(0) if Session.connects else None
+        if error is not None:
+            raise error
+
+    def going_on(self) -> None:
+        if Session.trips:
+            raise Session.trips.pop()
+
+    def leave(self) -> None:
+        Session.left += 1
+        if Session.unsafe:
+            raise Session.unsafe.pop()
+
+    def latest(self, channel: str) -> float:
+        return 0.0
+
+    def slow(self, channel: str) -> float:
+        return Session.balls
+
+    def ask(self, part: Any, order: object, timeout_s: float) -> dict[str, str]:
+        return {}
+
+
+class Station:
+    """A station in a thread, with what it keeps in its log."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.keeper = Keeper()
+        self.stop = StopFlag()
+        self.obey: Callable[[Command], str] = lambda command: ""
+        log = StationLog(folder, lambda line: None)
+        self.resident = Resident(
+            load_rig("emulated"), Model(), folder, cast(Any, self.keeper), self.stop, log,
+            self._watched, lambda *arguments: cast(Any, Session()),
+        )  # fmt: skip
+        self.ended_with: TripError | None = None
+        self.thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        try:
+            self.resident.run()
+        except TripError as error:
+            self.ended_with = error
+
+    @contextmanager
+    def _watched(self, obey: Any) -> Iterator[Any]:
+        self.obey = obey
+        yield lambda line: None, Onlooker()
+
+    def kept(self, kind: str) -> list[str]:
+        path = self.folder / LOG
+        lines = path.read_text().splitlines() if path.exists() else []
+        return [entry["text"] for entry in map(json.loads, lines) if entry["kind"] == kind]
+
+    def reads(self) -> None:
+        until(lambda: self.keeper.state == "idle", "the station to read")
+
+
+@pytest.fixture
+def station(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Station]:
+    Session.connects, Session.trips, Session.unsafe = [], [], []
+    Session.left, Session.balls = 0, 0.0
+    monkeypatch.setattr(module, "AGAIN_S", (0.01,))
+    monkeypatch.setattr(module, "POLL_S", 0.01)
+    station = Station(tmp_path)
+    yield station
+    station.stop.request("SIGTERM")
+    station.keeper.changed.set()
+    if station.thread.ident:
+        station.thread.join()
+        assert station.kept("ended") == ["station of emulated ended by SIGTERM"]
+
+
+def test_it_says_by_its_devices_answers_how_it_found_the_rig(station: Station) -> None:
+    station.thread.start()
+    station.reads()
+    (found,) = station.kept("found")
+    assert found.endswith("valve disabled, command 0.00 V, bypasses shut, pump unloaded")
+
+
+def test_what_is_not_safe_when_it_comes_is_named(station: Station) -> None:
+    Session.balls = 1.0
+    station.thread.start()
+    station.reads()
+    assert "internal_leakage OPEN" in station.kept("found")[0]
+    assert "pump LOADED" in station.kept("found")[0]
+
+
+@pytest.mark.parametrize(("said", "kind"), [(True, "returned"), (False, "died")])
+def test_it_leaves_the_rig_to_who_asks_and_takes_it_back(
+    station: Station, said: bool, kind: str
+) -> None:
+    station.thread.start()
+    station.reads()
+    station.keeper.asks()
+    assert station.keeper.granted.wait(60.0)
+    assert Session.left == 1
+    station.keeper.ends(said=said)
+    until(lambda: len(station.kept("found")) == 2, "the rig to be read again")
+    assert station.kept("lent") == ["homing, asked by Bo, drives (process 7)"]
+    assert station.kept(kind)
+
+
+def test_a_rig_that_was_not_left_safe_is_not_lent(station: Station) -> None:
+    station.thread.start()
+    station.reads()
+    Session.unsafe = [TripError("bypass: not safe: no answer")]
+    station.keeper.asks()
+    until(lambda: station.keeper.refused, "the refusal")
+    assert station.keeper.refused == ["bypass: not safe: no answer"]
+    assert not station.keeper.granted.is_set()
+    assert station.kept("unsafe") == station.keeper.refused
+
+
+@pytest.mark.parametrize("error", [DriverError("daq", "nobody answers", ""), OSError("no files")])
+def test_devices_that_are_lost_are_told_once_and_tried_until_they_are_back(
+    station: Station, error: Exception
+) -> None:
+    Session.connects = [error, error, error]
+    station.thread.start()
+    station.reads()
+    (lost,) = station.kept("lost")
+    assert str(error).rstrip("; ") in lost
+
+
+def test_a_station_that_ends_without_a_safe_rig_says_so(station: Station) -> None:
+    station.thread.start()
+    station.reads()
+    Session.unsafe = [TripError("bypass: not safe: no answer")]
+    station.stop.request("SIGTERM")
+    station.thread.join()
+    assert str(station.ended_with) == "bypass: not safe: no answer"
+
+
+def test_a_trip_while_idle_is_kept_and_the_rig_is_read_again(station: Station) -> None:
+    station.thread.start()
+    station.reads()
+    Session.trips = [TripError("the field process is lost")]
+    until(lambda: len(station.kept("found")) == 2, "the rig to be read again")
+    assert "the field process is lost" in station.kept("lost")[0]
+
+
+def test_a_rig_whose_devices_are_lost_is_lent_all_the_same(station: Station) -> None:
+    Session.connects = [DriverError("daq", "nobody answers", "")] * 10_000
+    station.thread.start()
+    until(lambda: station.keeper.state == "no devices", "the loss")
+    station.keeper.asks()
+    assert station.keeper.granted.wait(60.0)
+    station.keeper.ends(said=True)
+    Session.connects = []
+
+
+def test_nothing_is_obeyed_while_nothing_moves(station: Station) -> None:
+    station.thread.start()
+    station.reads()
+    for name in ("abort", "hold"):
+        assert station.obey(Command(name, "local", "", 1)) == NOTHING_MOVES
+
+
+def test_a_stop_ends_what_waits_for_the_station_to_leave(station: Station) -> None:
+    station.keeper.asks()
+    assert station.resident._obey(Command("abort", "local", "", 1)) == ""
+    assert station.keeper.refused == ["stopped by local before it began"]
+
+
+def test_a_station_that_ends_while_somebody_drives_lets_him_go_on(station: Station) -> None:
+    station.thread.start()
+    station.reads()
+    station.keeper.asks()
+    assert station.keeper.granted.wait(60.0)
+    station.stop.request("SIGTERM")
+    station.thread.join()
+    assert station.kept("left") == ["homing, asked by Bo, goes on by itself"]
