@@ -4,6 +4,7 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -28,10 +29,14 @@ HOMING = Errand("homing", "Bo")
 
 
 @pytest.fixture
-def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rig:
-    """Return a rig whose station, if any, is of this test alone."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    return load_rig("emulated")
+def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rig]:
+    """Return a rig whose station, if any, is of this test alone.
+
+    Its folder has a short path, as that of a socket may have 107 bytes.
+    """
+    with tempfile.TemporaryDirectory(prefix="rig-") as folder:
+        monkeypatch.setattr("tempfile.tempdir", folder)
+        yield load_rig("emulated")
 
 
 @pytest.fixture
