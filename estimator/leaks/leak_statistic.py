@@ -28,6 +28,7 @@ from estimator.accounts import (
     AccountBlock,
     AccountSums,
     NuisanceBelief,
+    Ramp,
     RecentBlocks,
     between,
     checked_model_error,
@@ -43,6 +44,7 @@ from estimator.accounts import (
 from .fault_scores import WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes
 from .finding import Finding
+from .growing import DURATIONS_S, RAMP_PART, grown_leak
 
 Array = NDArray[np.float64]
 
@@ -110,8 +112,9 @@ class LeakTest:
         self._recent = RecentBlocks()
         self._kept: frozenset[int] = frozenset()
         self._growing: Finding | None = None
-        # Scores after the last block. The key is the known fault and its onset, or None (alone).
-        self._scored: dict[tuple[int, int] | None, Candidates] = {}
+        # Scores after the last block. The key is the known fault, its onset and its growth, or None
+        # (alone).
+        self._scored: dict[tuple[int, int, Ramp | None] | None, Candidates] = {}
         self._findings: list[Finding] | None = None
         self._found_last: list[Finding] = []
         self._healthy_noise: float | None = None
@@ -121,7 +124,7 @@ class LeakTest:
         """Return how many complete blocks were added."""
         return self.sums.blocks
 
-    def threshold(self, freedom: float) -> float:
+    def threshold(self, freedom: float, part: float = 1.0) -> float:
         """Return the value of the statistic that a healthy rig exceeds at the stated rate.
 
         By default (`model_error` 1 or more) the rate is divided among all faults and onsets as if
@@ -131,8 +134,9 @@ class LeakTest:
 
         Args:
             freedom: degrees of freedom of the estimated noise variance.
+            part: part of the stated rate at which it may be exceeded.
         """
-        per_block = self.false_alarms_per_day * BLOCK_S / 86400.0
+        per_block = part * self.false_alarms_per_day * BLOCK_S / 86400.0
         shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
         looks = shares * max(self.sums.marks, 1)
         bound = student_quantile(min(per_block / looks, 0.25), freedom)
@@ -191,9 +195,41 @@ class LeakTest:
         return self._findings
 
     def _search(self) -> list[Finding]:
+        sudden = self._sudden()
+        grown = self._grown(sudden)
+        return sudden or self._slow() if grown is None else [grown]
+
+    def _grown(self, sudden: list[Finding]) -> Finding | None:
+        """Return the leak that grew within the blocks so far, if sudden faults explain far less.
+
+        It is looked for where sudden faults explain something, but are not sure or leave much.
+
+        Args:
+            sudden: the sudden faults that were found, at most two.
+        """
+        candidates = self.candidates()
+        explained = float(candidates.gain.max())
+        if explained < RIVAL_GAIN:
+            return None
+        if sudden:
+            first = sudden[0]
+            beside = self.candidates(first)
+            if max(beside.gain.max(), beside.change.max()) < RIVAL_GAIN:
+                return None
+            alone = float(candidates.gain[self.mark(first), first.fault])
+            explained = max(explained, alone + sum(each.likelihood for each in sudden[1:]))
+        limit = self.threshold(candidates.regression.freedom, RAMP_PART / len(DURATIONS_S))
+        grown = grown_leak(self.sums, self._recent, self.dead_zone, self.model_error,
+                           self._least_variance)  # fmt: skip
+        if grown is None or grown.likelihood <= explained + RIVAL_GAIN:
+            return None
+        return replace(grown, limit=limit) if grown.statistic > limit else None
+
+    def _sudden(self) -> list[Finding]:
+        """Return the sudden faults found in all blocks so far, at most two."""
         first = self.best()
         if first is None:
-            return self._pair() or self._slow()
+            return self._pair()
         second = self.best(first)
         if second is not None:
             return [self.beside(first, second), second]
@@ -312,7 +348,7 @@ class LeakTest:
 
         Faults are scored alone, or beside a fault that was found, which is then fitted along.
         """
-        key = None if beside is None else (beside.fault, beside.onset)
+        key = None if beside is None else (beside.fault, beside.onset, beside.ramp)
         if key not in self._scored:
             self._scored[key] = self._scores(beside)
         return self._scored[key]

@@ -1,0 +1,211 @@
+"""A leak that grows within seconds to minutes, and is steady from then on or grows still.
+
+A sudden leak leaves much of such a leak unexplained, from block to block with the same sign. That
+counts as noise that lasts, so that no onset is ever sure. Here each leak is fitted as one that grew
+from nothing along a straight line over time (`estimator.accounts.Ramp`), from each of some onsets
+and over each of some durations.
+"""
+
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.accounts import (
+    SHIFT,
+    SUPPLY_LEAKAGE,
+    AccountSums,
+    FaultProducts,
+    Intervals,
+    Ramp,
+    RampFit,
+    RecentBlocks,
+    Regression,
+    lasting_noise,
+)
+from rig.plant import LEAKS
+
+from .fault_scores import WITNESSES, gains_of
+from .finding import Finding
+
+Array = NDArray[np.float64]
+
+DURATIONS_S: Final = tuple(4.0 * 2.0 ** (k / 2.0) for k in range(11))
+"""Durations of growth that are tried, s: 4 to 128 in steps of a factor of the root of two. A leak
+that grows faster is found as a sudden one, and one that grows more slowly by `fault_size`. Between
+two durations a ramp is off by a tenth of its duration at most, which the refinement halves twice."""
+ONSETS: Final = 40
+"""Greatest number of onsets that are tried before the best one is refined. In the first two minutes
+they are at most 3 s apart, three quarters of the shortest duration."""
+RAMP_PART: Final = 0.05
+"""Part of the stated rate of false alarms at which noise may pass for a leak that grows, divided
+evenly among the durations. Of the sum of all tests' rates it is a twentieth at most. It is next to
+nothing in fact, as a ramp must also be likelier than any sudden fault by odds of e^10. The scores z
+of a ramp that goes on and of the sudden fault most like it are correlated by 0.943 (the greatest
+value, over a, of (1 + a) sqrt(3 (1 - a)) / 2), so that noise with z = 6 for the ramp, which leaves
+5.7 +- 0.33 for the sudden fault, falls short of the 4 that the odds ask for by 5 deviations."""
+GROWN_BEFORE_S: Final = 1.0
+"""A leak is said to grow on if its ramp ends less than this before the last block ends: two blocks,
+as an onset or an end is known to about one."""
+RIVAL_GAIN: Final = 20.0
+"""Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
+_NULL: Final = SUPPLY_LEAKAGE + 2
+"""Index of a null that moves, after those of `FAULTS`; it may do so by any amount."""
+_SHAPES: Final = np.array([*range(_NULL), SHIFT, SHIFT])
+_EITHER: Final = np.arange(_NULL + 1) >= SUPPLY_LEAKAGE
+"""Which causes may act in either direction: the lines' pressures and the null wander both ways."""
+
+
+class _Ramps:
+    """Scores of all causes that change along ramps, beside the nuisances."""
+
+    def __init__(self, sums: AccountSums, least: float) -> None:
+        self.intervals = Intervals(sums)
+        self.since = sums.faults_since()
+        ff, fy, yy = sums.nuisances()
+        self._regression = Regression(ff, fy, yy, 2 * sums.blocks, least)
+        self.starts = np.array([sums.start_s(mark) for mark in range(sums.marks)])
+        self.last = sums.marks - WITNESSES
+
+    def score(
+        self, marks: NDArray[np.int64], seconds: Array
+    ) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Return gains, usable candidates and noise variances, (ramps, causes) each.
+
+        Args:
+            marks: mark at which each ramp begins, (ramps,).
+            seconds: how long each lasts, s, (ramps,).
+        """
+        levels = self.intervals.levels(self.starts[marks], seconds)
+        ramped = self.intervals.ramped(levels, self.since, marks)
+        sizes = np.column_stack([ramped.sizes, np.ones(marks.size)])
+        products = FaultProducts(
+            ramped.squares[:, _SHAPES[:, None], _SHAPES],
+            ramped.crossed[:, _SHAPES],
+            ramped.products[:, _SHAPES],
+            sizes,
+            ramped.blocks,
+        )
+        visible = (sizes > 0.0) & (ramped.blocks >= WITNESSES)[:, None]
+        scores, usable, gain = gains_of(
+            self._regression, np.ascontiguousarray(products.crossed), products, visible, _EITHER
+        )
+        return np.where(usable, gain, 0.0), usable, scores.variance
+
+    def grid(self) -> tuple[NDArray[np.int64], Array]:
+        """Return mark and duration of the ramps that are tried first.
+
+        From each onset they have the durations that have passed, and the time since the onset.
+        """
+        marks = np.unique(np.linspace(0, self.last, min(ONSETS, self.last + 1)).astype(int))
+        pairs = [
+            (mark, seconds)
+            for mark in marks
+            for since in [self.intervals.end_s - self.starts[mark]]
+            for seconds in [*(each for each in DURATIONS_S if each < since), since]
+            if DURATIONS_S[0] <= seconds <= DURATIONS_S[-1]
+        ]
+        of, seconds = zip(*pairs, strict=True) if pairs else ((), ())
+        return np.array(of, dtype=np.int64), np.array(seconds, dtype=float)
+
+    def near(
+        self, mark: int, seconds: float, apart: int, factor: float
+    ) -> tuple[NDArray[np.int64], Array]:
+        """Return mark and duration of ramps around one, which is among them.
+
+        Args:
+            mark: mark at which the ramp begins.
+            seconds: how long it lasts, s.
+            apart: greatest difference of the marks.
+            factor: factor on the duration, and its inverse.
+        """
+        step = max(apart // 2, 1)
+        marks = np.arange(mark - 2 * step, mark + 2 * step + 1, step).clip(0, self.last)
+        of, longer = np.meshgrid(np.unique(marks), seconds * np.array([1.0 / factor, 1.0, factor]))
+        return of.ravel(), longer.ravel()
+
+
+def grown_leak(
+    sums: AccountSums,
+    recent: RecentBlocks,
+    dead_zone: Array,
+    model_error: float,
+    least: float,
+) -> Finding | None:
+    """Return the leak that most likely grew within the blocks so far; None if none is likely.
+
+    The result is None if a pressure of the lines or a null that moves along a ramp explains as
+    much, to odds of e^10, or if the blocks last less than the shortest duration.
+
+    Args:
+        sums: sums over the blocks.
+        recent: the latest blocks, which show whether noise lasts from block to block.
+        dead_zone: flow in L/min that each fault must exceed to be claimed, float64 (5,).
+        model_error: factor on what is allowed for errors of the model.
+        least: lower bound of the estimated noise variance.
+
+    Returns:
+        The finding, whose `statistic` is that of a sudden fault: it holds without any one block.
+        Its `limit` is left at 0 for the caller to set.
+    """
+    ramps = _Ramps(sums, least)
+    marks, seconds = ramps.grid()
+    if not marks.size:
+        return None
+    gain, _, variances = ramps.score(marks, seconds)
+    leaks = range(len(LEAKS))
+    apart, factor = max(ramps.last // ONSETS, 1), sqrt(sqrt(2.0))
+    for _ in range(2):
+        at, fault = np.unravel_index(int(np.argmax(gain[:, leaks])), (marks.size, len(LEAKS)))
+        near = ramps.near(int(marks[at]), float(seconds[at]), apart, factor)
+        if near[0].size == 0:
+            break
+        again, _, also = ramps.score(*near)
+        marks, seconds = np.append(marks, near[0]), np.append(seconds, near[1])
+        gain, variances = np.vstack([gain, again]), np.vstack([variances, also])
+        apart, factor = max(apart // 2, 1), sqrt(factor)
+    at, fault = np.unravel_index(int(np.argmax(gain[:, leaks])), (marks.size, len(LEAKS)))
+    most = float(gain[at, fault])
+    if most <= 0.0 or gain[:, _EITHER].max() > most - RIVAL_GAIN:
+        return None
+    ramp = Ramp(float(ramps.starts[marks[at]]), float(seconds[at]))
+    return _sized(
+        ramps, recent, int(fault), int(marks[at]), ramp, most, float(variances[at, fault]),
+        float(dead_zone[fault]), model_error,
+    )  # fmt: skip
+
+
+def _sized(
+    ramps: _Ramps,
+    recent: RecentBlocks,
+    fault: int,
+    mark: int,
+    ramp: Ramp,
+    gain: float,
+    variance: float,
+    dead_zone: float,
+    model_error: float,
+) -> Finding:
+    """Return the finding of a leak that grew along a ramp, with statistic and size."""
+    intervals = ramps.intervals
+    level = intervals.level(ramp)
+    shapes, levels = [SHIFT, fault], np.stack([level, level])
+    fit = RampFit(intervals, shapes, levels, variance)
+    # Departures from a straight line must not count as noise, as in `FaultSizes.sudden`.
+    blocks = level.size - mark
+    loose = fit
+    if blocks >= 3 * WITNESSES:
+        thirds = np.array([[mark + blocks // 3], [mark + 2 * blocks // 3]])
+        changes = (np.arange(level.size) >= thirds).astype(float)
+        loose = RampFit(intervals, [fault, fault, *shapes], np.vstack([changes, levels]), variance)
+    lasting = lasting_noise(recent.residuals(loose.nuisances, loose.terms()), model_error)
+    dead = dead_zone / float(ramps.since.sizes[mark, fault])
+    rest, error = fit.left_out()
+    statistic = float(((rest - dead) / np.sqrt(error * lasting)).min())
+    deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)
+    size, mean = float(fit.coefficients[-1]), float(level[mark:].mean())
+    return Finding(
+        fault, int(intervals.sums.mark_blocks[mark]), size * mean, deviation * mean, statistic,
+        gain, ramp.begin_s, lasting, size * float(level[-1]), ramp=ramp,
+    )  # fmt: skip
