@@ -189,6 +189,7 @@ class RampFit:
         pairs = here.squares[:, of[:, None], of]
         return np.asarray(found + np.einsum("jc,jcd,jd->j", c, pairs, d))
 
+    @cached_property
     def _influences(self) -> tuple[Array, Array]:
         """Return each interval's influence on the last coefficient, and its leverage, (marks,)."""
         a, c = self._in_each(self._direction)
@@ -203,7 +204,7 @@ class RampFit:
 
         It is that of `JointFit.uneven_error`.
         """
-        influence, leverage = self._influences()
+        influence, leverage = self._influences
         return float((influence**2 / (1.0 - leverage)).sum())
 
     def left_out(self) -> tuple[Array, Array]:
@@ -212,7 +213,7 @@ class RampFit:
         Returns:
             The coefficients and their variances, (marks,) each, as of `JointFit.left_out`.
         """
-        influence, leverage = self._influences()
+        influence, leverage = self._influences
         kept = 1.0 - leverage
         shares = influence**2 / kept
         uneven = shares.sum() - shares

@@ -6,6 +6,7 @@ from nothing along a straight line over time (`estimator.accounts.Ramp`), from e
 and over each of some durations.
 """
 
+from dataclasses import dataclass
 from math import sqrt
 from typing import Final
 
@@ -50,6 +51,10 @@ GROWN_BEFORE_S: Final = 1.0
 as an onset or an end is known to about one."""
 RIVAL_GAIN: Final = 20.0
 """Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
+_REFINEMENTS: Final = 12
+"""Most rounds in which the best ramp is refined; each tries ramps around the best one so far."""
+_FINEST: Final = 1.05
+"""Refinement ends when durations a factor below this apart no longer differ."""
 _NULL: Final = SUPPLY_LEAKAGE + 2
 """Index of a null that moves, after those of `FAULTS`; it may do so by any amount."""
 _SHAPES: Final = np.array([*range(_NULL), SHIFT, SHIFT])
@@ -68,10 +73,8 @@ class _Ramps:
         self.starts = np.array([sums.start_s(mark) for mark in range(sums.marks)])
         self.last = sums.marks - WITNESSES
 
-    def score(
-        self, marks: NDArray[np.int64], seconds: Array
-    ) -> tuple[Array, NDArray[np.bool_], Array]:
-        """Return gains, usable candidates and noise variances, (ramps, causes) each.
+    def score(self, marks: NDArray[np.int64], seconds: Array) -> tuple[Array, Array]:
+        """Return gains, 0 where not usable, and noise variances, (ramps, causes) each.
 
         Args:
             marks: mark at which each ramp begins, (ramps,).
@@ -91,7 +94,7 @@ class _Ramps:
         scores, usable, gain = gains_of(
             self._regression, np.ascontiguousarray(products.crossed), products, visible, _EITHER
         )
-        return np.where(usable, gain, 0.0), usable, scores.variance
+        return np.where(usable, gain, 0.0), scores.variance
 
     def grid(self) -> tuple[NDArray[np.int64], Array]:
         """Return mark and duration of the ramps that are tried first.
@@ -109,6 +112,12 @@ class _Ramps:
         of, seconds = zip(*pairs, strict=True) if pairs else ((), ())
         return np.array(of, dtype=np.int64), np.array(seconds, dtype=float)
 
+    def from_one(self, ramp: Ramp) -> tuple[NDArray[np.int64], Array]:
+        """Return mark and duration of a ramp, and of one that begins then and goes on until now."""
+        mark = min(int(np.searchsorted(self.starts, ramp.begin_s - 1e-6)), self.last)
+        since = self.intervals.end_s - float(self.starts[mark])
+        return np.array([mark, mark]), np.array([min(ramp.seconds, since), since])
+
     def near(
         self, mark: int, seconds: float, apart: int, factor: float
     ) -> tuple[NDArray[np.int64], Array]:
@@ -123,7 +132,8 @@ class _Ramps:
         step = max(apart // 2, 1)
         marks = np.arange(mark - 2 * step, mark + 2 * step + 1, step).clip(0, self.last)
         of, longer = np.meshgrid(np.unique(marks), seconds * np.array([1.0 / factor, 1.0, factor]))
-        return of.ravel(), longer.ravel()
+        since = self.intervals.end_s - self.starts[of]
+        return of.ravel(), np.minimum(longer, since).clip(DURATIONS_S[0]).ravel()
 
 
 def grown_leak(
@@ -132,6 +142,8 @@ def grown_leak(
     dead_zone: Array,
     model_error: float,
     least: float,
+    *,
+    begin: Ramp | None = None,
 ) -> Finding | None:
     """Return the leak that most likely grew within the blocks so far; None if none is likely.
 
@@ -144,68 +156,79 @@ def grown_leak(
         dead_zone: flow in L/min that each fault must exceed to be claimed, float64 (5,).
         model_error: factor on what is allowed for errors of the model.
         least: lower bound of the estimated noise variance.
+        begin: a ramp to begin the search at; None to try the ramps of a grid first.
 
     Returns:
         The finding, whose `statistic` is that of a sudden fault: it holds without any one block.
         Its `limit` is left at 0 for the caller to set.
     """
     ramps = _Ramps(sums, least)
-    marks, seconds = ramps.grid()
-    if not marks.size:
+    if ramps.last < 0:
         return None
-    gain, _, variances = ramps.score(marks, seconds)
-    leaks = range(len(LEAKS))
+    tried = ramps.grid() if begin is None else ramps.from_one(begin)
+    if not tried[0].size:
+        return None
+    best = _best_of(ramps, *tried)
     apart, factor = max(ramps.last // ONSETS, 1), sqrt(sqrt(2.0))
-    for _ in range(2):
-        at, fault = np.unravel_index(int(np.argmax(gain[:, leaks])), (marks.size, len(LEAKS)))
-        near = ramps.near(int(marks[at]), float(seconds[at]), apart, factor)
-        if near[0].size == 0:
-            break
-        again, _, also = ramps.score(*near)
-        marks, seconds = np.append(marks, near[0]), np.append(seconds, near[1])
-        gain, variances = np.vstack([gain, again]), np.vstack([variances, also])
-        apart, factor = max(apart // 2, 1), sqrt(factor)
-    at, fault = np.unravel_index(int(np.argmax(gain[:, leaks])), (marks.size, len(LEAKS)))
-    most = float(gain[at, fault])
-    if most <= 0.0 or gain[:, _EITHER].max() > most - RIVAL_GAIN:
+    for _ in range(_REFINEMENTS):
+        better = _best_of(ramps, *ramps.near(best.mark, best.seconds, apart, factor))
+        if not better.gain > best.gain:
+            if apart == 1 and factor < _FINEST:
+                break
+            apart, factor = max(apart // 2, 1), sqrt(factor)
+        else:
+            best = better
+    if best.gain <= 0.0 or best.rival > best.gain - RIVAL_GAIN:
         return None
-    ramp = Ramp(float(ramps.starts[marks[at]]), float(seconds[at]))
-    return _sized(
-        ramps, recent, int(fault), int(marks[at]), ramp, most, float(variances[at, fault]),
-        float(dead_zone[fault]), model_error,
+    return _sized(ramps, recent, best, dead_zone, model_error)
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The leak and the ramp with the greatest gain among some, and the greatest gain of a rival."""
+
+    fault: int
+    mark: int
+    seconds: float
+    gain: float
+    rival: float
+    variance: float
+
+
+def _best_of(ramps: _Ramps, marks: NDArray[np.int64], seconds: Array) -> _Best:
+    gain, variances = ramps.score(marks, seconds)
+    leaks = gain[:, : len(LEAKS)]
+    at, fault = np.unravel_index(int(np.argmax(leaks)), leaks.shape)
+    return _Best(
+        int(fault), int(marks[at]), float(seconds[at]), float(leaks[at, fault]),
+        float(gain[:, _EITHER].max()), float(variances[at, fault]),
     )  # fmt: skip
 
 
 def _sized(
-    ramps: _Ramps,
-    recent: RecentBlocks,
-    fault: int,
-    mark: int,
-    ramp: Ramp,
-    gain: float,
-    variance: float,
-    dead_zone: float,
-    model_error: float,
+    ramps: _Ramps, recent: RecentBlocks, best: _Best, dead_zone: Array, model_error: float
 ) -> Finding:
-    """Return the finding of a leak that grew along a ramp, with statistic and size."""
-    intervals = ramps.intervals
+    """Return the finding of the leak that grew along the best ramp, with statistic and size."""
+    intervals, mark, fault = ramps.intervals, best.mark, best.fault
+    ramp = Ramp(float(ramps.starts[mark]), best.seconds)
     level = intervals.level(ramp)
     shapes, levels = [SHIFT, fault], np.stack([level, level])
-    fit = RampFit(intervals, shapes, levels, variance)
+    fit = RampFit(intervals, shapes, levels, best.variance)
     # Departures from a straight line must not count as noise, as in `FaultSizes.sudden`.
     blocks = level.size - mark
     loose = fit
     if blocks >= 3 * WITNESSES:
         thirds = np.array([[mark + blocks // 3], [mark + 2 * blocks // 3]])
         changes = (np.arange(level.size) >= thirds).astype(float)
-        loose = RampFit(intervals, [fault, fault, *shapes], np.vstack([changes, levels]), variance)
+        both = np.vstack([changes, levels])
+        loose = RampFit(intervals, [fault, fault, *shapes], both, best.variance)
     lasting = lasting_noise(recent.residuals(loose.nuisances, loose.terms()), model_error)
-    dead = dead_zone / float(ramps.since.sizes[mark, fault])
+    dead = float(dead_zone[fault] / ramps.since.sizes[mark, fault])
     rest, error = fit.left_out()
     statistic = float(((rest - dead) / np.sqrt(error * lasting)).min())
     deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)
     size, mean = float(fit.coefficients[-1]), float(level[mark:].mean())
     return Finding(
         fault, int(intervals.sums.mark_blocks[mark]), size * mean, deviation * mean, statistic,
-        gain, ramp.begin_s, lasting, size * float(level[-1]), ramp=ramp,
+        best.gain, ramp.begin_s, lasting, size * float(level[-1]), ramp=ramp,
     )  # fmt: skip

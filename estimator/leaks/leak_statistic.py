@@ -53,6 +53,8 @@ MINIMUM_BLOCKS: Final = 16
 fault, so that some are left for an estimate of the noise."""
 GROWTH_BLOCKS: Final = 8
 """Blocks (4 s) from one search for leaks that grow slowly to the next."""
+RAMP_BLOCKS: Final = 4
+"""Blocks (2 s) from one search of all ramps to the next; in between the last one is refined."""
 SHARES: Final = FAULT_COUNT + 1
 """Number of tests among which the stated rate is divided if the supply pressure is measured: one of
 each fault, and that of the supply pressure (`supply_statistic`)."""
@@ -112,6 +114,10 @@ class LeakTest:
         self._recent = RecentBlocks()
         self._kept: frozenset[int] = frozenset()
         self._growing: Finding | None = None
+        # The ramp that was the likeliest in the last search for one, at which the next may begin,
+        # and the number of blocks from which on all are tried again.
+        self._ramp: Ramp | None = None
+        self._next_ramps = 0
         # Scores after the last block. The key is the known fault, its onset and its growth, or None
         # (alone).
         self._scored: dict[tuple[int, int, Ramp | None] | None, Candidates] = {}
@@ -219,8 +225,14 @@ class LeakTest:
             alone = float(candidates.gain[self.mark(first), first.fault])
             explained = max(explained, alone + sum(each.likelihood for each in sudden[1:]))
         limit = self.threshold(candidates.regression.freedom, RAMP_PART / len(DURATIONS_S))
+        if self.blocks < self._next_ramps and self._ramp is None:
+            return None
+        begin = self._ramp
+        if self.blocks >= self._next_ramps:
+            begin, self._next_ramps = None, self.blocks + RAMP_BLOCKS
         grown = grown_leak(self.sums, self._recent, self.dead_zone, self.model_error,
-                           self._least_variance)  # fmt: skip
+                           self._least_variance, begin=begin)  # fmt: skip
+        self._ramp = grown and grown.ramp
         if grown is None or grown.likelihood <= explained + RIVAL_GAIN:
             return None
         return replace(grown, limit=limit) if grown.statistic > limit else None
