@@ -36,6 +36,7 @@ DURATIONS_S: Final = tuple(4.0 * 2.0 ** (k / 2.0) for k in range(11))
 """Durations of growth that are tried, s: 4 to 128 in steps of a factor of the root of two. A leak
 that grows faster is found as a sudden one, and one that grows more slowly by `fault_size`. Between
 two durations a ramp is off by a tenth of its duration at most, which the refinement halves twice."""
+_LIMITS_S: Final = DURATIONS_S[0], DURATIONS_S[-1]
 ONSETS: Final = 40
 """Greatest number of onsets that are tried before the best one is refined. In the first two minutes
 they are at most 3 s apart, three quarters of the shortest duration."""
@@ -71,7 +72,9 @@ class _Ramps:
         ff, fy, yy = sums.nuisances()
         self._regression = Regression(ff, fy, yy, 2 * sums.blocks, least)
         self.starts = np.array([sums.start_s(mark) for mark in range(sums.marks)])
-        self.last = sums.marks - WITNESSES
+        # The last mark since which a leak can have grown for the shortest duration.
+        before_s = self.intervals.end_s - DURATIONS_S[0] + 1e-6
+        self.last = int(np.searchsorted(self.starts, before_s, side="right")) - 1
 
     def score(self, marks: NDArray[np.int64], seconds: Array) -> tuple[Array, Array]:
         """Return gains, 0 where not usable, and noise variances, (ramps, causes) each.
@@ -107,7 +110,7 @@ class _Ramps:
             for mark in marks
             for since in [self.intervals.end_s - self.starts[mark]]
             for seconds in [*(each for each in DURATIONS_S if each < since), since]
-            if DURATIONS_S[0] <= seconds <= DURATIONS_S[-1]
+            if seconds <= DURATIONS_S[-1]
         ]
         of, seconds = zip(*pairs, strict=True) if pairs else ((), ())
         return np.array(of, dtype=np.int64), np.array(seconds, dtype=float)
@@ -116,7 +119,8 @@ class _Ramps:
         """Return mark and duration of a ramp, and of one that begins then and goes on until now."""
         mark = min(int(np.searchsorted(self.starts, ramp.begin_s - 1e-6)), self.last)
         since = self.intervals.end_s - float(self.starts[mark])
-        return np.array([mark, mark]), np.array([min(ramp.seconds, since), since])
+        both = np.array([min(ramp.seconds, since), since])
+        return np.array([mark, mark]), both.clip(*_LIMITS_S)
 
     def near(
         self, mark: int, seconds: float, apart: int, factor: float
@@ -133,7 +137,7 @@ class _Ramps:
         marks = np.arange(mark - 2 * step, mark + 2 * step + 1, step).clip(0, self.last)
         of, longer = np.meshgrid(np.unique(marks), seconds * np.array([1.0 / factor, 1.0, factor]))
         since = self.intervals.end_s - self.starts[of]
-        return of.ravel(), np.minimum(longer, since).clip(DURATIONS_S[0]).ravel()
+        return of.ravel(), np.minimum(longer, since).clip(*_LIMITS_S).ravel()
 
 
 def grown_leak(

@@ -78,7 +78,8 @@ def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
         return False
     beside = test.candidates(first).gain
     line = float(beside[:, SUPPLY_LEAKAGE:].max())
-    if not others and line >= RIVAL_GAIN and test.blocks >= LEAST_BLOCKS:
+    grows = test.blocks >= LEAST_BLOCKS or first.ramp is not None
+    if not others and line >= RIVAL_GAIN and grows:
         line = min(line, _line_beside_growth(test, first))
     second = max((float(beside[:, other.fault].max()) for other in others), default=0.0)
     return line >= (second - RIVAL_GAIN if others else RIVAL_GAIN)
