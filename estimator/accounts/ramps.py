@@ -99,7 +99,9 @@ class Intervals:
         """Return the level, 0 to 1, of one ramp in each interval, (marks,)."""
         return self.levels(np.array([ramp.begin_s]), np.array([ramp.seconds]))[0]
 
-    def ramped(self, levels: Array, since: FaultProducts, marks: NDArray[np.int64]) -> FaultProducts:
+    def ramped(
+        self, levels: Array, since: FaultProducts, marks: NDArray[np.int64]
+    ) -> FaultProducts:
         """Return the products of all faults and of a null's shift that grow.
 
         Args:

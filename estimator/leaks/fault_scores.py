@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 WITNESSES: Final = 4
 """Fewest blocks with a fault from which it is claimed; the spread of fewer says too little."""
+RIVAL_GAIN: Final = 20.0
+"""Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
 SETTLED_PART: Final = 0.8
 """If a fault leaves less than this part of the noise variance, the variance is estimated anew.
 

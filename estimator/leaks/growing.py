@@ -27,7 +27,7 @@ from estimator.accounts import (
 )
 from rig.plant import LEAKS
 
-from .fault_scores import WITNESSES, gains_of
+from .fault_scores import RIVAL_GAIN, WITNESSES, gains_of
 from .finding import Finding
 
 Array = NDArray[np.float64]
@@ -47,11 +47,9 @@ nothing in fact, as a ramp must also be likelier than any sudden fault by odds o
 of a ramp that goes on and of the sudden fault most like it are correlated by 0.943 (the greatest
 value, over a, of (1 + a) sqrt(3 (1 - a)) / 2), so that noise with z = 6 for the ramp, which leaves
 5.7 +- 0.33 for the sudden fault, falls short of the 4 that the odds ask for by 5 deviations."""
-GROWN_BEFORE_S: Final = 1.0
-"""A leak is said to grow on if its ramp ends less than this before the last block ends: two blocks,
-as an onset or an end is known to about one."""
-RIVAL_GAIN: Final = 20.0
-"""Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
+GROWN_BEFORE: Final = 0.1
+"""A leak is said to grow on if its ramp ends less than this part of its duration before the last
+block ends, as the end of a ramp is known no better than that."""
 _REFINEMENTS: Final = 12
 """Most rounds in which the best ramp is refined; each tries ramps around the best one so far."""
 _FINEST: Final = 1.05

@@ -41,7 +41,7 @@ from estimator.accounts import (
     whitening,
 )
 
-from .fault_scores import WITNESSES, Candidates, score_faults
+from .fault_scores import RIVAL_GAIN, WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes
 from .finding import Finding
 from .growing import DURATIONS_S, RAMP_PART, grown_leak
@@ -64,8 +64,6 @@ DIRECTIONS: Final = 2.0
 LEFT_OUT: Final = 0.3
 """Amount by which the statistic is lower because the block that supports the fault most is left
 out, from the same simulations."""
-RIVAL_GAIN: Final = 20.0
-"""Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
 
 
@@ -232,7 +230,7 @@ class LeakTest:
             begin, self._next_ramps = None, self.blocks + RAMP_BLOCKS
         grown = grown_leak(self.sums, self._recent, self.dead_zone, self.model_error,
                            self._least_variance, begin=begin)  # fmt: skip
-        self._ramp = grown and grown.ramp
+        self._ramp = None if grown is None else grown.ramp
         if grown is None or grown.likelihood <= explained + RIVAL_GAIN:
             return None
         return replace(grown, limit=limit) if grown.statistic > limit else None

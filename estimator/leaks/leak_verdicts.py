@@ -28,10 +28,11 @@ from estimator.accounts import (
 )
 from rig.plant import LITRE_PER_MINUTE
 
+from .fault_scores import RIVAL_GAIN
 from .fault_size import LEAST_BLOCKS, Course, course_of
 from .finding import Finding, Growth
-from .growing import DURATIONS_S, GROWN_BEFORE_S
-from .leak_statistic import MINIMUM_BLOCKS, RIVAL_GAIN, LeakTest
+from .growing import DURATIONS_S, GROWN_BEFORE
+from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 
 Array = NDArray[np.float64]
 
@@ -165,7 +166,7 @@ def _grown_from_nothing(
     error = hypot(now * leak.deviation / leak.coefficient, relative_error(test) * now, bound)
     return Growth(
         now, error, now / seconds, error / seconds, 0.0, seconds, ramp.begin_s,
-        last_s - ramp.begin_s <= ramp.seconds + GROWN_BEFORE_S,
+        last_s - ramp.begin_s < (1.0 + GROWN_BEFORE) * ramp.seconds,
     )  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """The equations of the independent rig, their integration and its sensors, compiled.
 
 The integrator is simpler than the product's on purpose: Kutta's third order, steps of 20 us. All
-compiled functions are in this file; numba recompiles a function only if its own file changed."""
+compiled functions are in this file; numba recompiles a function only if its own file changed.
+"""
 
 from math import atanh, exp, floor, log10, pi, sin, sqrt, tanh
 from typing import Final

@@ -139,7 +139,9 @@ def table(found: Sequence[Outcome]) -> str:
     rows = []
     for leak in (*LEAKS, None):
         for independent in (False, True):
-            here = [o for o in found if leak in (None, o.leak.leak) and o.independent is independent]
+            here = [
+                o for o in found if leak in (None, o.leak.leak) and o.independent is independent
+            ]
             if here:
                 name = "all" if leak is None else leak.replace("_", " ")
                 rows.append([name, "independent" if independent else "drawn", *_cells(here)])
