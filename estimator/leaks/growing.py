@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 DURATIONS_S: Final = tuple(4.0 * 2.0 ** (k / 2.0) for k in range(11))
 """Durations of growth that are tried, s: 4 to 128 in steps of a factor of the root of two. A leak
 that grows faster is found as a sudden one, and one that grows more slowly by `fault_size`. Between
-two durations a ramp is off by a tenth of its duration at most, which the refinement halves twice."""
+two durations a ramp is off by a fifth of its duration at most, until it is refined."""
 _LIMITS_S: Final = DURATIONS_S[0], DURATIONS_S[-1]
 ONSETS: Final = 40
 """Greatest number of onsets that are tried before the best one is refined. In the first two minutes
@@ -47,9 +47,6 @@ nothing in fact, as a ramp must also be likelier than any sudden fault by odds o
 of a ramp that goes on and of the sudden fault most like it are correlated by 0.943 (the greatest
 value, over a, of (1 + a) sqrt(3 (1 - a)) / 2), so that noise with z = 6 for the ramp, which leaves
 5.7 +- 0.33 for the sudden fault, falls short of the 4 that the odds ask for by 5 deviations."""
-GROWN_BEFORE: Final = 0.1
-"""A leak is said to grow on if its ramp ends less than this part of its duration before the last
-block ends, as the end of a ramp is known no better than that."""
 _REFINEMENTS: Final = 12
 """Most rounds in which the best ramp is refined; each tries ramps around the best one so far."""
 _FINEST: Final = 1.05
@@ -120,6 +117,11 @@ class _Ramps:
         both = np.array([min(ramp.seconds, since), since])
         return np.array([mark, mark]), both.clip(*_LIMITS_S)
 
+    def going_on(self, mark: int, apart: int) -> tuple[NDArray[np.int64], Array]:
+        """Return mark and duration of ramps that go on until now, from marks around one on."""
+        marks = np.arange(max(mark - apart, 0), min(mark + apart, self.last) + 1)
+        return marks, (self.intervals.end_s - self.starts[marks]).clip(*_LIMITS_S)
+
     def near(
         self, mark: int, seconds: float, apart: int, factor: float
     ) -> tuple[NDArray[np.int64], Array]:
@@ -150,7 +152,8 @@ def grown_leak(
     """Return the leak that most likely grew within the blocks so far; None if none is likely.
 
     The result is None if a pressure of the lines or a null that moves along a ramp explains as
-    much, to odds of e^10, or if the blocks last less than the shortest duration.
+    much, to odds of e^10, or if the blocks last less than the shortest duration. The leak is taken
+    to grow still, unless the odds that it has stopped are e^10.
 
     Args:
         sums: sums over the blocks.
@@ -180,6 +183,9 @@ def grown_leak(
             apart, factor = max(apart // 2, 1), sqrt(factor)
         else:
             best = better
+    going_on = _best_of(ramps, *ramps.going_on(best.mark, 2 * apart + 2))
+    if going_on.fault == best.fault and going_on.gain > best.gain - RIVAL_GAIN:
+        best = going_on
     if best.gain <= 0.0 or best.rival > best.gain - RIVAL_GAIN:
         return None
     return _sized(ramps, recent, best, dead_zone, model_error)

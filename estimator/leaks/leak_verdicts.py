@@ -31,7 +31,7 @@ from rig.plant import LITRE_PER_MINUTE
 from .fault_scores import RIVAL_GAIN
 from .fault_size import LEAST_BLOCKS, Course, course_of
 from .finding import Finding, Growth
-from .growing import DURATIONS_S, GROWN_BEFORE
+from .growing import DURATIONS_S
 from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 
 Array = NDArray[np.float64]
@@ -166,7 +166,7 @@ def _grown_from_nothing(
     error = hypot(now * leak.deviation / leak.coefficient, relative_error(test) * now, bound)
     return Growth(
         now, error, now / seconds, error / seconds, 0.0, seconds, ramp.begin_s,
-        last_s - ramp.begin_s < (1.0 + GROWN_BEFORE) * ramp.seconds,
+        last_s - ramp.begin_s <= ramp.seconds + 1e-6,
     )  # fmt: skip
 
 

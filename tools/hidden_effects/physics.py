@@ -1,7 +1,7 @@
 """The equations of the independent rig, their integration and its sensors, compiled.
 
-The integrator is simpler than the product's on purpose: Kutta's third order, steps of 20 us. All
-compiled functions are in this file; numba recompiles a function only if its own file changed.
+The integrator is simpler than the product's on purpose: Kutta's third order, in steps of 20 us. All
+compiled functions are in this file, as numba recompiles a function only if its own file changed.
 """
 
 from math import atanh, exp, floor, log10, pi, sin, sqrt, tanh
@@ -266,8 +266,7 @@ def slopes(r, clock, reference, y, out):
     now = now and r.opens_moving * speed >= r.opens_moving * r.opens_moving
     if now and clock >= r.opens_at and p1 >= r.opens_above and position >= r.opens_beyond:
         grown = 1.0 if r.opens_over == 0.0 else min(1.0, (clock - r.opens_at) / r.opens_over)
-        across += grown * r.opening_leak_across
-        out_1 += grown * r.opening_leak_1
+        across, out_1 = across + grown * r.opening_leak_across, out_1 + grown * r.opening_leak_1
         out_2 += grown * r.opening_leak_2
     if r.worn_leak != 0.0 or r.worn_leak_1 != 0.0 or r.worn_leak_2 != 0.0:
         wear = _bump(position, r.worn_place, r.worn_width)

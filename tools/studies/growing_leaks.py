@@ -1,4 +1,4 @@
-"""Draws leaks that grow within a test, on both simulators, and prints what the detector makes of them.
+"""Draws leaks that grow within a test, on both simulators, and prints what is made of them.
 
 `python -m tools.studies.growing_leaks --seed 1 --count 48` records 48 tests of 60 s. In each a leak
 in one of the three places grows from nothing to 0.1 to 1 L/min, log-uniform, within 5 to 40 s, and
@@ -41,7 +41,7 @@ SIZES: Final = (0.1, 1.0)
 RAMPS_S: Final = (5.0, 40.0)
 ONSETS_S: Final = (10.0, 18.0)
 _DRIVING: Final = (6.9e6, 6.9e6, 2.5e6)
-"""Reference drops in Pa of `LEAKS`: half the pump's pressure, and what the seals' friction takes."""
+"""Reference drops of `LEAKS`, Pa: half the pump's pressure, and what the seals' friction takes."""
 _MOTIONS: Final = ("multisine", "pseudorandom", "steps", "sines")
 _PLACES: Final = ("opening_leak_1", "opening_leak_2", "opening_leak_across")
 
@@ -127,7 +127,7 @@ def judged(seed: int, number: int) -> Outcome:
         ratio = growth.now_m3_per_s / size / leak.coefficient
     return Outcome(
         leak, number % 2 == 0, final.verdict, named[0] - leak.onset_s if named else None,
-        tuple(sorted(wrong)), growth is not None, ratio, growth and growth.seconds,
+        tuple(sorted(wrong)), growth is not None, ratio, None if growth is None else growth.seconds,
     )  # fmt: skip
 
 
@@ -138,10 +138,9 @@ def table(found: Sequence[Outcome]) -> str:
             "duration, median of found / true")  # fmt: skip
     rows = []
     for leak in (*LEAKS, None):
+        of = [each for each in found if leak in (None, each.leak.leak)]
         for independent in (False, True):
-            here = [
-                o for o in found if leak in (None, o.leak.leak) and o.independent is independent
-            ]
+            here = [each for each in of if each.independent is independent]
             if here:
                 name = "all" if leak is None else leak.replace("_", " ")
                 rows.append([name, "independent" if independent else "drawn", *_cells(here)])

@@ -118,7 +118,7 @@ def test_the_limit_of_growth_is_higher_as_it_has_a_part_of_the_rate() -> None:
 
 
 def test_growth_is_found_anew_when_the_test_is_asked_for_the_nuisances() -> None:
-    """The null that the accounts need is fitted beside the leak that grows, and not shifted by it."""
+    """The null that the accounts need is fitted beside the leak that grows."""
     test = searched(growing(0, 60))
     healthy = searched(blocks(110, 1))
     bias, spread = test.null_bias()
