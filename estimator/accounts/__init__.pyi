@@ -46,6 +46,7 @@ from .nuisances import (
     NuisanceBelief as NuisanceBelief,
     nuisance_index as nuisance_index,
 )
+from .ramps import Intervals as Intervals, Ramp as Ramp, RampFit as RampFit
 from .regression import (
     LEAST_INFORMATION as LEAST_INFORMATION,
     NOISE_WEIGHT as NOISE_WEIGHT,

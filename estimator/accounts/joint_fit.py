@@ -62,7 +62,7 @@ class JointFit:
         normal[n:, n:] = self._since(products.squares, both, of[:, None], of)
         normal[n:, n:] += np.diag(np.where(of == SHIFT, variance / NULL_SHIFT**2, 0.0))
         right[n:] = self._since(products.products, since, of)
-        inverse = _inverse(normal)
+        inverse = inverse_of(normal)
         self._variance, self._inverse = variance, inverse
         self._direction = inverse[-1]
         self._fitted = inverse @ right
@@ -189,7 +189,7 @@ def _from(series: Array, marks: Integers, of: Sequence[Integers]) -> Array:
     )
 
 
-def _inverse(normal: Array) -> Array:
+def inverse_of(normal: Array) -> Array:
     """Return the inverse of a normal matrix whose columns differ by many orders of magnitude.
 
     A fault that shows in no block has a column of zeros; its coefficient will then be zero.

@@ -97,7 +97,7 @@ class CompiledLeakTest(LeakTest):
         super().__init__(*setting)
         self._sized: dict[_Sudden, Finding] = {}
         self._raw: dict[tuple[int, int] | None, Scored] = {}
-        self._thresholds: dict[float, float] = {}
+        self._thresholds: dict[tuple[float, float], float] = {}
 
     def add(self, block: AccountBlock) -> None:
         """Add one block; an incomplete one is ignored."""
@@ -106,11 +106,12 @@ class CompiledLeakTest(LeakTest):
         self._thresholds = {}
         super().add(block)
 
-    def threshold(self, freedom: float) -> float:
+    def threshold(self, freedom: float, part: float = 1.0) -> float:
         """Return the value that a healthy rig exceeds at the stated rate, as `LeakTest` does."""
-        if freedom not in self._thresholds:
-            self._thresholds[freedom] = super().threshold(freedom)
-        return self._thresholds[freedom]
+        key = freedom, part
+        if key not in self._thresholds:
+            self._thresholds[key] = super().threshold(freedom, part)
+        return self._thresholds[key]
 
     def log_evidence(self, lasting: float, greatest_flow: float) -> Array:
         """Return the logarithm of each fault's likelihood beside none, summed over onsets: (5,)."""
@@ -141,6 +142,8 @@ class CompiledLeakTest(LeakTest):
         if not self.blocks:
             return 0.0, sigma
         first = next(iter(self.search()), None)
+        if first is not None and first.ramp is not None:
+            return super().null_bias()
         mean, variance = self._scored_blocks(first).null_bias
         return sigma * mean, sigma * sqrt(variance)
 
@@ -157,6 +160,8 @@ class CompiledLeakTest(LeakTest):
         return white
 
     def _scores(self, beside: Finding | None) -> Candidates:
+        if beside is not None and beside.ramp is not None:
+            return super()._scores(beside)
         known = None if beside is None else (beside.fault, self.mark(beside))
         return CompiledCandidates(self._scored_blocks(beside), known)
 

@@ -12,6 +12,7 @@ from .detection import (
     leak_flow as leak_flow,
 )
 from .fault_scores import (
+    RIVAL_GAIN as RIVAL_GAIN,
     SETTLED_PART as SETTLED_PART,
     WITNESSES as WITNESSES,
     Candidates as Candidates,
@@ -23,11 +24,7 @@ from .fault_size import (
 )
 from .finding import Finding as Finding, Growth as Growth
 from .found import Found as Found, found_in as found_in
-from .leak_statistic import (
-    MINIMUM_BLOCKS as MINIMUM_BLOCKS,
-    RIVAL_GAIN as RIVAL_GAIN,
-    LeakTest as LeakTest,
-)
+from .leak_statistic import MINIMUM_BLOCKS as MINIMUM_BLOCKS, LeakTest as LeakTest
 from .learnt_test import LearntLeakTest as LearntLeakTest
 from .oil_account import OilAccount as OilAccount, Samples as Samples
 from .pattern import (

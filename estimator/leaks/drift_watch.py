@@ -11,8 +11,8 @@ from estimator.encoder import DriftTest
 
 from .confirmation import Hold
 from .decision import ENCODER_DRIFT, Decision
+from .fault_scores import RIVAL_GAIN
 from .finding import Finding
-from .leak_statistic import RIVAL_GAIN
 
 
 class DriftWatch:

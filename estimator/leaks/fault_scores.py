@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.accounts import AccountSums, FaultProducts, Regression, Scores
+from estimator.accounts import AccountSums, FaultProducts, Intervals, Regression, Scores
 
 from .finding import Finding
 
@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 WITNESSES: Final = 4
 """Fewest blocks with a fault from which it is claimed; the spread of fewer says too little."""
+RIVAL_GAIN: Final = 20.0
+"""Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
 SETTLED_PART: Final = 0.8
 """If a fault leaves less than this part of the noise variance, the variance is estimated anew.
 
@@ -65,19 +67,13 @@ def score_faults(sums: AccountSums, least: float, beside: Finding | None = None)
     visible = (products.sizes > 0.0) & (products.blocks >= WITNESSES)[:, None]
     mark = 0 if beside is None else sums.mark_of(beside.onset)
     if beside is not None:
-        ff, fy, crossed = _fault_as_nuisance(beside, mark, products, ff, fy)
+        if beside.ramp is None:
+            ff, fy, crossed = _fault_as_nuisance(beside, mark, products, ff, fy)
+        else:
+            ff, fy, crossed = _growth_as_nuisance(beside, sums, products, ff, fy)
         visible[:, beside.fault] = False
     regression = Regression(ff, fy, yy, 2 * sums.blocks, least)
-    variance = regression.variance
-    for _ in range(3):
-        scores = regression.score(crossed, products, variance)
-        usable = visible & (scores.coefficient > 0.0)
-        left = scores.variance.min(where=usable, initial=variance)
-        if left > SETTLED_PART * variance:
-            break
-        variance = float(left)
-    freedom = regression.freedom
-    gain = freedom * np.log1p(scores.explained / (freedom * scores.variance))
+    scores, usable, gain = gains_of(regression, crossed, products, visible)
     change = before = np.zeros(products.blocks.size)
     if beside is not None:
         later = np.arange(change.size) > mark
@@ -89,6 +85,39 @@ def score_faults(sums: AccountSums, least: float, beside: Finding | None = None)
     return Candidates(
         regression, products, scores, usable, np.where(usable, gain, 0.0), change, before
     )
+
+
+def gains_of(
+    regression: Regression,
+    crossed: Array,
+    products: FaultProducts,
+    visible: NDArray[np.bool_],
+    either: NDArray[np.bool_] | None = None,
+) -> tuple[Scores, NDArray[np.bool_], Array]:
+    """Return scores, usable candidates, and each candidate's gain in twice the log likelihood.
+
+    All are (candidates, faults). A candidate is usable if it is visible and its coefficient is
+    positive. If usable candidates leave much less noise, the variance is estimated anew.
+
+    Args:
+        regression: the regression of the missing flow on the nuisances.
+        crossed: products of faults and null shift with these nuisances.
+        products: products of faults and null shift with each other and with the missing flow.
+        visible: which candidates show at all.
+        either: which faults may have a coefficient of either sign, bool (faults,); None for none.
+    """
+    variance = regression.variance
+    for _ in range(3):
+        scores = regression.score(crossed, products, variance)
+        usable = visible & (scores.coefficient > 0.0)
+        if either is not None:
+            usable |= visible & either
+        left = scores.variance.min(where=usable, initial=variance)
+        if left > SETTLED_PART * variance:
+            break
+        variance = float(left)
+    freedom = regression.freedom
+    return scores, usable, freedom * np.log1p(scores.explained / (freedom * scores.variance))
 
 
 def _fault_as_nuisance(
@@ -119,3 +148,29 @@ def _fault_as_nuisance(
     later = np.maximum(np.arange(products.blocks.size), mark)
     crossed = np.concatenate([products.crossed, unit * products.squares[later, :, i, None]], axis=2)
     return squares, np.append(fy, unit * products.products[mark, i]), crossed
+
+
+def _growth_as_nuisance(
+    finding: Finding, sums: AccountSums, products: FaultProducts, ff: Array, fy: Array
+) -> tuple[Array, Array, Array]:
+    """Return what `_fault_as_nuisance` returns, for a fault that grows.
+
+    Args:
+        finding: the fault that was found; it must have a `ramp`.
+        sums: sums over the blocks so far.
+        products: sums of the faults' products since each mark.
+        ff: products of the nuisances with each other, (n, n).
+        fy: products of the nuisances with the missing flow, (n,).
+    """
+    assert finding.ramp is not None
+    i, unit, n = finding.fault, 100.0 * finding.coefficient, fy.size
+    intervals = Intervals(sums)
+    level = unit * intervals.level(finding.ramp)
+    squares = np.empty((n + 1, n + 1))
+    squares[:n, :n] = ff
+    squares[n, :n] = squares[:n, n] = level @ intervals.crossed[:, i]
+    squares[n, n] = level**2 @ intervals.squares[:, i, i]
+    each = level[:, None] * intervals.squares[:, :, i]
+    since = np.cumsum(each[::-1], axis=0)[::-1]
+    crossed = np.concatenate([products.crossed, since[:, :, None]], axis=2)
+    return squares, np.append(fy, level @ intervals.products[:, i]), crossed

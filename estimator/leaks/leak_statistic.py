@@ -28,6 +28,7 @@ from estimator.accounts import (
     AccountBlock,
     AccountSums,
     NuisanceBelief,
+    Ramp,
     RecentBlocks,
     between,
     checked_model_error,
@@ -40,9 +41,10 @@ from estimator.accounts import (
     whitening,
 )
 
-from .fault_scores import WITNESSES, Candidates, score_faults
+from .fault_scores import RIVAL_GAIN, WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes
 from .finding import Finding
+from .growing import DURATIONS_S, RAMP_PART, grown_leak
 
 Array = NDArray[np.float64]
 
@@ -51,6 +53,8 @@ MINIMUM_BLOCKS: Final = 16
 fault, so that some are left for an estimate of the noise."""
 GROWTH_BLOCKS: Final = 8
 """Blocks (4 s) from one search for leaks that grow slowly to the next."""
+RAMP_BLOCKS: Final = 4
+"""Blocks (2 s) from one search of all ramps to the next; in between the last one is refined."""
 SHARES: Final = FAULT_COUNT + 1
 """Number of tests among which the stated rate is divided if the supply pressure is measured: one of
 each fault, and that of the supply pressure (`supply_statistic`)."""
@@ -60,8 +64,6 @@ DIRECTIONS: Final = 2.0
 LEFT_OUT: Final = 0.3
 """Amount by which the statistic is lower because the block that supports the fault most is left
 out, from the same simulations."""
-RIVAL_GAIN: Final = 20.0
-"""Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
 
 
@@ -110,8 +112,13 @@ class LeakTest:
         self._recent = RecentBlocks()
         self._kept: frozenset[int] = frozenset()
         self._growing: Finding | None = None
-        # Scores after the last block. The key is the known fault and its onset, or None (alone).
-        self._scored: dict[tuple[int, int] | None, Candidates] = {}
+        # The ramp that was the likeliest in the last search for one, at which the next may begin,
+        # and the number of blocks from which on all are tried again.
+        self._ramp: Ramp | None = None
+        self._next_ramps = 0
+        # Scores after the last block. The key is the known fault, its onset and its growth, or None
+        # (alone).
+        self._scored: dict[tuple[int, int, Ramp | None] | None, Candidates] = {}
         self._findings: list[Finding] | None = None
         self._found_last: list[Finding] = []
         self._healthy_noise: float | None = None
@@ -121,7 +128,7 @@ class LeakTest:
         """Return how many complete blocks were added."""
         return self.sums.blocks
 
-    def threshold(self, freedom: float) -> float:
+    def threshold(self, freedom: float, part: float = 1.0) -> float:
         """Return the value of the statistic that a healthy rig exceeds at the stated rate.
 
         By default (`model_error` 1 or more) the rate is divided among all faults and onsets as if
@@ -131,8 +138,9 @@ class LeakTest:
 
         Args:
             freedom: degrees of freedom of the estimated noise variance.
+            part: part of the stated rate at which it may be exceeded.
         """
-        per_block = self.false_alarms_per_day * BLOCK_S / 86400.0
+        per_block = part * self.false_alarms_per_day * BLOCK_S / 86400.0
         shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
         looks = shares * max(self.sums.marks, 1)
         bound = student_quantile(min(per_block / looks, 0.25), freedom)
@@ -191,9 +199,47 @@ class LeakTest:
         return self._findings
 
     def _search(self) -> list[Finding]:
+        sudden = self._sudden()
+        grown = self._grown(sudden)
+        return sudden or self._slow() if grown is None else [grown]
+
+    def _grown(self, sudden: list[Finding]) -> Finding | None:
+        """Return the leak that grew within the blocks so far, if sudden faults explain far less.
+
+        It is looked for where sudden faults explain something, but are not sure or leave much.
+
+        Args:
+            sudden: the sudden faults that were found, at most two.
+        """
+        candidates = self.candidates()
+        explained = float(candidates.gain.max())
+        if explained < RIVAL_GAIN:
+            return None
+        if sudden:
+            first = sudden[0]
+            beside = self.candidates(first)
+            if max(beside.gain.max(), beside.change.max()) < RIVAL_GAIN:
+                return None
+            alone = float(candidates.gain[self.mark(first), first.fault])
+            explained = max(explained, alone + sum(each.likelihood for each in sudden[1:]))
+        limit = self.threshold(candidates.regression.freedom, RAMP_PART / len(DURATIONS_S))
+        if self.blocks < self._next_ramps and self._ramp is None:
+            return None
+        begin = self._ramp
+        if self.blocks >= self._next_ramps:
+            begin, self._next_ramps = None, self.blocks + RAMP_BLOCKS
+        grown = grown_leak(self.sums, self._recent, self.dead_zone, self.model_error,
+                           self._least_variance, begin=begin)  # fmt: skip
+        self._ramp = None if grown is None else grown.ramp
+        if grown is None or grown.likelihood <= explained + RIVAL_GAIN:
+            return None
+        return replace(grown, limit=limit) if grown.statistic > limit else None
+
+    def _sudden(self) -> list[Finding]:
+        """Return the sudden faults found in all blocks so far, at most two."""
         first = self.best()
         if first is None:
-            return self._pair() or self._slow()
+            return self._pair()
         second = self.best(first)
         if second is not None:
             return [self.beside(first, second), second]
@@ -312,7 +358,7 @@ class LeakTest:
 
         Faults are scored alone, or beside a fault that was found, which is then fitted along.
         """
-        key = None if beside is None else (beside.fault, beside.onset)
+        key = None if beside is None else (beside.fault, beside.onset, beside.ramp)
         if key not in self._scored:
             self._scored[key] = self._scores(beside)
         return self._scored[key]

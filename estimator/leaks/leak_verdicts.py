@@ -19,15 +19,20 @@ from estimator.accounts import (
     NUISANCES,
     SHIFT,
     SUPPLY_LEAKAGE,
+    Intervals,
     JointFit,
+    Ramp,
+    RampFit,
     around,
     nuisance_index,
 )
 from rig.plant import LITRE_PER_MINUTE
 
+from .fault_scores import RIVAL_GAIN
 from .fault_size import LEAST_BLOCKS, Course, course_of
 from .finding import Finding, Growth
-from .leak_statistic import MINIMUM_BLOCKS, RIVAL_GAIN, LeakTest
+from .growing import DURATIONS_S
+from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 
 Array = NDArray[np.float64]
 
@@ -74,7 +79,8 @@ def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
         return False
     beside = test.candidates(first).gain
     line = float(beside[:, SUPPLY_LEAKAGE:].max())
-    if not others and line >= RIVAL_GAIN and test.blocks >= LEAST_BLOCKS:
+    grows = test.blocks >= LEAST_BLOCKS or first.ramp is not None
+    if not others and line >= RIVAL_GAIN and grows:
         line = min(line, _line_beside_growth(test, first))
     second = max((float(beside[:, other.fault].max()) for other in others), default=0.0)
     return line >= (second - RIVAL_GAIN if others else RIVAL_GAIN)
@@ -110,12 +116,16 @@ def growth_of(test: LeakTest, leak: Finding, size: float, bound: float = 0.0) ->
     what the leak law may be wrong by (`relative_dead_zone`) and the dead zone, at the same rate of
     false alarms as a leak is found. It takes a run of a minute, and three such stretches.
 
+    A leak that was found as one that grew (`Finding.ramp`) did so from nothing.
+
     Args:
         test: the test of the blocks.
         leak: the leak.
         size: its mean absolute flow per unit coefficient, m^3/s.
         bound: standard deviation of a leak's flow by errors of the model, m^3/s.
     """
+    if leak.ramp is not None and leak.grown is not None:
+        return _grown_from_nothing(test, leak, leak.ramp, leak.grown * size, bound)
     if test.blocks < LEAST_BLOCKS or leak.ended_s is not None:
         return None
     course = _course(test, leak)
@@ -142,6 +152,21 @@ def growth_of(test: LeakTest, leak: Finding, size: float, bound: float = 0.0) ->
     return Growth(
         now, hypot(own * size, rate_error * half * size, part * now, bound),
         rate * size, hypot(rate_error, part * rate) * size,
+        max(now - rate * size * (apart + half), 0.0), apart + half,
+    )  # fmt: skip
+
+
+def _grown_from_nothing(
+    test: LeakTest, leak: Finding, ramp: Ramp, now: float, bound: float
+) -> Growth:
+    """Return the growth of a leak that grew along a ramp to a flow of `now`, m^3/s."""
+    sums = test.sums
+    last_s = sums.start_s(sums.marks - 1) + sums.seconds(sums.marks - 1)
+    seconds = min(ramp.seconds, last_s - ramp.begin_s)
+    error = hypot(now * leak.deviation / leak.coefficient, relative_error(test) * now, bound)
+    return Growth(
+        now, error, now / seconds, error / seconds, 0.0, seconds, ramp.begin_s,
+        last_s - ramp.begin_s <= ramp.seconds + 1e-6,
     )  # fmt: skip
 
 
@@ -184,9 +209,11 @@ def present_coefficient(test: LeakTest, finding: Finding) -> float:
 
     It differs from the finding's coefficient if the accounts show a change since the onset. The
     leak has ended if what is left is within the dead zone, within the error of the leak law
-    (`relative_dead_zone` of the coefficient), or within two standard errors. A leak that grows has
-    its latest coefficient (`Finding.grown`), and never counts as ended.
+    (`relative_dead_zone` of the coefficient), or within two standard errors. A leak that grows over
+    minutes has its latest coefficient (`Finding.grown`), and never counts as ended.
     """
+    if finding.ramp is not None and finding.grown is not None:
+        return _left_of_growth(test, finding, finding.ramp, finding.grown)
     if finding.grown is not None:
         return finding.grown
     candidates = test.candidates(finding)
@@ -207,12 +234,30 @@ def present_coefficient(test: LeakTest, finding: Finding) -> float:
     return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
 
 
+def _left_of_growth(test: LeakTest, finding: Finding, ramp: Ramp, grown: float) -> float:
+    """Return what is left of a leak that grew along a ramp, as `present_coefficient` does."""
+    candidates = test.candidates(finding)
+    mark, fault = int(np.argmax(candidates.change)), finding.fault
+    if candidates.change[mark] < test.limit() ** 2:
+        return grown
+    intervals = Intervals(test.sums)
+    level = intervals.level(ramp)
+    changed = (np.arange(level.size) >= mark).astype(float)
+    variance = float(candidates.scores.variance[mark, fault])
+    fit = RampFit(intervals, [fault, fault], np.stack([level, changed]), variance)
+    left = float(fit.coefficients[0] * level[-1] + fit.coefficients[1])
+    dead = test.dead_zone[fault] / float(candidates.products.sizes[mark, fault])
+    least = max(dead, test.relative_dead_zone * grown, 2.0 * sqrt(fit.error))
+    return left if left > least else 0.0
+
+
 def end_of(test: LeakTest, finding: Finding) -> float | None:
     """Return when a leak ended, in s, to half a second or so; None while it may be present.
 
-    For a leak that grows (`Finding.grown`) it is always None.
+    For a leak that grows over minutes it is always None.
     """
-    if finding.grown is not None or present_coefficient(test, finding) > 0.0:
+    slow = finding.grown is not None and finding.ramp is None
+    if slow or present_coefficient(test, finding) > 0.0:
         return None
     change = test.candidates(finding).change
     return test.sums.start_s(int(np.argmax(change)))
@@ -233,6 +278,7 @@ def passed_leak(test: LeakTest, finding: Finding, named_s: float) -> Finding | N
         The leak with `ended_s`. None if there are no blocks after `named_s`, if the accounts
         show no end, or if the statistic is not above the limit.
     """
+    finding = replace(finding, ramp=None, grown=None)
     sums = test.sums
     end = sums.mark_at(named_s)
     if end == sums.marks:
@@ -261,14 +307,21 @@ def fault_probabilities(test: LeakTest) -> Array:
     onsets = max(test.sums.marks, 1)
     each = test.log_evidence(lasting, GREATEST_FLOW) + log(PRIOR / onsets)
     pair = -np.inf
-    if len(findings := test.search()) > 1:
+    findings = test.search()
+    grew = bool(findings) and findings[0].ramp is not None
+    if len(findings) > 1 or grew:
         candidates = test.candidates()
         flows = [f.deviation * candidates.products.sizes[test.mark(f), f.fault] for f in findings]
-        pair = sum(
+        evidence = sum(
             0.5 * (test.sharpness() * f.statistic) ** 2
             + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
             for f, flow in zip(findings, flows, strict=True)
         )
+        if grew:
+            at = findings[0].fault
+            each[at] = np.logaddexp(each[at], evidence - log(len(DURATIONS_S)))
+        else:
+            pair = evidence
     healthy = log(1.0 - FAULT_COUNT * PRIOR)
     weights = np.concatenate([[healthy], each, [pair]])
     weights = np.exp(weights - weights.max())

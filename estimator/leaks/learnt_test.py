@@ -64,17 +64,19 @@ class LearntLeakTest(LeakTest):
         self._null_shift = 0.0
         self._careful = False
 
-    def threshold(self, freedom: float) -> float:
+    def threshold(self, freedom: float, part: float = 1.0) -> float:
         """Return the value of the statistic that this rig exceeds at the stated rate while healthy.
 
         It is that of the learnt tail, but not below that for noise alone (`noise_limit`).
 
         Args:
             freedom: degrees of freedom of the estimated noise variance.
+            part: part of the stated rate at which it may be exceeded.
         """
         if self._careful:
-            return super().threshold(freedom)
-        return max(self._noise_limit(freedom), self._noise.tail.limit(self._rate()))
+            return super().threshold(freedom, part)
+        tail = self._noise.tail.limit(part * self._rate())
+        return max(self._noise_limit(freedom, part), tail)
 
     def sharpness(self) -> float:
         """Return the limit for noise alone as a part of the limit of this rig."""
@@ -86,9 +88,9 @@ class LearntLeakTest(LeakTest):
         part = FAULT_COUNT / SHARES if self.sums.supply(0)[0] else 1.0
         return LASTING_PART * part * self.false_alarms_per_day
 
-    def _noise_limit(self, freedom: float) -> float:
+    def _noise_limit(self, freedom: float, part: float = 1.0) -> float:
         most = max(self.blocks, MINIMUM_BLOCKS)
-        per_block = self._rate() * BLOCK_S / 86400.0 / DIRECTIONS
+        per_block = part * self._rate() * BLOCK_S / 86400.0 / DIRECTIONS
         return noise_limit(per_block, WITNESSES, most, freedom) - LEFT_OUT
 
     def add(self, block: AccountBlock) -> None:

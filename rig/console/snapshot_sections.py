@@ -207,7 +207,7 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
         ],
         **_numbers(decision, 1, "onset_s", "ended_s"),
         **_numbers(decision, 3, "duty"),
-        **_texts(decision, "suspected"),
+        **_texts(decision, "suspected", "growth"),
         "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
     }
 

@@ -131,7 +131,7 @@ FIELDS: Final[Mapping[str, Mapping[str, Check]]] = {
         "present_leaks": lists(is_number), "suspected": _is_nil_or(is_text),
         "details": maps(is_plain), "test": is_number, "name": is_text, "time_s": is_number,
         "intermittent": is_truth, "duty": is_number, "openings": is_count,
-        "could_also_be": is_text,
+        "could_also_be": is_text, "growth": is_text,
     },
     "event": {
         "at_ns": is_number, "time_s": is_number, "who": is_text, "kind": is_text, "text": is_text,

@@ -265,9 +265,9 @@ def slopes(r, clock, reference, y, out):
     now = r.comes_every == 0.0 or (clock - r.opens_at) % r.comes_every < r.stays_for
     now = now and r.opens_moving * speed >= r.opens_moving * r.opens_moving
     if now and clock >= r.opens_at and p1 >= r.opens_above and position >= r.opens_beyond:
-        across += r.opening_leak_across
-        out_1 += r.opening_leak_1
-        out_2 += r.opening_leak_2
+        grown = 1.0 if r.opens_over == 0.0 else min(1.0, (clock - r.opens_at) / r.opens_over)
+        across, out_1 = across + grown * r.opening_leak_across, out_1 + grown * r.opening_leak_1
+        out_2 += grown * r.opening_leak_2
     if r.worn_leak != 0.0 or r.worn_leak_1 != 0.0 or r.worn_leak_2 != 0.0:
         wear = _bump(position, r.worn_place, r.worn_width)
         across += r.worn_leak * wear

@@ -238,6 +238,8 @@ class RigValues(NamedTuple):
     """m^3/(s sqrt Pa) out of chamber 1."""
     opening_leak_2: float = 0.0
     opening_leak_across: float = 0.0
+    opens_over: float = 0.0
+    """s: how long these leaks grow in a straight line; 0 if they open at once."""
     comes_every: float = 0.0
     """s: period with which these leaks open again; 0 means that they stay open."""
     stays_for: float = 0.0

@@ -251,6 +251,8 @@ def _verdict(decision: Mapping[str, Any]) -> str:
     flow = decision.get("leak_m3_per_s")
     text += "" if chance is None else f" {100.0 * chance:.0f} %"
     text += "" if flow is None else f", {LITRES_PER_MINUTE.shown(flow):.3f} L/min"
+    if growth := decision.get("growth"):
+        text += f", {growth}"
     comes_and_goes = decision.get("intermittent") is True
     if comes_and_goes:
         share = _number(decision.get("duty"), ".0f", 100.0)

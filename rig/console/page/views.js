@@ -194,6 +194,7 @@ export function judged({ sections }) {
   if (told?.suspected) parts.push(`suspected: ${verdict(told.suspected)}`);
   if (told?.leak_L_per_min && leak(told.leak_L_per_min)) parts.push(leak(told.leak_L_per_min));
   if (told?.onset_s !== null && told?.onset_s !== undefined) parts.push(`since ${figure(told.onset_s, 1)} s of the test`);
+  if (told?.growth) parts.push(told.growth);
   if (told?.duty) parts.push(`comes and goes, open ${figure(100 * told.duty, 0)} % of the time`);
   if (told?.ended_s !== null && told?.ended_s !== undefined) {
     parts.push(`${told.duty ? "last open until" : "gone again at"} ${figure(told.ended_s, 1)} s`);

@@ -10,7 +10,7 @@ from typing import Any, Final
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import EXIT_STOPPED, Array, Observer, Status, TestOutcome, named
+from rig.runner.outcomes import EXIT_STOPPED, Array, Observer, Status, TestOutcome, grows, named
 from rig.supervisor import Errand, Onlooker, RowFeed, Stream
 
 PROGRESS_S: Final = 0.1
@@ -192,7 +192,8 @@ class StreamedRun(Observer, Onlooker):
                 "duty": None if returns is None else returns.duty,
                 "openings": 0 if returns is None else returns.openings,
             }
-            del content["returns"], content["drift"], content["growth"]
+            del content["returns"], content["drift"]
+            content["growth"] = "" if decision.growth is None else grows(decision.growth)
             self.stream.send("decision", content)
         if time.monotonic() - self._progress_at >= PROGRESS_S:
             self._send_progress(time_s)

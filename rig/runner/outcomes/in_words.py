@@ -79,22 +79,32 @@ def others_found(decision: Decision, found: Sequence[Found]) -> list[str]:
 
 
 def onset_shown(decision: Decision | None) -> float | None:
-    """Return the onset of what was found, s; None without one, and of a leak that grows.
+    """Return the onset of what was found, s; None without one, and of a leak without an onset.
 
-    A leak that grows has no onset. That of a decision on it is where a constant leak fits best.
+    A leak that grows over minutes has no onset. That of a decision on it is where a constant leak
+    fits best.
     """
-    return None if decision is None or decision.growth is not None else decision.onset_s
+    if decision is None or (decision.growth is not None and decision.growth.since_s is None):
+        return None
+    return decision.onset_s
 
 
 def grows(growth: Growth) -> str:
-    """Return in words how large a leak that grows is now, and how fast it grows."""
+    """Return in words from what to what flow a leak grew, in which time, and whether it grows on.
+
+    It is the only place of these words, for screen, report and live stream.
+    """
     now, now_half = growth.now_m3_per_s, 1.96 * growth.now_std_m3_per_s
     rate, rate_half = 60.0 * growth.rate_m3_per_s2, 60.0 * 1.96 * growth.rate_std_m3_per_s2
-    now, now_half, rate, rate_half = map(to_litres_per_minute, (now, now_half, rate, rate_half))
-    return (
-        f"grows by {rate:.3f} ± {rate_half:.3f} L/min a minute, "
-        f"to {now:.3f} ± {now_half:.3f} L/min now"
+    began, now, now_half, rate, rate_half = map(
+        to_litres_per_minute, (growth.from_m3_per_s, now, now_half, rate, rate_half)
     )
+    grew = (
+        f"grew from {began:.3f} to {now:.3f} ± {now_half:.3f} L/min within {growth.seconds:.0f} s"
+    )
+    if not growth.grows_on:
+        return grew
+    return f"{grew}, and grows on by {rate:.3f} ± {rate_half:.3f} L/min a minute"
 
 
 def drifts(drift: EncoderDrift, could_also_be: Sequence[str]) -> str:

@@ -159,7 +159,8 @@ def leak_figures(decision: Decision) -> dict[str, Any]:
 
     Flow, standard error and 95 % interval are in L/min, the coefficient is in SI; None where the
     decision has no value. Of a leak that grows there is its flow now (L/min) and the rate at which
-    it grows (L/min in a minute), with their standard errors; else these are None.
+    it grows or grew (L/min in a minute), with their standard errors; the flow from which it grew
+    (L/min), within how many seconds, and whether it grows on. Else these are None.
     """
     interval, growth = decision.interval_m3_per_s, decision.growth
     return {
@@ -172,6 +173,9 @@ def leak_figures(decision: Decision) -> dict[str, Any]:
         "growth_L_per_min_per_min": growth and to_litres_per_minute(60.0 * growth.rate_m3_per_s2),
         "growth_std_L_per_min_per_min": growth
         and to_litres_per_minute(60.0 * growth.rate_std_m3_per_s2),
+        "grew_from_L_per_min": growth and to_litres_per_minute(growth.from_m3_per_s),
+        "grew_within_s": growth and growth.seconds,
+        "grows_on": growth and growth.grows_on,
     }
 
 

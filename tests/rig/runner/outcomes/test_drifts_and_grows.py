@@ -21,7 +21,8 @@ GROWS = Decision(
     20.0,
     0.2 * LITRE_PER_MINUTE,
     growth=Growth(0.4 * LITRE_PER_MINUTE, 6e-3 * LITRE_PER_MINUTE,
-                  0.3 * LITRE_PER_MINUTE / 60.0, 9e-3 * LITRE_PER_MINUTE / 60.0),
+                  0.3 * LITRE_PER_MINUTE / 60.0, 9e-3 * LITRE_PER_MINUTE / 60.0,
+                  0.1 * LITRE_PER_MINUTE, 60.0),
 )  # fmt: skip
 
 
@@ -46,14 +47,25 @@ def test_what_is_not_told_apart_is_named() -> None:
 
 def test_a_leak_that_grows_is_told_with_its_flow_now() -> None:
     (clause,) = in_passing(GROWS, ())
-    assert clause == "grows by 0.300 ± 0.018 L/min a minute, to 0.400 ± 0.012 L/min now"
+    assert clause == (
+        "grew from 0.100 to 0.400 ± 0.012 L/min within 60 s, "
+        "and grows on by 0.300 ± 0.018 L/min a minute"
+    )
+
+
+def test_a_leak_that_has_grown_is_told_with_its_onset_and_without_a_rate() -> None:
+    assert GROWS.growth is not None
+    grown = replace(GROWS, growth=replace(GROWS.growth, since_s=20.0, grows_on=False))
+    assert onset_shown(grown) == 20.0
+    (clause,) = in_passing(grown, ())
+    assert clause == "grew from 0.100 to 0.400 ± 0.012 L/min within 60 s"
 
 
 @pytest.mark.parametrize(
     ("decision", "sentence"),
     [
         (DRIFTS, "The encoder's reading runs away from the ram by +2.0"),
-        (GROWS, "It grows by 0.300"),
+        (GROWS, "It grew from 0.100"),
     ],
 )
 def test_the_report_tells_both(decision: Decision, sentence: str) -> None:
@@ -78,4 +90,8 @@ def test_json_has_the_growth() -> None:
     assert told["leak_now_L_per_min"] == pytest.approx(0.4)
     assert told["growth_L_per_min_per_min"] == pytest.approx(0.3)
     assert told["growth_std_L_per_min_per_min"] == pytest.approx(9e-3)
+    assert told["grew_from_L_per_min"] == pytest.approx(0.1)
+    assert told["grew_within_s"] == 60.0
+    assert told["grows_on"] is True
+    assert leak_figures(DRIFTS)["grew_within_s"] is None
     assert leak_figures(DRIFTS)["leak_now_L_per_min"] is None
