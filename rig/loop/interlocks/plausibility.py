@@ -251,7 +251,9 @@ def _not_following(spool, tol, evidence):
     """Return whether the spool has been away from the nominal valve's for more than `spool_ticks`.
 
     The time for which it has been away is updated in `evidence`; without a spool signal (NaN) the
-    result is False.
+    result is False. The time since the last sample counts only if the spool was away then, too: in
+    a gap between samples the device may not have taken the commands either, so that where its spool
+    was meanwhile is not known.
     """
     if isnan(spool):
         return False
@@ -259,7 +261,8 @@ def _not_following(spool, tol, evidence):
     allowed = tol.spool_m + tol.spool_fraction * abs(model)
     allowed += tol.spool_lag_s * abs(evidence[_MODEL_RATE])
     away = abs(spool - model) > allowed
-    evidence[_SPOOL_TICKS] = evidence[_SPOOL_TICKS] + evidence[_GAP] if away else 0.0
+    since = evidence[_GAP] if evidence[_SPOOL_TICKS] > 0.0 else min(evidence[_GAP], 1.0)
+    evidence[_SPOOL_TICKS] = evidence[_SPOOL_TICKS] + since if away else 0.0
     return evidence[_SPOOL_TICKS] > tol.spool_ticks
 
 

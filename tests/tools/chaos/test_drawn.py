@@ -126,6 +126,15 @@ def test_a_promise_falls_when_the_other_fault_takes_what_it_needs_and_that_one_s
     assert later == {"loop: SIGSTOP": 650 * MS, "supervisor: kill -9": 250 * MS}
 
 
+def test_a_promise_counts_from_when_the_way_to_the_node_is_there_again() -> None:
+    node = Fault("null", (), ("COMMAND_ECHO",), 20.0, frozenset({3}), needs=frozenset({"daq"}))
+    brief = Fault("daq: exception for 185 ms", (), takes=frozenset({"daq"}), lasts_ms=185.0)
+    found = dict(null_deadlines([struck(brief, 100), struck(node, 104)]))
+    assert found == {"null": (100 + 185 + 20) * MS}
+    over = dict(null_deadlines([struck(brief, 100), struck(node, 400)]))
+    assert over == {"null": 420 * MS}
+
+
 def test_a_fault_that_a_run_outlives_promises_nothing() -> None:
     assert dict(null_deadlines([struck(NOISE, 5)])) == {}
 

@@ -25,6 +25,8 @@ class Fault:
         needs: what detects it and brings the valve to null: parts of the session, and `daq` for the
             way to the I/O node. Empty where the device does it by itself.
         takes: what is lost by it, of the same, and the slow devices `bypass`, `drive` and `pump`.
+        lasts_ms: after which time what it takes is there again, ms; None if it is lost for good, or
+            for longer than a promise.
         spoils: devices that cannot become safe.
         stops: parts that it leaves stopped (SIGSTOP).
         at_emulator: whether striking it needs an emulator that answers.
@@ -40,6 +42,7 @@ class Fault:
     exits: frozenset[int] = frozenset({0, 1})
     needs: frozenset[str] = frozenset()
     takes: frozenset[str] = frozenset()
+    lasts_ms: float | None = None
     spoils: frozenset[str] = frozenset()
     stops: tuple[str, ...] = ()
     at_emulator: bool = True
@@ -85,20 +88,36 @@ class Struck:
     at_ns: int
     done_ns: int
 
+    @property
+    def back_ns(self) -> int | None:
+        """When what the fault takes is there again, ns; None if it does not come back in time."""
+        lasts_ms = self.fault.lasts_ms
+        return None if lasts_ms is None else self.done_ns + round(1e6 * lasts_ms)
+
 
 def null_deadlines(struck: Iterable[Struck]) -> Iterator[tuple[str, int]]:
     """Yield for each promise of a valve at null that holds (its fault, until when in ns).
 
     A promise holds unless the other fault takes a part that it needs before its time is over: then
-    the promise of losing that part holds instead. A part that is lost needs other parts than itself
-    to be missed, so that one promise is left.
+    the promise of losing that part holds instead, or, if the part comes back, the time begins anew
+    when it is there again. A part that is lost needs other parts than itself to be missed, so that
+    one promise is left.
     """
     known = list(struck)
     for each in known:
         if each.fault.null_ms is None:
             continue
         slack_ms = ORDINARY.ms if each.fault.needs & {"supervisor", "field"} else 0.0
-        until_ns = each.at_ns + round(1e6 * (each.fault.null_ms + slack_ms))
-        others = (other for other in known if other is not each and other.at_ns <= until_ns)
-        if not any(other.fault.takes & each.fault.needs for other in others):
-            yield each.fault.name, until_ns
+        allowed_ns = round(1e6 * (each.fault.null_ms + slack_ms))
+        until_ns = each.at_ns + allowed_ns
+        others = [
+            other
+            for other in known
+            if other is not each
+            and other.at_ns <= until_ns
+            and other.fault.takes & each.fault.needs
+        ]
+        backs = [other.back_ns for other in others]
+        if all(back is not None for back in backs):
+            again_ns = [back + allowed_ns for back in backs if back is not None]
+            yield each.fault.name, max([until_ns, *again_ns])

@@ -147,6 +147,7 @@ def _brief_wire(rng: random.Random) -> Fault:
         (wire(fault, target, lasts=f"{milliseconds} ms"),),
         causes,
         takes=frozenset({target}),
+        lasts_ms=float(milliseconds),
         exits=_MAY_TRIP,
     )
 
@@ -223,8 +224,9 @@ def _nulled(rng: random.Random) -> Fault:
     causes = ("VALVE_NOT_ENABLED", "COMMAND_ECHO", "WATCHDOG_TRIPPED")
     claimed_ms = _CLAIMS["emergency stop: pressed"].null_ms
     return Fault(
-        "I/O node: somebody asks for null", (strikes.null_request,), causes, claimed_ms, _TRIPS
-    )
+        "I/O node: somebody asks for null", (strikes.null_request,), causes, claimed_ms, _TRIPS,
+        needs=_BY_LOOP,
+    )  # fmt: skip
 
 
 def _hung(rng: random.Random) -> Fault:

@@ -148,7 +148,8 @@ class Reckoned:
             return
         allowed = self.tol.spool_m + 0.15 * abs(self.spool) + 4e-3 * abs(self.velocity)
         away = abs(row["spool_m"] - self.spool) > allowed
-        self.off = self.off + self.gap if away else 0.0
+        since = self.gap if self.off else min(self.gap, 1.0)
+        self.off = self.off + since if away else 0.0
 
     @property
     def evidence(self) -> Evidence:
@@ -337,6 +338,25 @@ def test_a_spool_may_be_away_from_the_nominal_valve_s_for_twenty_five_ticks(sign
     judge.memory.evidence[Evidence._fields.index("spool_ticks")] = 0.0
     assert [stands(1.01) for _ in range(25)] == [NOTHING] * 25
     assert stands(1.01) == (Action.TRIP, Cause.SPOOL_NOT_FOLLOWING, "spool_m")
+
+
+def test_a_spool_that_is_elsewhere_after_a_gap_is_given_the_time_to_follow() -> None:
+    # While exchanges fail, the device does not take the commands that the nominal valve follows.
+    judge, away = Judge(), 1.01 * TOL.spool_m
+    judge.step()
+    judge.steps(185, fresh=False)
+    assert judge.step(spool_m=away) == NOTHING
+    assert judge.evidence.spool_ticks == 1.0
+    assert judge.step(spool_m=0.0) == NOTHING
+    assert judge.evidence.spool_ticks == 0.0
+
+
+def test_the_time_between_two_samples_counts_if_the_spool_is_away_in_both() -> None:
+    judge, away = Judge(), 1.01 * TOL.spool_m
+    judge.step()
+    assert judge.step(spool_m=away) == NOTHING
+    judge.steps(24, fresh=False)
+    assert judge.step(spool_m=away) == (Action.TRIP, Cause.SPOOL_NOT_FOLLOWING, "spool_m")
 
 
 def test_without_a_position_only_the_spool_is_checked() -> None:
