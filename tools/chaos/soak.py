@@ -14,10 +14,12 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from math import ceil
 from pathlib import Path
 from typing import Any, Final
 
+from rig.runner.run_folder import MOST_HELD
 from tools.pages.marked_tables import fill, markdown
 from tools.pages.safety import PAGE
 
@@ -99,11 +101,29 @@ def _looked_at(stage: Stage, *, emulated: bool) -> Iterator[tuple[str, Resource,
         try:
             pid = stage.pid(part)
             yield part, MEMORY, memory_mb(pid)
-            yield part, DESCRIPTORS, float(len(os.listdir(f"/proc/{pid}/fd")))
+            yield part, DESCRIPTORS, float(unbounded_descriptors(pid, stage.out))
         except (FileNotFoundError, ProcessLookupError, PermissionError):
             # It ends, and has neither memory nor descriptors any more.
             continue
     yield "folder", DISK, _disk_mb(stage.out)
+
+
+def unbounded_descriptors(pid: int, run: Path) -> int:
+    """Return the number of a process's descriptors that nothing bounds.
+
+    A run holds each of its files open on purpose, once, up to `MOST_HELD` of them: these are not
+    counted. A second descriptor of the same file is.
+
+    Raises:
+        FileNotFoundError: there is no such process, or it has ended.
+    """
+    entries = list(Path(f"/proc/{pid}/fd").iterdir())
+    held = set()
+    for entry in entries:
+        with suppress(FileNotFoundError):
+            if os.readlink(entry).startswith(f"{run}/"):
+                held.add(entry.stat().st_ino)
+    return len(entries) - min(len(held), MOST_HELD)
 
 
 def memory_mb(pid: int) -> float:

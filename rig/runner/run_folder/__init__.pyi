@@ -42,7 +42,7 @@ from .journal import (
     sync as sync,
 )
 from .junit import write_junit as write_junit
-from .keeping import FolderKeeper as FolderKeeper
+from .keeping import MOST_HELD as MOST_HELD, FolderKeeper as FolderKeeper
 from .refused import discard_refused as discard_refused
 from .results import (
     coefficient_unit as coefficient_unit,

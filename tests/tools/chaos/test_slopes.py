@@ -1,12 +1,14 @@
 """What is called a leak: growth whose whole interval lies above the stated bound."""
 
 import os
+from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tools.chaos.slopes import DESCRIPTORS, MEMORY, RESOURCES, is_leak, slope
-from tools.chaos.soak import memory_mb, planned_tests, rows
+from tools.chaos.soak import memory_mb, planned_tests, rows, unbounded_descriptors
 
 TIMES = np.arange(1800.0)
 HOURS = TIMES / 3600.0
@@ -61,3 +63,19 @@ def test_the_tests_of_a_soak_inject_and_end_a_leak_each() -> None:
     first, second = planned_tests(2, 60.0)
     assert first["name"] != second["name"]
     assert (first["faults"][0]["at"], first["faults"][0]["until"]) == ("6 s", "30 s")
+
+
+def test_a_file_of_the_run_that_is_held_once_is_no_growth_but_a_second_descriptor_is(
+    tmp_path: Path,
+) -> None:
+    def others() -> int:
+        return unbounded_descriptors(os.getpid(), tmp_path)
+
+    before = others()
+    with ExitStack() as held:
+        for name in ("journal", "recording", "recording"):
+            (tmp_path / name).unlink(missing_ok=True)
+            held.enter_context((tmp_path / name).open("w"))
+        assert others() == before
+        held.enter_context((tmp_path / "journal").open())
+        assert others() == before + 1
