@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import zenoh
 
-from rig.surviving import Surviving
+from rig.surviving import Surviving, start
 
 from .messages import KEPT, LASTING, VERSION, alive_key, key
 from .steady_clock import SteadyClock
@@ -38,6 +38,9 @@ class StreamSender:
     Attributes:
         name: random name of this session of the stream.
         sequences: kind -> sequence number of its newest message, from 0 on.
+
+    Raises:
+        OSError: the system grants no further thread.
     """
 
     def __init__(
@@ -62,7 +65,7 @@ class StreamSender:
         self._questions: queue.Queue[zenoh.Query | None] = queue.Queue(QUESTIONS_KEPT)
         self._survives = Surviving("answering late joiners", on_failure)
         self._answering = threading.Thread(target=self._answer, name="history", daemon=True)
-        self._answering.start()
+        start(self._answering)
         self._token = session.liveliness().declare_token(alive_key(rig))
         self._queryable = session.declare_queryable(key(rig, "*"), self._asked)
 

@@ -5,6 +5,7 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +25,7 @@ from rig.runner.campaign.operator_requests import Desk
 from rig.runner.run_folder.directory import DirectoryError, prepare_directory
 from rig.runner.run_folder.journal import JOURNAL, is_written
 from rig.runner.run_folder.keeping import FolderKeeper
+from rig.stream.sender import StreamSender
 from rig.stream.settings import StreamSettings
 from rig.supervisor import connected_rig
 from rig.supervisor.connected_rig import ConnectedRig
@@ -102,6 +104,24 @@ def test_without_a_thread_a_run_goes_on_without_its_stream(tmp_path: Path) -> No
     assert [line.partition(";")[0] for line in said] == [
         "stream: the system grants no further thread"
     ]
+
+
+@pytest.mark.usefixtures("no_threads")
+def test_a_sender_that_gets_no_thread_raises_an_error_of_the_system() -> None:
+    with pytest.raises(OSError, match="no further thread"):
+        StreamSender(MagicMock(), "bench", 1.0, lambda line: None)
+
+
+@pytest.mark.parametrize("module", ["field", "loop_process", "publisher", "recorder"])
+def test_a_part_that_cannot_map_the_board_says_so_in_a_line(
+    module: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    part = import_module(f"rig.supervisor.processes.{module}")
+    monkeypatch.setattr(part, "child_ends", refusing(errno.ENOMEM))
+    with pytest.raises(SystemExit) as ended:
+        part.main()
+    assert ended.value.code == errno.ENOMEM
+    assert "memory" in capfd.readouterr().err
 
 
 @pytest.mark.usefixtures("no_threads")

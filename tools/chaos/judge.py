@@ -179,7 +179,9 @@ def cause_of(out: Path, recording: Table | None, printed: str) -> str:
         if event.kind == "trip" and name in Cause.__members__:
             return name
     for cause, (sentence, _) in EXPLANATIONS.items():
-        if sentence and re.search(rf"tripped(?: by the \w+)?: {re.escape(sentence)}", printed):
+        # What stands for a channel in the sentence is the channel's name where it is printed.
+        told = r"(?:a channel|\w+)".join(map(re.escape, sentence.split("{channel}")))
+        if sentence and re.search(rf"tripped(?: by the \w+)?: {told}", printed):
             return cause.name
     results = out / "results.json"
     if not results.exists():

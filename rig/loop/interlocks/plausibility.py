@@ -77,12 +77,14 @@ class Evidence(NamedTuple):
     """Command at the valve since the last tick."""
     exchange_ticks: float = 0.0
     """Duration in ticks of the last fresh sample's exchange, in which it was taken at some time."""
+    span_ticks: float = 0.0
+    """Ticks between the last two fresh samples."""
 
 
 _E: Final = Evidence(*range(len(Evidence._fields)))
 _STARTED, _MODEL, _MODEL_RATE, _X, _P1, _P2, _GAP = (int(i) for i in _E[:7])
 _HIGH, _LOW, _ACCOUNT, _STILL, _WORK = (int(i) for i in _E[7:12])
-_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE = (int(i) for i in _E[12:])
+_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE, _SPAN = (int(i) for i in _E[12:])
 
 _UNTIMED_TICKS: Final = 2.5
 """Greatest uncertainty in ticks of the time between two samples across which accounts are kept.
@@ -129,14 +131,15 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
             evidence[_X], evidence[_P1], evidence[_P2] = position, p1, p2
         step = position - evidence[_X]
         unsure_ticks = exchange_ticks + evidence[_EXCHANGE]
-        timed = unsure_ticks <= min(evidence[_GAP], _UNTIMED_TICKS)
+        known = not _in_a_gap(tol, evidence)
+        timed = known and unsure_ticks <= min(evidence[_GAP], _UNTIMED_TICKS)
         if _jumped(step, unsure_ticks, tol, evidence):
             cause, channel = Cause.ENCODER_JUMP.value, POSITION
         elif timed and _against_flow(values, step, homed, tol, evidence):
             frozen = evidence[_STILL] >= evidence[_ACCOUNT]
             cause = Cause.ENCODER_FROZEN.value if frozen else Cause.POSITION_AGAINST_FLOW.value
             channel = POSITION
-        elif _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
+        elif known and _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
             cause, channel = Cause.PRESSURES_CROSSED.value, PRESSURE_1
         else:
             channel = _above_supply(p1, p2, values[_SUPPLY], tol, evidence)
@@ -147,6 +150,7 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
     if cause == _NONE and fresh and _not_following(values[_SPOOL], tol, evidence):
         cause, channel = Cause.SPOOL_NOT_FOLLOWING.value, _SPOOL
     if fresh:
+        evidence[_SPAN] = evidence[_GAP]
         evidence[_GAP] = 0.0
         evidence[_EXCHANGE] = exchange_ticks
     return cause, channel
@@ -156,6 +160,19 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
 def _jumped(step, unsure_ticks, tol, evidence):
     longest_s = (evidence[_GAP] + unsure_ticks) * tol.period_s
     return abs(step) > tol.jump_speed_m_per_s * longest_s + 2.0 * tol.count_m
+
+
+@inlined
+def _in_a_gap(tol, evidence):
+    """Return whether nothing is known of how the ram went from the last sample to this one.
+
+    It is so if samples stayed out for longer than usual, by a time in which the ram can go as far
+    as an account may leave unexplained. The device may have had other commands than at both ends
+    of such a gap; somebody may even have nulled the valve. The distance between the two samples
+    before is what is usual, since a device may be slower than the loop.
+    """
+    longer_s = (evidence[_GAP] - evidence[_SPAN]) * tol.period_s
+    return 0.5 * tol.jump_speed_m_per_s * longer_s > tol.flow_account_m
 
 
 @inlined

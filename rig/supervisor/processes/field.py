@@ -10,9 +10,10 @@ made its drivers safe. So it looks at the board before every single driver that 
 since reading may repeat the driver's command, and it trips by itself if its own beat is too old.
 """
 
+import threading
 import time
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from math import nan
@@ -30,6 +31,7 @@ from rig.io import (
     TransducerCalibration,
 )
 from rig.loop import Board, Cause, Word
+from rig.surviving import start
 
 from .child import News, child_ends, obeyed_next, run_to_end
 from .driven import Tally, departures
@@ -40,6 +42,16 @@ CYCLE_S: Final = 0.01
 
 _NULL_FIRST_S: Final = 0.2
 """Time in s for which a trip waits for the valve's null; then the bypasses are shut in any case."""
+
+_AWAITED_S: Final = 10.0
+"""Longest time in s for which this process counts as alive while a driver makes its device safe.
+
+A bypass valve is given the time of its slowest move, 3 s unless the rig file says otherwise, which
+is longer than the silence after which this process counts as lost. The supervisor waits as long for
+the field process after a trip (`FIELD_WAIT_S`).
+"""
+_AWAITED_BEAT_S: Final = 0.02
+"""Period in s of the beats in this time: a fraction of any silence that is allowed."""
 
 _REPEAT_S: Final = 1.0
 """Time in s between two reports on the same driver, and between two attempts to make it safe."""
@@ -251,7 +263,8 @@ class FieldProcess:
         """
         failed_before = bool(served.failure)
         try:
-            served.driver.safe_state()
+            with self._alive_meanwhile():
+                served.driver.safe_state()
         except DriverError as error:
             served.failure, served.tried_at = str(error), time.monotonic()
             if not failed_before:
@@ -264,6 +277,30 @@ class FieldProcess:
         if word is not None and not self._words[word]:
             # Only the first confirmation counts: the part has been safe since then.
             self._words[word] = time.monotonic_ns()
+
+    @contextmanager
+    def _alive_meanwhile(self) -> Iterator[None]:
+        """Beat while the block waits for a device, for `_AWAITED_S` at most.
+
+        So a device that does not answer is what the driver calls it, and this process is not taken
+        for the one that is lost. It is if it is stopped. Where the system grants no thread for the
+        beats, the block goes on without.
+        """
+        done = threading.Event()
+        beats = threading.Thread(target=self._beat_until, args=(done,), name="beats", daemon=True)
+        with suppress(OSError):
+            start(beats)
+        try:
+            yield
+        finally:
+            done.set()
+            if beats.is_alive():
+                beats.join()
+
+    def _beat_until(self, done: threading.Event) -> None:
+        until = time.monotonic() + _AWAITED_S
+        while not done.wait(_AWAITED_BEAT_S) and time.monotonic() < until:
+            self._words[Word.FIELD_BEAT] = time.monotonic_ns()
 
     def _publish(self, values: Mapping[str, float]) -> None:
         at = time.monotonic_ns()
@@ -379,5 +416,4 @@ _CAUSES: Final = {
 
 def main() -> None:
     """Run this process as the field process of a session, until the supervisor closes the pipe."""
-    board, pipe = child_ends()
-    run_to_end("field", FieldProcess(board, pipe).run)
+    run_to_end("field", lambda: FieldProcess(*child_ends()).run())

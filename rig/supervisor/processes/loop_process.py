@@ -378,6 +378,10 @@ def _in_words(found: Integers) -> str:
 
 def main() -> None:
     """Run this process as the loop process of a session, until that ends or SIGTERM comes."""
+    run_to_end("loop", _drive)
+
+
+def _drive() -> None:
     process = LoopProcess(*child_ends())
     signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
-    run_to_end("loop", process.run)
+    process.run()

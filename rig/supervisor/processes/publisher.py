@@ -42,7 +42,7 @@ from rig.stream import (
 )
 from rig.surviving import Surviving
 
-from .child import News, child_ends, obeyed_next
+from .child import News, child_ends, obeyed_next, run_to_end
 from .health import Health
 
 POLL_S: Final = 0.005
@@ -355,7 +355,12 @@ def main() -> None:
     """Run this process as a publisher: await the order `Open`, then publish until the pipe closes.
 
     If the stream cannot be opened, the supervisor is sent the `ValueError`, and the process ends.
+    After an error of the operating system the exit code is its `errno`.
     """
+    run_to_end("stream", _publish)
+
+
+def _publish() -> None:
     board, pipe = child_ends()
     # The recorder has precedence, however much this process's readers ask of it.
     os.nice(NICENESS)

@@ -172,7 +172,11 @@ def main() -> None:
 
     After an error of the operating system the exit code is its `errno`.
     """
+    run_to_end("recorder", _record)
+
+
+def _record() -> None:
     board, pipe = child_ends()
     with suppress(OSError):
         os.nice(NICENESS)
-    run_to_end("recorder", Recorder(board, pipe).run)
+    Recorder(board, pipe).run()

@@ -1,20 +1,24 @@
 """The grammar of chaos and its verdicts, without a process; `make test-long` plays a few cases."""
 
 import json
+import socket
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from tools.chaos.drawn import bounds
+from tools.chaos.drawn import bounds, strikes
 from tools.chaos.drawn.__main__ import RESULTS, played, read_results, summary
 from tools.chaos.drawn.bounds import Bound
-from tools.chaos.drawn.fault import Fault, Struck, null_deadlines
+from tools.chaos.drawn.fault import Fault, Strike, Struck, null_deadlines
 from tools.chaos.drawn.grammar import FIRST_S, GROUPS, LATER_S, causes_of, draw
 from tools.chaos.drawn.pauses import paused_ns
 from tools.chaos.drawn.play import Evidence
+from tools.chaos.drawn.play import strike as struck_at
 from tools.chaos.drawn.verdict import enabled_spans, violations
+from tools.chaos.judge import cause_of
 from tools.chaos.scenarios import SCENARIOS
 
 MS = 1_000_000
@@ -133,6 +137,48 @@ def test_a_promise_counts_from_when_the_way_to_the_node_is_there_again() -> None
     assert found == {"null": (100 + 185 + 20) * MS}
     over = dict(null_deadlines([struck(brief, 100), struck(node, 400)]))
     assert over == {"null": 420 * MS}
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_struck"),
+    [
+        (bytes.fromhex("0001 0000 0003 01 90 04"), False),
+        (b"", False),
+        (bytes.fromhex("0001 0000 0006 01 10 0300 0001"), True),
+        (bytes.fromhex("0001 0000 0003 01 90 06"), True),
+        (bytes.fromhex("5554 0000 0006 01 10 0300 0001"), True),
+    ],
+    ids=["refused unread", "closed", "taken", "refused for its owner", "of another transaction"],
+)
+def test_a_request_that_the_other_fault_keeps_from_the_node_was_not_struck(
+    answer: bytes, is_struck: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = socket.socketpair()
+    theirs.sendall(answer)
+    theirs.shutdown(socket.SHUT_WR)
+    monkeypatch.setattr(strikes, "_connection", lambda stage: ours)
+    stage: Any = SimpleNamespace(run=SimpleNamespace(poll=lambda: None), injected_ns=0)
+    found = struck_at(stage, Strike(0.0, Fault("null", (strikes.null_request,))), 0.0)
+    theirs.close()
+    assert (found is not None) is is_struck
+
+
+@pytest.mark.parametrize(
+    ("printed", "cause"),
+    [
+        (
+            "tripped by the loop: pressure_1_Pa repeats the same value where noise must show",
+            "SENSOR_FROZEN",
+        ),
+        ("tripped: a channel is above its limit", "LIMIT_HIGH"),
+        ("tripped by the supervisor: the recorder gives no sign of life", "RECORDER_LOST"),
+        ("pressure_1_Pa repeats the same value where noise must show", ""),
+    ],
+)
+def test_a_cause_is_read_from_the_terminal_where_nothing_else_could_be_written(
+    printed: str, cause: str, tmp_path: Path
+) -> None:
+    assert cause_of(tmp_path, None, printed) == cause
 
 
 def test_a_fault_that_a_run_outlives_promises_nothing() -> None:

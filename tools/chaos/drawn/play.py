@@ -14,6 +14,7 @@ from tools.chaos.stage import FIRST_FAULT, TEST, NotBegunError, Stage
 from .bounds import END_S, LEFT_S
 from .fault import Case, Strike, Struck
 from .pauses import HostPauses
+from .strikes import NotTakenError
 
 TESTS: Final = (
     {
@@ -36,7 +37,7 @@ class Evidence:
     """What a case left behind. Times are CLOCK_MONOTONIC in ns.
 
     Attributes:
-        struck: the faults that were struck before the run had ended.
+        struck: the faults that were struck before the run had ended, and came to where they strike.
         events: the emulator's record.
         pauses: begin and end of each pause of the host.
         exit_code: exit code of the run; None if it did not end.
@@ -91,7 +92,7 @@ def _played(case: Case, folder: Path) -> Evidence:
     with Stage(folder, tests=TESTS, plain_report=plain) as stage, HostPauses() as pauses:
         stage.begin()
         began_s = time.monotonic()
-        struck = [found for each in case.strikes if (found := _strike(stage, each, began_s))]
+        struck = [found for each in case.strikes if (found := strike(stage, each, began_s))]
         _wait(lambda: stage.run.poll() is not None or stage.is_safe(), SAFE_S)
         for found in struck:
             _go_on(stage, found)
@@ -103,8 +104,12 @@ def _played(case: Case, folder: Path) -> Evidence:
     return _evidence(stage, tuple(struck), pauses.found, exit_code, alive)
 
 
-def _strike(stage: Stage, strike: Strike, began_s: float) -> Struck | None:
-    """Wait for a strike's moment and strike; return None if the run or the part had ended."""
+def strike(stage: Stage, strike: Strike, began_s: float) -> Struck | None:
+    """Wait for a strike's moment and strike.
+
+    Returns:
+        None if the run or the part had ended, or the other fault kept the strike from its device.
+    """
     time.sleep(max(began_s + strike.at_s - time.monotonic(), 0.0))
     if stage.run.poll() is not None:
         return None
@@ -112,7 +117,7 @@ def _strike(stage: Stage, strike: Strike, began_s: float) -> Struck | None:
     try:
         for step in strike.fault.steps:
             step(stage)
-    except ProcessLookupError:
+    except (ProcessLookupError, NotTakenError):
         return None
     # The last step notes its own moment, unless it is one that lets a stopped part go on.
     return Struck(strike.fault, max(begun_ns, stage.injected_ns), time.monotonic_ns())

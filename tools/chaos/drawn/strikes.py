@@ -28,6 +28,15 @@ _FULL_EXTENSION: Final = struct.unpack(">4H", struct.pack(">HHf", 1, 1, 10.0))
 _FORGERIES: Final = 20
 _ANSWER_S: Final = 0.3
 """How long another master waits for a connection or an answer, s."""
+_HEADER: Final = struct.Struct(">HHHBB")
+"""Begin of an answer: transaction, protocol, bytes that follow, unit (Modbus/TCP guide V1.0b), and
+the function, to which 128 is added in an exception."""
+_DEVICE_FAILURE: Final = 4
+"""Code of the exception by which a node whose wire fails as `exception` refuses every request."""
+
+
+class NotTakenError(Exception):
+    """Raised by a step whose request the node cannot have taken, so that nothing was struck."""
 
 
 def pause(part: str, seconds: float) -> Step:
@@ -98,13 +107,30 @@ def _port(folder: Path) -> int:
 def _write(stage: Stage, address: int, words: Sequence[int]) -> None:
     """Write holding registers of the I/O node.
 
-    The answer, a refusal mostly, is not looked at. There is none if the other fault is one of the
-    node's wires.
+    A refusal because the node has another owner is what is wanted of it. If the other fault lets no
+    answer through, the node may have taken the request all the same.
+
+    Raises:
+        NotTakenError: no connection was accepted, or the node refused the request unread; the other
+            fault is such a one of the node's wire.
     """
     body = struct.pack(
         f">BBHHB{len(words)}H", 1, _WRITE, address, len(words), 2 * len(words), *words
     )
-    with suppress(OSError), _connection(stage) as line:
-        stage.injected_ns = time.monotonic_ns()
-        line.sendall(struct.pack(">HHH", 1, 0, len(body)) + body)
-        line.recv(260)
+    try:
+        with _connection(stage) as line:
+            stage.injected_ns = time.monotonic_ns()
+            line.sendall(struct.pack(">HHH", 1, 0, len(body)) + body)
+            answer = line.recv(260)
+    except TimeoutError:
+        return
+    except OSError as error:
+        raise NotTakenError(str(error)) from None
+    if not answer or was_refused_unread(answer):
+        raise NotTakenError("the node refused the request, or closed the connection")
+
+
+def was_refused_unread(answer: bytes) -> bool:
+    """Return whether an answer of the I/O node to `_write` says that the node itself fails."""
+    refusal = _HEADER.pack(1, 0, 3, 1, 128 + _WRITE) + bytes([_DEVICE_FAILURE])
+    return answer == refusal

@@ -23,7 +23,7 @@ AREA, SUPPLY = NOMINAL.piston_area, NOMINAL.supply_pressure
 ACCOUNTS = (
     "spool_m", "spool_velocity", "pressure_1_Pa", "pressure_2_Pa", "gap_ticks", "high_m", "low_m",
     "account_ticks", "still_ticks", "work_J", "above_1_ticks", "above_2_ticks", "spool_ticks",
-    "command_V", "exchange_ticks", "position_m", "started",
+    "command_V", "exchange_ticks", "position_m", "started", "span_ticks",
 )  # fmt: skip
 
 
@@ -57,7 +57,7 @@ class Reckoned:
         self.tol = tol
         self.spool = self.velocity = self.command = 0.0
         self.x = self.p1 = self.p2 = 0.0
-        self.gap = self.exchange = self.still = self.account = 0.0
+        self.gap = self.exchange = self.still = self.account = self.span = 0.0
         self.high = self.low = self.work = self.above_1 = self.above_2 = self.off = 0.0
         self.started = 0.0
 
@@ -75,18 +75,22 @@ class Reckoned:
             if self.started != 1.0 + homed:
                 self.started = 1.0 + homed
                 self.x, self.p1, self.p2 = x, p1, p2
-            if exchange + self.exchange <= min(self.gap, 2.5):
+            # In so much more time than between the samples before, the ram may go 5 mm.
+            longer = (self.gap - self.span) * T
+            known = 0.5 * self.tol.jump_speed_m_per_s * longer <= self.tol.flow_account_m
+            if known and exchange + self.exchange <= min(self.gap, 2.5):
                 self._flow(row, x, p1, p2, homed)
                 timed = True
             else:
                 timed = False
-            self._work(row, x, p1, p2)
+            if known:
+                self._work(row, x, p1, p2)
             self._above(row, p1, p2)
             self.x = x
             if not timed:
                 self.p1, self.p2 = p1, p2
         self._spool(row)
-        self.gap, self.exchange = 0.0, exchange
+        self.gap, self.exchange, self.span = 0.0, exchange, self.gap
 
     def _valve(self, ticks: int) -> None:
         natural, damping = NOMINAL.valve_natural_frequency, NOMINAL.valve_damping
@@ -156,7 +160,7 @@ class Reckoned:
         return Evidence(
             self.started, self.spool, self.velocity, self.x, self.p1, self.p2, self.gap, self.high,
             self.low, self.account, self.still, self.work, self.above_1, self.above_2, self.off,
-            self.command, self.exchange,
+            self.command, self.exchange, self.span,
         )  # fmt: skip
 
 
@@ -279,6 +283,29 @@ def test_what_the_valve_can_have_done_between_two_samples_is_allowed_beside_the_
         judge.memory.evidence[Evidence._fields.index("high_m")] = 5e-3 + 1.1 * unseen
         found = judge.step(elapsed=elapsed, position_m=0.30002)
         assert found == trip(Cause.POSITION_AGAINST_FLOW, "position_m")
+
+
+def test_travel_and_work_in_a_gap_between_samples_are_no_evidence() -> None:
+    # In the gap somebody nulls a valve that drove the ram, so that its end explains nothing of it.
+    judge = Judge()
+    judge.step(load_N=0.0)
+    judge.steps(100, fresh=False)
+    braking = {"pressure_1_Pa": 6e6, "pressure_2_Pa": 8e6, "load_N": 0.0}
+    assert judge.step(braking, position_m=0.34) == NOTHING
+    assert judge.step(braking, position_m=0.34) == NOTHING
+    assert (judge.evidence.high_m, judge.evidence.low_m, judge.evidence.work_J) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("longer", "is_kept"), [(5, True), (6, False)])
+@pytest.mark.parametrize("usual", [1, 10])
+def test_a_gap_is_what_is_longer_than_usual_by_the_time_of_five_millimetres(
+    usual: int, longer: int, is_kept: bool
+) -> None:
+    judge = Judge()
+    for _ in range(3):
+        judge.step(elapsed=usual)
+    judge.step(elapsed=usual + longer, position_m=0.303)
+    assert (judge.evidence.high_m > 0.0) is is_kept
 
 
 def worked(work_j: float) -> Found:

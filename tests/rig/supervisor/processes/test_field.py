@@ -437,6 +437,31 @@ def test_a_process_that_was_stopped_looks_for_a_trip_before_it_goes_on_to_the_ne
     assert site.trips() == by_supervisor | own
 
 
+def test_a_process_that_waits_for_a_device_to_become_safe_is_alive(site: Site) -> None:
+    beats: set[int] = set()
+
+    def slow() -> None:
+        until(lambda: beats.add(int(site.board.words[Word.FIELD_BEAT])) or len(beats) > 3, "beats")
+
+    site.bypass.safe_state = slow  # type: ignore[method-assign]
+    site.pipe.send(MakeSafe())
+    assert site.pipe.recv() == {}
+    assert len(beats) > 3
+    assert site.trips() == {}
+
+
+def test_a_process_that_gets_no_thread_for_its_beats_makes_its_devices_safe_all_the_same(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(thread: threading.Thread) -> None:
+        raise OSError("no further thread")
+
+    monkeypatch.setattr("rig.supervisor.processes.field.start", refuse)
+    site.pipe.send(MakeSafe())
+    assert site.pipe.recv() == {}
+    assert ("bypass", "safe") in site.log
+
+
 def test_an_order_to_move_that_comes_after_a_trip_is_dropped(site: Site) -> None:
     site.board.words[Word.VALVE_NULL_AT] = 1
     site.board.words[Word.SUPERVISOR_TRIP] = Cause.FIELD_LOST
