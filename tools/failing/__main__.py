@@ -2,8 +2,10 @@
 
 Run as `python -m tools.failing [--rig RIG] [--all] [--sites N] [--seed S] [TEXT ...]`. On the
 simulated rig all sites are tried, on the emulated one N of them, drawn by the seed, or all of them
-with `--all`. With texts, only sites whose names contain one of them are tried; `memory` stands for
-the steps of the address space. A rig's table is written if no texts are given and nothing failed.
+with `--all`, in an order that is drawn. With texts, only sites whose names contain one of them are
+tried; `memory` stands for the steps of the address space. With `--results FILE` each failure that
+was tried is added to a file, so that the same command goes on after a kill with the next one. A
+rig's table is written if no texts are given and nothing failed.
 """
 
 import argparse
@@ -21,8 +23,9 @@ from tools.pages.marked_tables import fill
 
 from .emulated import EmulatedTrials
 from .injection import Site
+from .results import Results
 from .tables import PAGE, table_of
-from .trying import SimulatedTrials, Tried
+from .trying import SimulatedTrials, Tried, named, of_address_space
 
 RIGS: Final = ("simulated", "emulated")
 SAMPLE: Final = 12
@@ -37,8 +40,9 @@ EMULATED_MIB: Final = (500, 1000, 1500, 2048, 2300, 2600, 3000)
 
 Failure = tuple[Site, int]
 """A site, and how often it is reached before it fails."""
-Trial = Callable[[], Tried | None]
-"""Lets something fail, and returns what came of it; None if it was not reached this time."""
+Trial = tuple[str, Callable[[], Tried | None]]
+"""The name of a failure, and what lets it happen and returns what came of it; None if it was not
+reached this time."""
 
 
 def main() -> int:
@@ -50,10 +54,13 @@ def main() -> int:
     parser.add_argument("--sites", type=int, default=SAMPLE, help=sites)
     seed = "of the draw of these sites (default: %(default)s)"
     parser.add_argument("--seed", type=int, default=1, help=seed)
+    results = "file to which each failure is added, and whose failures are not tried again"
+    parser.add_argument("--results", type=Path, help=results)
     texts = "a part of the name of a site to try (default: all)"
     parser.add_argument("texts", nargs="*", metavar="TEXT", help=texts)
     given = parser.parse_args()
     end_by_signals()
+    known = Results(given.results)
     failed = 0
     for rig in RIGS if given.rig is None else (given.rig,):
         sample = None if given.all or rig == "simulated" else given.sites
@@ -65,8 +72,8 @@ def main() -> int:
                 return 1
             print(f"{rig}: {len(trials)} of {total} failures", flush=True)
             tried = []
-            for trial in trials:
-                result = trial()
+            for name, trial in trials:
+                result = known.of(rig, name, trial)
                 if result is not None:
                     tried.append(result)
                     print(_told(result), flush=True)
@@ -91,10 +98,15 @@ def _planned(
     if rig == "simulated":
         simulated = SimulatedTrials(folder)
         warm, cold = simulated.sites()
-        trials: list[Trial] = [partial(simulated.tried, *each) for each in _failures(warm, texts)]
-        trials += [partial(simulated.tried, *each, cold=True) for each in _failures(cold, texts)]
+        trials: list[Trial] = [
+            (named(*each), partial(simulated.tried, *each)) for each in _failures(warm, texts)
+        ]
+        trials += [
+            (named(*each), partial(simulated.tried, *each, cold=True))
+            for each in _failures(cold, texts)
+        ]
         limits = SIMULATED_MIB if memory else ()
-        trials += [partial(simulated.with_address_space, each * MIB) for each in limits]
+        trials += [_of_memory(simulated.with_address_space, each) for each in limits]
         return len(trials), trials
     emulated = EmulatedTrials(folder)
     chosen = _failures(emulated.sites(), texts)
@@ -103,9 +115,17 @@ def _planned(
     if sample is not None and sample < len(chosen):
         chosen = random.Random(seed).sample(chosen, sample)
         limits = limits[::3]
-    trials = [partial(emulated.tried, *each) for each in chosen]
-    trials += [partial(emulated.with_address_space, each * MIB) for each in limits]
+    elif not texts:
+        # Those that were tried before a long play was broken off are then a sample of all.
+        random.Random(seed).shuffle(chosen)
+    trials = [(named(*each), partial(emulated.tried, *each)) for each in chosen]
+    trials += [_of_memory(emulated.with_address_space, each) for each in limits]
     return total, trials
+
+
+def _of_memory(trial: Callable[[int], Tried], mebibytes: int) -> Trial:
+    limit = mebibytes * MIB
+    return of_address_space(limit), partial(trial, limit)
 
 
 def _failures(sites: dict[Site, int], texts: list[str]) -> list[Failure]:

@@ -16,7 +16,7 @@ from tools.chaos.stage import ROOT, Stage, StageError
 from .injection import VARIABLE, Order, Site
 from .judging import Ended, problems_of
 from .simulated import HOOKS
-from .trying import Tried, named, noted, without_aborts
+from .trying import Tried, named, noted, of_address_space, without_aborts
 
 PATIENCE_S: Final = 180.0
 """s: how long a run may take; untroubled it takes 15 s, beside other programs up to a minute."""
@@ -89,8 +89,7 @@ class EmulatedTrials:
     def with_address_space(self, limit: int) -> Tried:
         """Run with a limit on the address space of each process, in bytes; return what came."""
         _, ended, found = self._run(Order("", None, 0, limit))
-        name = f"address space of {limit / 2**20:.0f} MiB"
-        return self._told(name, "memory", "all", ended, found)
+        return self._told(of_address_space(limit), "memory", "all", ended, found)
 
     def _told(self, name: str, group: str, process: str, ended: Ended, found: list[str]) -> Tried:
         told = " / ".join(ended.printed.strip().splitlines()[-4:])

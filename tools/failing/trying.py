@@ -103,7 +103,7 @@ class SimulatedTrials:
         ended = self._run(in_process, Order(str(self._notes), None, 0, limit))
         ended = without_aborts(ended)
         found = problems_of(ended, self._out, self._rows)
-        return self._gone_on(f"address space of {limit / 2**20:.0f} MiB", "memory", ended, found)
+        return self._gone_on(of_address_space(limit), "memory", ended, found)
 
     def _gone_on(self, name: str, group: str, ended: Ended, found: list[str]) -> Tried:
         resumed: Ended | None = None
@@ -160,6 +160,11 @@ def without_aborts(ended: Ended) -> Ended:
 def named(site: Site, after: int) -> str:
     """Return the name of a failure: where, and whether it is not the first time there."""
     return f"{site}{f', time {after + 1}' if after else ''}"
+
+
+def of_address_space(limit: int) -> str:
+    """Return the name of a limit of the address space, in bytes."""
+    return f"address space of {limit / 2**20:.0f} MiB"
 
 
 def noted(notes: Path) -> Iterator[tuple[Site, bool]]:

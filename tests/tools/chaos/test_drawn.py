@@ -15,8 +15,7 @@ from tools.chaos.drawn.bounds import Bound
 from tools.chaos.drawn.fault import Fault, Strike, Struck, null_deadlines
 from tools.chaos.drawn.grammar import FIRST_S, GROUPS, LATER_S, causes_of, draw
 from tools.chaos.drawn.pauses import paused_ns
-from tools.chaos.drawn.play import Evidence
-from tools.chaos.drawn.play import strike as struck_at
+from tools.chaos.drawn.play import Evidence, strike as struck_at
 from tools.chaos.drawn.verdict import enabled_spans, violations
 from tools.chaos.judge import cause_of
 from tools.chaos.scenarios import SCENARIOS
