@@ -42,7 +42,7 @@ _TEST: Final[dict[str, Any]] = {
 _PATIENT: Final[dict[str, dict[str, str]]] = {
     "loop": {
         "stale_limit": "3 s", "loop_silence": "4 s", "field_silence": "4 s",
-        "supervisor_silence": "4 s", "recorder_silence": "20 s",
+        "supervisor_silence": "10 s", "recorder_silence": "20 s",
     },
     "bypass": {"watchdog": "5 s"},
     "drive": {"silence": "5 s", "watchdog": "5 s"},
