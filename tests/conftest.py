@@ -10,6 +10,7 @@ from hypothesis import settings
 
 from rig.compile_cache import use_compile_cache
 
+from . import compiling_sessions
 from .compiling_once import compile_apart, compile_once, without_looking_for_garbage
 
 HERE = Path(__file__).parent
@@ -40,8 +41,6 @@ LONGEST = (
 """Test files that take ten seconds or more.
 
 Workers begin with them, so that no worker still runs one of them when the others have finished.
-The first run of a campaign compiles the simulated loop in a process of its own, which waits for no
-other: `test_started` and `test_kill_and_resume` are therefore apart.
 """
 
 
@@ -57,14 +56,19 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     os.environ["XDG_STATE_HOME"] = str(HERE.parent / ".pytest_cache" / "state")
     worker = getattr(config, "workerinput", {}).get("workerid", "")
+    all_tests = any(HERE.is_relative_to(Path(asked).resolve()) for asked in config.args)
     if not worker:
+        if all_tests and config.getoption("numprocesses", None):
+            compiling = compiling_sessions.begin()
+            config.add_cleanup(compiling.wait)
+            config.add_cleanup(compiling.terminate)
         return
     use_compile_cache()
     folder = os.environ.get("NUMBA_CACHE_DIR")
     if not folder:
         return
     compile_once(Path(folder) / "locks")
-    if any(HERE.is_relative_to(Path(asked).resolve()) for asked in config.args):
+    if all_tests:
         compile_apart(int(worker.removeprefix("gw")))
 
 

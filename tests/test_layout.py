@@ -157,6 +157,16 @@ def test_a_package_that_needs_no_compiler_loads_none_whichever_module_is_used(pa
     modules = [
         ".".join(file.relative_to(ROOT).with_suffix("").parts) for file in folder.rglob("*.py")
     ]
+    assert {"numba", "llvmlite"}.isdisjoint(loaded_by(modules))
+
+
+def test_the_processes_that_record_and_publish_a_session_load_no_compiler() -> None:
+    processes = [f"rig.supervisor.processes.{name}" for name in ("recorder", "publisher", "field")]
+    assert {"numba", "llvmlite"}.isdisjoint(loaded_by(processes))
+
+
+def loaded_by(modules: list[str]) -> set[str]:
+    """Return the names of all modules that are loaded once these have been imported."""
     program = f"import sys\nfrom importlib import import_module\nfor name in {modules}:\n"
     found = subprocess.run(
         [sys.executable, "-c", program + "    import_module(name)\nprint(*sys.modules)"],
@@ -164,7 +174,7 @@ def test_a_package_that_needs_no_compiler_loads_none_whichever_module_is_used(pa
         text=True,
         check=True,
     )
-    assert {"numba", "llvmlite"}.isdisjoint(found.stdout.split())
+    return set(found.stdout.split())
 
 
 def test_the_longest_test_files_are_there_and_begun_with_once() -> None:

@@ -46,3 +46,17 @@ def test_leaving_declarations_out_changes_no_machine_code(monkeypatch: pytest.Mo
     there = machine_code()
     assert len(here.splitlines()) > 50
     assert here == there
+
+
+@rig.jit.njit(error_model="numpy")
+def assigned(target: Any, source: Any) -> None:
+    target[:] = source
+
+
+def test_an_array_of_another_size_is_not_assigned_to_a_slice() -> None:
+    target = np.zeros(3)
+    with pytest.raises(ValueError, match="cannot assign slice from input of different size"):
+        assigned(target, np.ones(2))
+    assert target.tolist() == [0.0, 0.0, 0.0]
+    assigned(target, np.ones(3))
+    assert target.tolist() == [1.0, 1.0, 1.0]

@@ -22,10 +22,12 @@ from .ladder import (
     rungs_of as rungs_of,
     rungs_with_bands as rungs_with_bands,
 )
-from .passings import (
+from .passing_log import (
     PASSING_NUMBERS as PASSING_NUMBERS,
     PASSINGS_KEPT as PASSINGS_KEPT,
     PassingLog as PassingLog,
+)
+from .passings import (
     PassingReader as PassingReader,
     RungPassed as RungPassed,
     latest_passings as latest_passings,

@@ -17,7 +17,8 @@ from rig.plant import inlined
 
 from .check_tolerances import Tolerances
 from .ladder import ERROR_AT, NO_CHANNEL, Action, Cause, LimitTable
-from .passings import PassingLog, note_passing, passing_log
+from .passing_log import PassingLog
+from .passings import note_passing, passing_log
 from .plausibility import POSITION, PRESSURE_1, PRESSURE_2, implausible, no_evidence
 
 _ESTOP: Final = FAST_INPUTS.index("estop_closed")

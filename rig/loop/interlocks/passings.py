@@ -4,29 +4,14 @@ The interlock alone counts how long a value has been beyond a limit. Whoever tel
 this log, so that what is told and what is acted on cannot differ.
 """
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.jit import njit
 from rig.loop.atomic import load_acquire, store_release
 
-PASSINGS_KEPT: Final = 64
-"""Number of passings that the log holds. A limit is passed again only after its value has come
-back, and the log is read at least every half second, so that more than this is a value that swings
-about its limit; the oldest passings are written over then."""
-PASSING_NUMBERS: Final = 4
-"""Numbers of one passing: segment, tick, rung, value."""
-
-
-class PassingLog(NamedTuple):
-    """The latest passings; it has one writer, and any number of readers."""
-
-    written: NDArray[np.int64]
-    """(1,): number of passings so far; stored after the passing itself (release)."""
-    rows: NDArray[np.float64]
-    """(PASSINGS_KEPT, PASSING_NUMBERS): passing k is in row k % PASSINGS_KEPT."""
+from .passing_log import PASSING_NUMBERS, PASSINGS_KEPT, PassingLog
 
 
 class RungPassed(NamedTuple):

@@ -10,8 +10,8 @@ from rig.io.signals import FAST_INPUTS
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import Interlock, Tick, check_sample, interlock
 from rig.loop.interlocks.ladder import limit_table
+from rig.loop.interlocks.passing_log import PASSINGS_KEPT
 from rig.loop.interlocks.passings import (
-    PASSINGS_KEPT,
     PassingReader,
     RungPassed,
     latest_passings,

@@ -26,7 +26,8 @@ from rig.loop.interlocks.judging import (
     interlock_memory,
 )
 from rig.loop.interlocks.ladder import Cause, LimitTable, limit_table
-from rig.loop.interlocks.passings import PassingLog, passing_log
+from rig.loop.interlocks.passing_log import PassingLog
+from rig.loop.interlocks.passings import passing_log
 from rig.loop.interlocks.plausibility import Evidence
 from rig.plant import NOMINAL, Parameters
 from rig.plant.dynamics import leak_flows, spring_force
