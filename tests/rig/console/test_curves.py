@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from rig.console.curves import AVERAGED_S, CHANNELS, CURVES, POINTS, Curves, MovingAverage
+from rig.console.curves import AVERAGED_S, CHANNELS, CURVES, KEPT, POINTS, Curves, MovingAverage
 from rig.stream.view import Window
 
 MS = 1e-3
@@ -111,3 +111,19 @@ def test_the_window_is_that_of_the_thesis() -> None:
     from estimator.filters.residuals import THESIS_WINDOW
 
     assert pytest.approx(THESIS_WINDOW) == AVERAGED_S / MS
+
+
+def test_the_history_gets_every_sample_and_each_average_once() -> None:
+    curves = Curves()
+    peak = np.zeros(1000)
+    peak[123] = 5e3
+    ones = np.ones(1000)
+    first = curves.take(window(0, 1000, load_N=peak, innovation_pressure_1_Pa=ones), MS)
+    assert first is not None
+    kept = dict(zip(KEPT, first.curves, strict=True))
+    assert kept["load_kN"][123] == pytest.approx(5.0)
+    assert np.isfinite(kept["average_1_kPa"]).all()
+    curves.begin()
+    again = curves.take(window(0, 1000, load_N=peak, innovation_pressure_1_Pa=ones), MS)
+    assert again is not None
+    assert np.isnan(dict(zip(KEPT, again.curves, strict=True))["average_1_kPa"]).all()
