@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import threading
+import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -46,6 +47,10 @@ LOOK_S: Final = 0.5
 """Period in s at which started runs, control and viewers are checked and shown."""
 MOST_STOPS: Final = 16
 """Most stops that are carried out at once, in threads of their own beside those of other orders."""
+LONGEST_SPAN_S: Final = 8 * 3600
+"""Longest stretch of the history that is sent in one answer, s: all that is kept."""
+LATEST_S: Final = 1e11
+"""Latest end of a stretch, s since 1970: far beyond any clock, and no number that overflows."""
 LOGGED_OUT: Final = 4401
 EXPIRED: Final = 4402
 UNWELCOME: Final = 1008
@@ -109,6 +114,7 @@ class Console:
             Route("/login", self._log_in, methods=["POST"]),
             Route("/logout", self._log_out, methods=["POST"]),
             Route("/order", self._order, methods=["POST"]),
+            Route("/history", self._history, methods=["GET"]),
             Route("/page/{name}", self._file, methods=["GET"]),
             WebSocketRoute("/live", self._live),
         ]
@@ -260,6 +266,31 @@ class Console:
             self._look()
         content = {"accepted": answer.accepted, "reason": answer.reason}
         return JSONResponse(content, 200 if answer.accepted else 409)
+
+    async def _history(self, request: Request) -> Response:
+        """Answer with a stretch of a rig's history: its header, and the values as binary floats.
+
+        The query gives `rig`, `end_ms` (since 1970, or 0 for now), `span_s`, `steps` and `names`,
+        with commas in between.
+        """
+        visitor = self._visitor(request)
+        if visitor is None or visitor.expired:
+            return JSONResponse({"reason": "log in first"}, 401)
+        asked = request.query_params
+        history = self.feed.history(asked.get("rig", ""))
+        if history is None:
+            return JSONResponse({"reason": "no history is kept of this rig"}, 404)
+        try:
+            end_s = int(asked.get("end_ms", "0")[:20]) / 1e3 or time.time_ns() * 1e-9
+            span_s, steps = int(asked.get("span_s", "60")[:8]), int(asked.get("steps", "600")[:8])
+        except ValueError:
+            return JSONResponse({"reason": "end_ms, span_s and steps must be whole numbers"}, 400)
+        if not (0 < span_s <= LONGEST_SPAN_S and steps > 0 and 0 < end_s < LATEST_S):
+            return JSONResponse({"reason": f"span_s must be 1 to {LONGEST_SPAN_S}"}, 400)
+        names = tuple(name for name in asked.get("names", "").split(",") if name)
+        stretch = history.stretch(end_s, float(span_s), names, steps)
+        head = {"x-history": stretch.header()}
+        return Response(stretch.body(), 200, head, "application/octet-stream")
 
     async def _live(self, socket: WebSocket) -> None:
         visitor = self._visitor(socket)
