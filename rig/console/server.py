@@ -31,6 +31,8 @@ from .launcher import Launcher, Served
 from .logins import LoginFile
 from .members import STOPPING_S, Members
 from .orders import STOP, ForbiddenError, MalformedError, Orders, parse
+from .preview import Preview
+from .queue import Queue, QueueFile
 from .visitors import LIFETIME_S, ControlHolder, LoginRefused, Visitor, Visitors
 
 PAGE: Final = Path(__file__).parent / "page"
@@ -47,6 +49,8 @@ LOOK_S: Final = 0.5
 """Period in s at which started runs, control and viewers are checked and shown."""
 MOST_STOPS: Final = 16
 """Most stops that are carried out at once, in threads of their own beside those of other orders."""
+MOST_WAITING: Final = 4
+"""Most previews that are waited for at once, some seconds each; others wait for their turn."""
 LONGEST_SPAN_S: Final = 8 * 3600
 """Longest stretch of the history that is sent in one answer, s: all that is kept."""
 LATEST_S: Final = 1e11
@@ -94,10 +98,18 @@ class Console:
         self.visitors = Visitors(self.token, file=None if self.members else self.logins)
         self.control = ControlHolder(self.say)
         self.launcher = Launcher(self.served, self.say)
-        self.orders = Orders(self.client, self.control, self.launcher)
+        file = QueueFile(self.served.folder.absolute())
+        self.queue = Queue(file, self.launcher, self.client, self.say)
+        if self.launcher.may_start:
+            self.queue.offer()
+        self.orders = Orders(self.client, self.control, self.launcher, self.queue)
+        self.preview = Preview()
+        self._working: asyncio.Future[None] | None = None
         self.cookie = f"rig-console-{self.address.port}"
         self._refused = Refusals(self.log)
         self._stopping = ThreadPoolExecutor(MOST_STOPS, "stop")
+        # Who waits for a check does so in threads of their own, so that no order waits for them.
+        self._checking = ThreadPoolExecutor(MOST_WAITING, "check")
         self._looked_at = 0.0
         self._survives = Surviving("the console", self.log)
 
@@ -115,6 +127,7 @@ class Console:
             Route("/logout", self._log_out, methods=["POST"]),
             Route("/order", self._order, methods=["POST"]),
             Route("/history", self._history, methods=["GET"]),
+            Route("/preview", self._preview, methods=["GET"]),
             Route("/page/{name}", self._file, methods=["GET"]),
             WebSocketRoute("/live", self._live),
         ]
@@ -150,7 +163,22 @@ class Console:
                 if now - self._looked_at >= LOOK_S:
                     self._looked_at = now
                     self._look()
+                    self._work_off_queue()
             await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
+
+    def _work_off_queue(self) -> None:
+        """Have the queue looked after in a thread, unless that still goes on since the last time.
+
+        The disk may hang, which must delay neither the live views nor a stop.
+        """
+        if not self.launcher.may_start or (self._working is not None and not self._working.done()):
+            return
+
+        def work() -> None:
+            with self._survives:
+                self.orders.work_off_queue()
+
+        self._working = asyncio.get_running_loop().run_in_executor(None, work)
 
     def _look(self) -> None:
         """Check runs and refusals; update the sections on runs, control and viewers.
@@ -167,6 +195,7 @@ class Console:
             if content["last"] is not None:
                 content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())
             self.feed.common.put("launch", content)
+            self.feed.common.put("queue", self.queue.content())
             is_here = self.control.holder in self.viewers
             self.feed.common.put("holder", {**self.control.content(), "here": is_here})
             watching = [{"number": who.number, "name": who.name} for who in self.viewers]
@@ -291,6 +320,18 @@ class Console:
         stretch = history.stretch(end_s, float(span_s), names, steps)
         head = {"x-history": stretch.header()}
         return Response(stretch.body(), 200, head, "application/octet-stream")
+
+    async def _preview(self, request: Request) -> Response:
+        """Answer with what a start of the query's `campaign` would do, by `rig check`."""
+        visitor = self._visitor(request)
+        if visitor is None or visitor.expired:
+            return JSONResponse({"problems": ["log in first"]}, 401)
+        words = self.launcher.to_check(request.query_params.get("campaign", ""))
+        if words is None:
+            return JSONResponse({"problems": ["this campaign is not offered"]}, 404)
+        loop = asyncio.get_running_loop()
+        found = await loop.run_in_executor(self._checking, self.preview.of, words)
+        return JSONResponse(found)
 
     async def _live(self, socket: WebSocket) -> None:
         visitor = self._visitor(socket)

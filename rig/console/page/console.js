@@ -8,6 +8,8 @@ import { Link } from "./link.js";
 import { EXPIRED, limit, offerLogin } from "./people.js";
 import { rigState } from "./rig_state.js";
 import { Manual } from "./manual.js";
+import { preview } from "./preview.js";
+import { QueueCard } from "./queue.js";
 import { Trigger } from "./trigger.js";
 import * as views from "./views.js";
 import { clock, element, lasted } from "./words.js";
@@ -108,6 +110,7 @@ function render() {
     if (views[name] && (name in sections || name in common)) views[name](link);
   }
   if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks", "role"].some((name) => dirty.has(name))) actions();
+  if (["queue", "launch", "holder", "role"].some((name) => dirty.has(name))) queue.show();
   if (sections.life?.life !== render.life) {
     render.life = sections.life?.life;
     views.campaign(link);
@@ -231,6 +234,8 @@ function actions() {
   limit(link, isMine());
 }
 
+const queue = new QueueCard(link, order, isMine);
+
 function toast(text, how = "") {
   const shown = element("p", `toast ${how}`, text);
   by("toasts").append(shown);
@@ -297,7 +302,8 @@ const skippable = () => tests().filter((test) => !test.status || test.name === p
 const repeatable = () => tests().filter((test) => test.status);
 const DIALOGS = {
   start: () => ({
-    title: "Start a campaign", confirm: "Start",
+    title: "Start a campaign", confirm: "Start", isWide: true,
+    shown: (place, name) => (name.startsWith(GO_ON) ? place.replaceChildren() : preview(place, name)),
     text: "It begins at once: on hardware the rig is armed, and its reset button is waited for.",
     choice: { label: "Campaign", options: [
       ...link.common.launch.offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]),

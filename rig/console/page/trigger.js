@@ -19,6 +19,9 @@ const LOOK_MS = 500;
 // A look is as long as 1000 of the finest steps: the console joins more than 1200 of them, and a step
 // that is joined of several could hide a gap.
 const LOOK_S = 10;
+// Whoever is further behind than a look goes on by parts that are past, so that all of them has come.
+const PART_S = 8;
+const COME_MS = 1000;
 // Shown after the moment: half of the span, and half a minute at most, so that it does not take hours.
 const AFTER_S = 30;
 
@@ -80,8 +83,8 @@ export class Trigger {
     const { key, rig } = this;
     let wait = LOOK_MS;
     try {
-      const end_ms = this.seen_ms ? this.seen_ms + 1000 * LOOK_S : 0;
-      const isBehind = end_ms && end_ms < (await this.history.now());
+      const end_ms = this.seen_ms ? this.seen_ms + 1000 * PART_S : 0;
+      const isBehind = end_ms > 0 && end_ms + COME_MS < (await this.history.now());
       const found = await stretch(rig, isBehind ? end_ms : 0, LOOK_S, 1200, [key]);
       if (this.state !== "armed" || this.key !== key || this.rig !== rig) return;
       if (isBehind) wait = 0; // a browser that slept, as in a tab that is not seen, catches up
