@@ -3,6 +3,9 @@
 
 const SHOWN_S = 10;
 const GAP_S = 0.15;
+// Margins of the axes in pixels.
+const LEFT = 46;
+const RIGHT = 8;
 const NICE = [1, 2, 2.5, 5, 10];
 // How far below zero is still zero, as a part of the least range of the chart: 0.2 MPa of 1 MPa, which
 // are 1 % of a gauge of 20 MPa.
@@ -31,6 +34,8 @@ function number(value, step) {
 }
 
 export class Chart {
+  static all = [];
+
   // figure: where it goes. told: title, unit, least (range), floor (fixed lower end or null),
   // series: {key, label, colour, dash, width, band: [low, high], digits}.
   constructor(figure, told) {
@@ -62,9 +67,12 @@ export class Chart {
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", told.title);
     figure.append(caption, this.canvas);
-    this.under = null; // where the cursor is over the chart, in pixels; null if it is not
-    const over = (at) => { this.under = at; this.redraw(); };
-    this.canvas.addEventListener("pointermove", (event) => over(event.offsetX));
+    this.under = null; // where the cursor is, as a part of the axis of time; null if it is over no chart
+    Chart.all.push(this);
+    // The cursor is over all charts at once, so that the values of all curves are told of one time.
+    const over = (at) => { for (const chart of Chart.all) { chart.under = at; chart.redraw(); } };
+    this.canvas.addEventListener("pointermove", (event) =>
+      over(Math.min(1, Math.max(0, (event.offsetX - LEFT) / (this.width - RIGHT - LEFT)))));
     this.canvas.addEventListener("pointerleave", () => over(null));
     this.resized = true;
     new ResizeObserver(() => { this.resized = true; this.redraw(); }).observe(this.canvas);
@@ -145,13 +153,13 @@ export class Chart {
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
     const ends = this.range(points);
-    const left = 46, right = this.width - 8, top = 8, bottom = this.height - 20;
+    const left = LEFT, right = this.width - RIGHT, top = 8, bottom = this.height - 20;
     const time = points.time_s;
     const now = view.end_s ?? (time.length ? time[time.length - 1] : 0);
     const x = (t) => left + (right - left) * (1 - (now - t) / view.span_s);
     const y = (v) => bottom - (bottom - top) * (v - ends.low) / (ends.high - ends.low);
     this.grid(context, ends, { left, right, top, bottom }, y);
-    if (this.told.empty && time.length && points[this.told.series[0].key].every((value) => value === null)) {
+    if (this.told.empty && time.length && (points[this.told.series[0].key] ?? []).every((value) => value === null)) {
       context.textAlign = "center";
       context.textBaseline = "middle";
       context.font = this.font.replace("11px", "14px");
@@ -177,7 +185,7 @@ export class Chart {
     if (view.mark_s !== undefined) this.mark(context, x(view.mark_s), top, bottom);
     context.restore();
     // Under the cursor its own values are told, otherwise the newest ones.
-    const at = this.under === null ? time.length - 1 : this.nearest(time, now - (1 - (this.under - left) / (right - left)) * view.span_s);
+    const at = this.under === null ? this.newest(points) : this.nearest(time, now - (1 - this.under) * view.span_s);
     if (this.under !== null && at >= 0) this.cursor(context, x(time[at]), top, bottom, view.told(now - time[at]));
     for (const series of this.told.series) {
       const output = this.values[series.key];
@@ -192,6 +200,14 @@ export class Chart {
     if (low === null) return "-";
     const [least, most] = [low, points.high?.[series.key]?.[at] ?? low].map((value) => value.toFixed(series.digits));
     return least === most ? least : `${least} to ${most}`;
+  }
+
+  // Returns the index of the newest point; in the history of the newest step that has a value.
+  newest(points) {
+    let at = points.time_s.length - 1;
+    const isEmpty = () => this.told.series.every((series) => (points[series.key]?.[at] ?? null) === null);
+    if (points.high) while (at > 0 && isEmpty()) at -= 1;
+    return at;
   }
 
   // Returns the index of the point that is nearest to a time; -1 if there is none.
@@ -273,6 +289,8 @@ export class Chart {
     context.lineWidth = series.width ?? 1.8;
     context.lineJoin = "round";
     context.setLineDash(high ? [] : series.dash ?? []);
+    // Long spans are filled from least to greatest; a curve behind another one is still to be seen.
+    context.globalAlpha = high ? 0.75 : 1;
     this.stretches(points, (k) => column[k] !== null, (begin, end) => {
       context.beginPath();
       for (let k = begin; k < end; k++) {
@@ -282,6 +300,7 @@ export class Chart {
       }
       context.stroke();
     });
+    context.globalAlpha = 1;
   }
 
   band(context, series, points, x, y) {

@@ -303,7 +303,7 @@ const repeatable = () => tests().filter((test) => test.status);
 const DIALOGS = {
   start: () => ({
     title: "Start a campaign", confirm: "Start", isWide: true,
-    shown: (place, name) => (name.startsWith(GO_ON) ? place.replaceChildren() : preview(place, name)),
+    shown: (place, name) => preview(place, name.startsWith(GO_ON) ? "" : name),
     text: "It begins at once: on hardware the rig is armed, and its reset button is waited for.",
     choice: { label: "Campaign", options: [
       ...link.common.launch.offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]),

@@ -34,6 +34,7 @@ export const FURTHER_KEYS = MORE.map(([key, title, unit]) => [key, `${title}, ${
 // Asks the console for a stretch of a rig's history; gives {begin_ms, step_ms, count, low, high}, both
 // of them columns by the curves' names with null for what is not there, or throws with the reason.
 export async function stretch(rig, end_ms, span_s, steps, names = []) {
+  if (!rig) throw new Error("no rig is heard yet");
   const asked = new URLSearchParams({ rig, end_ms: Math.round(end_ms), span_s: Math.ceil(span_s), steps, names: names.join(",") });
   const response = await fetch(`/history?${asked}`, { signal: AbortSignal.timeout(PATIENCE_MS) });
   if (!response.ok) throw new Error((await response.json()).reason);

@@ -56,7 +56,7 @@ function plan(told) {
     element("p", told.warnings.length ? "warn" : "good",
       told.warnings.length ? `▲ Valid, with ${told.warnings.length} ${told.warnings.length === 1 ? "warning" : "warnings"}` : "✓ Valid, without warnings"),
     ...told.warnings.map((text) => element("p", "warn", text)),
-    element("p", "", told.summary.join("; ")),
+    ...told.summary.map((line) => element("p", "", line)),
     element("dl", "figures", ...facts.flatMap(([name, text]) => [element("dt", "", name), element("dd", "", text)])),
     element("ol", "plan", ...told.tests.map((test, k) => shown(test, k + 1))),
     folded("The rig and all its limits", element("ul", "", ...told.rig.map((line) => element("li", "", line)))),
@@ -64,9 +64,10 @@ function plan(told) {
   ];
 }
 
-// Shows a campaign's preview in a place; a later call for the same place takes it over.
+// Shows a campaign's preview in a place, nothing for an empty name; a later call for the same place takes it over.
 export async function preview(place, campaign) {
   place.dataset.campaign = campaign;
+  if (!campaign) { place.replaceChildren(); return; } // a run that is gone on with was begun already
   place.replaceChildren(element("p", "quiet", `${campaign} is being checked.`));
   let found = { pending: true };
   while (found.pending && place.dataset.campaign === campaign && place.isConnected) {
