@@ -47,7 +47,11 @@ class Queue:
         self._why = ""
         self._running: Launched | None = None
         """The run that was seen last to be going on here; its end decides whether to go on."""
+        self._excused: Launched | None = None
+        """A run that had been stopped and was still ending when the queue was started."""
         self._awaited = ""
+        """What is waited for, in words; empty while nothing is."""
+        self._awaited_rig = ""
         """The rig that is waited for, as something else drives it."""
         self._starting = threading.Lock()
         """This lock is held while a campaign is started."""
@@ -79,7 +83,10 @@ class Queue:
         self._held = self.file.read()
         if not self._held.entries:
             raise QueueError("nothing is queued; add a campaign first")
-        self._running, self._awaited = self._launcher.present(), ""
+        running = self._launcher.present()
+        # Whoever starts the queue knows of a run that was stopped: its exit code is no news.
+        self._excused = running if running is not None and running.asked else None
+        self._running, self._awaited, self._awaited_rig = None, "", ""
         self._by, self._why = by, ""
 
     def halt(self, why: str) -> None:
@@ -101,8 +108,10 @@ class Queue:
             return
         running = self._launcher.present()
         if running is not None:
-            self._running = running
+            self._running = None if running is self._excused else running
+            self._awaited = f"waits for the end of {running.name}"
             return
+        self._awaited = ""
         before, self._running = self._running, None
         if before is not None and before.exit_code not in GOES_ON:
             self.halt(f"{before.name} ended with exit code {before.exit_code}")
@@ -116,7 +125,6 @@ class Queue:
 
     def content(self) -> dict[str, Any]:
         """Return entries, for whom they are worked off, and what is to be said, as JSON values."""
-        waits = f"waits for {self._awaited}, which something else drives" if self._awaited else ""
         return {
             "entries": [
                 {"number": each.number, "campaign": each.campaign, "by": each.by,
@@ -124,7 +132,7 @@ class Queue:
                 for each in self._held.entries
             ],
             "by": self._by,
-            "why": self._problem or (waits if self._by else self._why),
+            "why": self._problem or (self._awaited if self._by else self._why),
         }  # fmt: skip
 
     def _take(self, read: Callable[[], Content]) -> None:
@@ -143,10 +151,11 @@ class Queue:
             )
             return
         if rig in self._client.living() and self._status(rig) != "idle":
-            self._awaited = rig
+            self._awaited_rig = rig
+            self._awaited = f"waits for {rig}, which something else drives"
             return
-        if self._awaited == rig:
-            self._awaited = ""
+        if self._awaited_rig == rig:
+            self._awaited_rig = ""
             if ended_badly := self._ended_badly(rig):
                 self.halt(ended_badly)
                 return

@@ -63,7 +63,7 @@ def test_a_file_that_is_no_queue_is_refused_with_its_name_and_a_remedy(
     file: QueueFile, text: str
 ) -> None:
     file.path.write_text(text)
-    with pytest.raises(QueueError, match="console-queue.json: is no queue of version 1; remove it"):
+    with pytest.raises(QueueError, match="is no queue of version 1; remove it"):
         file.read()
 
 

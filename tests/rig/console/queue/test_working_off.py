@@ -31,7 +31,7 @@ class FakeLauncher(Launcher):
         if self.refusal:
             raise LaunchRefused(self.refusal)
         self.begun.append((name, by))
-        self.running = SimpleNamespace(name=name, exit_code=None)
+        self.running = SimpleNamespace(name=name, exit_code=None, asked=False)
 
     def present(self) -> Any:
         return self.running if self.running and self.running.exit_code is None else None
@@ -120,6 +120,17 @@ def test_whoever_stops_halts_the_queue_as_well_even_while_its_start_is_written(
     assert bench.launcher.begun == []
     assert bench.waiting == ["a", "b"]
     assert bench.queue.content()["why"] == "Bo has stopped bench"
+
+
+def test_a_run_that_was_stopped_before_the_queue_was_started_does_not_halt_it(
+    bench: Bench,
+) -> None:
+    bench.launcher.running = SimpleNamespace(name="old", exit_code=None, asked=True)
+    bench.order("queue start")
+    bench.orders.work_off_queue()
+    assert bench.queue.content()["why"] == "waits for the end of old"
+    bench.end(3)
+    assert bench.launcher.begun == [("a", "Anna")]
 
 
 def test_a_rig_that_something_else_drives_is_waited_for_unless_that_ends_badly(
