@@ -32,6 +32,7 @@ TIMES_OF_DAY = {
     "rig/configuration/checking.py": "which times of a schedule come next",
     "rig/console/feed.py": "when a notice or a sample came, for the page",
     "rig/console/launcher.py": "when a run was started, for the page; the name of a folder",
+    "rig/console/queue/queue_file.py": "when a campaign was queued, for people",
     "rig/console/server.py": "up to when a history is asked for, for the page",
     "rig/console/logins.py": "until when a login holds, also over a restart",
     "rig/console/visitors.py": "since when somebody has control, for the page",
