@@ -35,6 +35,11 @@ NEEDED: Final = {
     "note": Role.OPERATOR,
     "jog": Role.OPERATOR,
     "beat": Role.OPERATOR,
+    "queue add": Role.OPERATOR,
+    "queue move": Role.OPERATOR,
+    "queue remove": Role.OPERATOR,
+    "queue start": Role.OPERATOR,
+    "queue halt": Role.OPERATOR,
     "set": Role.ENGINEER,
 }
 """By order of the console's page: the least role that may give it.

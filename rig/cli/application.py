@@ -37,6 +37,7 @@ COMMANDS: Final = {
     "monitor": ("live.monitor", "Watch rigs that run, live, in the terminal."),
     "console": ("live.console", "Serve the operator's web page: watch, start, hold, stop."),
     "accounts": ("live.accounts", "Say who may log in to the console, and what each may do."),
+    "queue": ("live.queue", "Edit the queue of campaigns that the console starts."),
     "router": ("live.router", "Route the live streams of many rigs."),
     "schedule": ("campaigns.schedule", "Run campaigns at times or intervals, unattended."),
     "runs": ("campaigns.runs", "Find, show, compare and prune past runs."),

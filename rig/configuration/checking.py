@@ -90,6 +90,7 @@ class CheckReport:
         tests: plan of every test of a campaign; empty for other kinds.
         calibration_warnings: warnings about the calibrations of a rig, or of a campaign's rig, and
             about a campaign's baseline.
+        rig: lines that describe the rig of a campaign, with its limits; empty for other kinds.
     """
 
     kind: Kind
@@ -98,6 +99,7 @@ class CheckReport:
     summary: tuple[str, ...]
     tests: tuple[PlannedTest, ...] = ()
     calibration_warnings: tuple[str, ...] = ()
+    rig: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -289,7 +291,8 @@ def _report_campaign(path: Path, campaign: Campaign, rig: Rig, day: date) -> Che
         *corrected_twice(rig.calibrations, campaign.model),
         *filter(None, (campaign.baseline_doubt,)),
     )
-    return CheckReport("campaign", path, campaign.name, summary, plan, doubts)
+    of_rig = tuple(_rig_lines(rig))
+    return CheckReport("campaign", path, campaign.name, summary, plan, doubts, of_rig)
 
 
 _Read = Callable[[Located], Any]

@@ -1,6 +1,7 @@
 """The charts show the last seconds of samples, a hundred points a second, in units of the screen.
 
-Only every tenth sample (at 1 kHz) becomes a point, but all samples enter the moving averages.
+Only every tenth sample (at 1 kHz) becomes a point, but all samples enter the moving averages and
+the history.
 """
 
 from collections import deque
@@ -11,8 +12,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.channels import KPA, LITRES_PER_MINUTE, MM, MPA
+from rig.channels import CELSIUS, KN, KPA, LITRES_PER_MINUTE, MM, MPA, VOLT, Unit
 from rig.stream import Window
+
+from .history import Taken
 
 Array = NDArray[np.float64]
 
@@ -47,7 +50,22 @@ AVERAGED: Final = {
     "average_2_kPa": "innovation_pressure_2_Pa",
 }
 CURVES: Final = (*PLAIN, *AVERAGED)
-CHANNELS: Final = (*(channel for channel, _, _ in PLAIN.values()), *AVERAGED.values())
+FURTHER: Final[dict[str, tuple[str, Unit]]] = {
+    "command_V": ("command_V", VOLT),
+    "spool_mm": ("spool_m", MM),
+    "load_kN": ("load_N", KN),
+    "compensation_V": ("compensation_V", VOLT),
+    "tank_C": ("tank_temperature_K", CELSIUS),
+    "oil_C": ("oil_temperature_K", CELSIUS),
+}
+"""Further curves of the history, which no chart of the last seconds shows."""
+KEPT: Final = (*CURVES, *FURTHER)
+"""Names of the curves of the history, which end in the unit of the screen."""
+CHANNELS: Final = (
+    *(channel for channel, _, _ in PLAIN.values()),
+    *AVERAGED.values(),
+    *(channel for channel, _ in FURTHER.values()),
+)
 """Channels that the curves need from the stream."""
 
 
@@ -91,6 +109,8 @@ class Curves:
         self.count = 0
         self.next_row = 0
         self.points: deque[tuple[float | None, ...]] = deque(maxlen=POINTS)
+        self._averaged_row = 0
+        """The first row whose averages were not handed over to the history yet."""
         self._test: int | None = None
         self._averages: dict[str, MovingAverage] = {}
 
@@ -104,7 +124,7 @@ class Curves:
         self.points.clear()
         self._test = None
 
-    def take(self, window: Window, period_s: float) -> None:
+    def take(self, window: Window, period_s: float) -> Taken | None:
         """Add points, one every `POINT_S`, for those rows of a window that were not added yet.
 
         If all rows of the window are before the last one that was added, the curves begin anew.
@@ -112,21 +132,33 @@ class Curves:
         Args:
             window: samples with all of `CHANNELS`.
             period_s: time in s between two samples.
+
+        Returns:
+            All rows that were added, with the curves `KEPT`; None if there are none.
         """
         if len(window.row) and window.row[-1] + 1 < self.next_row:
             self.begin()
         begin = int(np.searchsorted(window.row, self.next_row))
         if begin == len(window.row):
-            return
+            return None
         rows = window.row[begin:]
         self.next_row = int(rows[-1]) + 1
         values = {name: window.values[name][begin:].astype(np.float64) for name in window.values}
         test = window.test[begin:]
         shown = np.flatnonzero(rows % max(1, round(POINT_S / period_s)) == 0)
-        columns = self._columns(values, test, shown, period_s)
+        means = self._means(values, test, period_s)
+        columns = self._columns(values, means, shown)
         times = np.round(rows[shown] * period_s, 3).tolist()
         self.points.extend(zip(times, test[shown].tolist(), *columns, strict=True))
         self.count += len(shown)
+        # Averages that begin anew have seen too few samples: the first ones are kept.
+        if rows[-1] + 1 < self._averaged_row:
+            self._averaged_row = 0
+        means = [np.where(rows >= self._averaged_row, each, np.nan) for each in means]
+        self._averaged_row = max(self._averaged_row, self.next_row)
+        plain = [unit.shown(values[channel]) for channel, unit, _ in PLAIN.values()]  # type: ignore[arg-type]
+        further = [unit.shown(values[channel]) for channel, unit in FURTHER.values()]  # type: ignore[arg-type]
+        return Taken(rows, period_s, np.stack([*plain, *means, *further]))
 
     def since(self, count: int) -> dict[str, Any] | None:
         """Return all points after the first `count` that are still stored; None if there are none.
@@ -143,12 +175,18 @@ class Curves:
         return dict(zip(names, (self.epoch, *columns), strict=True))
 
     def _columns(
-        self, values: Mapping[str, Array], test: NDArray[np.int64], shown: Any, period_s: float
+        self, values: Mapping[str, Array], means: list[Array], shown: Any
     ) -> list[list[float | None]]:
         plain = [
             _listed(values[channel][shown] * unit.factor, digits)
             for channel, unit, digits in PLAIN.values()
         ]
+        return [*plain, *(_listed(each[shown], 2) for each in means)]
+
+    def _means(
+        self, values: Mapping[str, Array], test: NDArray[np.int64], period_s: float
+    ) -> list[Array]:
+        """Return the moving averages `AVERAGED` (n,) in kPa, at every sample."""
         averages: dict[str, list[Array]] = {name: [] for name in AVERAGED}
         # The averages begin anew with each test, as the filter does.
         edges = [0, *(np.flatnonzero(np.diff(test)) + 1).tolist(), len(test)]
@@ -159,8 +197,7 @@ class Curves:
                 self._averages = {name: MovingAverage(length) for name in AVERAGED}
             for name, channel in AVERAGED.items():
                 averages[name].append(self._averages[name].take(values[channel][begin:end]))
-        means = (np.concatenate(parts)[shown] * KPA.factor for parts in averages.values())
-        return [*plain, *(_listed(values, 2) for values in means)]
+        return [np.concatenate(parts) * KPA.factor for parts in averages.values()]
 
 
 def _listed(values: Array, digits: int) -> list[float | None]:

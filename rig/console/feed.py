@@ -16,7 +16,8 @@ import numpy as np
 from rig.stream import Life, Snapshot, StreamClient
 from rig.surviving import Surviving
 
-from .curves import AVERAGED_S, CHANNELS, SHOWN_S, Curves
+from .curves import AVERAGED_S, CHANNELS, KEPT, SHOWN_S, Curves
+from .history import MOST_RIGS, History
 from .snapshot_sections import sections
 
 TICK_S: Final = 0.05
@@ -64,12 +65,18 @@ class Sections:
 
 
 class RigFeed:
-    """The sections and curves of one rig, which are updated from its stream."""
+    """The sections and curves of one rig, which are updated from its stream.
 
-    def __init__(self, rig: str) -> None:
+    Args:
+        rig: the rig's id.
+        is_kept: whether its history is kept too.
+    """
+
+    def __init__(self, rig: str, *, is_kept: bool = True) -> None:
         self.rig = rig
         self.sections = Sections()
         self.curves = Curves()
+        self.history = History(KEPT) if is_kept else None
         self._session = ""
         self._noticed_at = 0.0
         self._anew: list[float] = []
@@ -111,7 +118,9 @@ class RigFeed:
             period_s = float(np.median(steps)) if np.isfinite(steps).all() else 0.0
             if 1e-5 < period_s < 1.0:
                 self._period_s = period_s
-        self.curves.take(window, self._period_s)
+        taken = self.curves.take(window, self._period_s)
+        if taken is not None and self.history is not None:
+            self.history.take(taken, time.time_ns() * 1e-9)
 
 
 class Cursor:
@@ -152,7 +161,9 @@ class Feed:
         """
         living: dict[str, Life] = {}
         for rig in self._client.rigs():
-            feed = self._rigs.setdefault(rig, RigFeed(rig))
+            if rig not in self._rigs:
+                self._rigs[rig] = RigFeed(rig, is_kept=len(self._rigs) < MOST_RIGS)
+            feed = self._rigs[rig]
             snapshot = self._client.snapshot(rig)
             # The life is noted first: a rig whose data cannot be shown still counts as alive.
             living[rig] = snapshot.life
@@ -165,6 +176,11 @@ class Feed:
         """Add a notice, with the present time, to the list that all viewers are shown."""
         self._notices.append({"at_ms": time.time_ns() // 10**6, "text": text})
         self.common.put("notices", list(self._notices))
+
+    def history(self, rig: str) -> History | None:
+        """Return the history of a rig; None if the rig is not known, or its history not kept."""
+        feed = self._rigs.get(rig)
+        return None if feed is None else feed.history
 
     def news(self, cursor: Cursor) -> str | None:
         """Return a JSON text with all that a viewer was not sent yet; None if nothing is new.

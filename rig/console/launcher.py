@@ -265,6 +265,18 @@ class Launcher:
         except ControlError as error:
             raise LaunchRefused("; ".join(error.problems)) from None
 
+    @property
+    def may_start(self) -> bool:
+        """Whether campaigns may be started here."""
+        return bool(self._profile)
+
+    def to_check(self, name: str) -> list[str] | None:
+        """Return an offered campaign with its options as `rig check` takes them; None if not."""
+        offer = self.offers.get(name)
+        if offer is None or not self.may_start:
+            return None
+        return [offer.reference, *([] if self._rig is None else ["--rig", self._rig])]
+
     def rig_of(self, name: str) -> str:
         """Return path or name of the rig on which a campaign would run; "" if it is not offered."""
         offer = self.offers.get(name)

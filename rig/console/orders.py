@@ -10,13 +10,16 @@ from rig.accounts import why_not
 from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient, UnknownRigError
 
 from .launcher import ASKED, ENDING, INTERRUPTED, Launched, Launcher, LaunchRefused
+from .queue import Queue, QueueError
 from .visitors import ControlHolder, NotInControl, Visitor
 
 LONGEST_TEXT: Final = 400
 """Most characters of a remark, so that it fits into a command with its writer's name."""
 LONGEST_NAME: Final = 200
 STOP: Final = "stop"
-ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", "set", *COMMANDS)
+QUEUE: Final = ("queue add", "queue move", "queue remove", "queue start", "queue halt")
+"""Orders about the queue: their `name` is a campaign, or the number of an entry."""
+ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", "set", *QUEUE, *COMMANDS)
 EXPIRED: Final = "by a login that has expired"
 """What is recorded of a stop by somebody whose login has expired."""
 STOP_S: Final = 2.5
@@ -54,7 +57,8 @@ class Order:
             alive; a command is refused, as no rig has this id.
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
-            run to resume, whose control is set, or that has ended and is acknowledged; else empty.
+            run to resume, whose control is set, or that has ended and is acknowledged, or the
+            number of an entry of the queue; else empty. Of "queue move" `text` says whither.
     """
 
     order: str
@@ -106,10 +110,18 @@ class Orders:
         client: sends commands to rigs.
         control: records who may act.
         launcher: starts, resumes and stops runs.
+        queue: the campaigns that are started one after another; None if there is no queue.
     """
 
-    def __init__(self, client: StreamClient, control: ControlHolder, launcher: Launcher) -> None:
+    def __init__(
+        self,
+        client: StreamClient,
+        control: ControlHolder,
+        launcher: Launcher,
+        queue: Queue | None = None,
+    ) -> None:
         self._client = client
+        self._queue = queue
         self._control = control
         self._launcher = launcher
         self._one_at_a_time = threading.Lock()
@@ -136,7 +148,7 @@ class Orders:
                 if self._is_done_here(order, visitor):
                     return Answer(True)
             return self._send(cast(CommandName, order.order), order, visitor, COMMAND_S)
-        except (NotInControl, LaunchRefused, UnknownRigError, KeyFileError) as refusal:
+        except (NotInControl, LaunchRefused, QueueError, UnknownRigError, KeyFileError) as refusal:
             return Answer(False, str(refusal))
 
     def leave(self, visitor: Visitor) -> None:
@@ -172,9 +184,34 @@ class Orders:
             self._launcher.set_control(order.name, order.text, visitor.name)
         elif order.order == "acknowledge" and order.name:
             self._launcher.acknowledge(order.name, order.text, visitor.name)
+        elif order.order in QUEUE:
+            self._change_queue(order, visitor)
         else:
             return False
         return True
+
+    def _change_queue(self, order: Order, visitor: Visitor) -> None:
+        if self._queue is None or not self._launcher.may_start:
+            raise LaunchRefused("runs are queued and started on the rig's own machine only")
+        if order.order == "queue add":
+            self._queue.add(order.name, visitor.name)
+        elif order.order == "queue remove":
+            self._queue.remove(order.name)
+        elif order.order == "queue move":
+            self._queue.move(order.name, order.text)
+        elif order.order == "queue start":
+            self._queue.begin(visitor.name)
+        else:
+            self._queue.halt(f"{visitor.name} has halted it")
+
+    def work_off_queue(self) -> None:
+        """Take the changes of the queue's file, and start its next campaign if it is time for it.
+
+        That may wait for another order, and for the disk.
+        """
+        if self._queue is not None:
+            with self._one_at_a_time:
+                self._queue.look()
 
     def _send(self, command: CommandName, order: Order, visitor: Visitor, wait_s: float) -> Answer:
         said = _said(order, visitor)
@@ -189,6 +226,8 @@ class Orders:
         stopped after an abort that was obeyed if its stream was not received yet, as no page can
         show its rig then.
         """
+        if self._queue is not None:
+            self._queue.halt(f"{visitor.name} has stopped {order.rig or 'the rig'}")
         try:
             rig = order.rig or self._only_living()
             answer = self._send("abort", Order(STOP, rig, order.text), visitor, STOP_S)

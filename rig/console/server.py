@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import threading
+import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +31,8 @@ from .launcher import Launcher, Served
 from .logins import LoginFile
 from .members import STOPPING_S, Members
 from .orders import STOP, ForbiddenError, MalformedError, Orders, parse
+from .preview import Preview
+from .queue import Queue, QueueFile
 from .visitors import LIFETIME_S, ControlHolder, LoginRefused, Visitor, Visitors
 
 PAGE: Final = Path(__file__).parent / "page"
@@ -46,6 +49,12 @@ LOOK_S: Final = 0.5
 """Period in s at which started runs, control and viewers are checked and shown."""
 MOST_STOPS: Final = 16
 """Most stops that are carried out at once, in threads of their own beside those of other orders."""
+MOST_WAITING: Final = 4
+"""Most previews that are waited for at once, some seconds each; others wait for their turn."""
+LONGEST_SPAN_S: Final = 8 * 3600
+"""Longest stretch of the history that is sent in one answer, s: all that is kept."""
+LATEST_S: Final = 1e11
+"""Latest end of a stretch, s since 1970: far beyond any clock, and no number that overflows."""
 LOGGED_OUT: Final = 4401
 EXPIRED: Final = 4402
 UNWELCOME: Final = 1008
@@ -89,10 +98,18 @@ class Console:
         self.visitors = Visitors(self.token, file=None if self.members else self.logins)
         self.control = ControlHolder(self.say)
         self.launcher = Launcher(self.served, self.say)
-        self.orders = Orders(self.client, self.control, self.launcher)
+        file = QueueFile(self.served.folder.absolute())
+        self.queue = Queue(file, self.launcher, self.client, self.say)
+        if self.launcher.may_start:
+            self.queue.offer()
+        self.orders = Orders(self.client, self.control, self.launcher, self.queue)
+        self.preview = Preview()
+        self._working: asyncio.Future[None] | None = None
         self.cookie = f"rig-console-{self.address.port}"
         self._refused = Refusals(self.log)
         self._stopping = ThreadPoolExecutor(MOST_STOPS, "stop")
+        # Who waits for a check does so in threads of their own, so that no order waits for them.
+        self._checking = ThreadPoolExecutor(MOST_WAITING, "check")
         self._looked_at = 0.0
         self._survives = Surviving("the console", self.log)
 
@@ -109,6 +126,8 @@ class Console:
             Route("/login", self._log_in, methods=["POST"]),
             Route("/logout", self._log_out, methods=["POST"]),
             Route("/order", self._order, methods=["POST"]),
+            Route("/history", self._history, methods=["GET"]),
+            Route("/preview", self._preview, methods=["GET"]),
             Route("/page/{name}", self._file, methods=["GET"]),
             WebSocketRoute("/live", self._live),
         ]
@@ -144,7 +163,22 @@ class Console:
                 if now - self._looked_at >= LOOK_S:
                     self._looked_at = now
                     self._look()
+                    self._work_off_queue()
             await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
+
+    def _work_off_queue(self) -> None:
+        """Have the queue looked after in a thread, unless that still goes on since the last time.
+
+        The disk may hang, which must delay neither the live views nor a stop.
+        """
+        if not self.launcher.may_start or (self._working is not None and not self._working.done()):
+            return
+
+        def work() -> None:
+            with self._survives:
+                self.orders.work_off_queue()
+
+        self._working = asyncio.get_running_loop().run_in_executor(None, work)
 
     def _look(self) -> None:
         """Check runs and refusals; update the sections on runs, control and viewers.
@@ -161,6 +195,7 @@ class Console:
             if content["last"] is not None:
                 content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())
             self.feed.common.put("launch", content)
+            self.feed.common.put("queue", self.queue.content())
             is_here = self.control.holder in self.viewers
             self.feed.common.put("holder", {**self.control.content(), "here": is_here})
             watching = [{"number": who.number, "name": who.name} for who in self.viewers]
@@ -260,6 +295,43 @@ class Console:
             self._look()
         content = {"accepted": answer.accepted, "reason": answer.reason}
         return JSONResponse(content, 200 if answer.accepted else 409)
+
+    async def _history(self, request: Request) -> Response:
+        """Answer with a stretch of a rig's history: its header, and the values as binary floats.
+
+        The query gives `rig`, `end_ms` (since 1970, or 0 for now), `span_s`, `steps` and `names`,
+        with commas in between.
+        """
+        visitor = self._visitor(request)
+        if visitor is None or visitor.expired:
+            return JSONResponse({"reason": "log in first"}, 401)
+        asked = request.query_params
+        history = self.feed.history(asked.get("rig", ""))
+        if history is None:
+            return JSONResponse({"reason": "no history is kept of this rig"}, 404)
+        try:
+            end_s = int(asked.get("end_ms", "0")[:20]) / 1e3 or time.time_ns() * 1e-9
+            span_s, steps = int(asked.get("span_s", "60")[:8]), int(asked.get("steps", "600")[:8])
+        except ValueError:
+            return JSONResponse({"reason": "end_ms, span_s and steps must be whole numbers"}, 400)
+        if not (0 < span_s <= LONGEST_SPAN_S and steps > 0 and 0 < end_s < LATEST_S):
+            return JSONResponse({"reason": f"span_s must be 1 to {LONGEST_SPAN_S}"}, 400)
+        names = tuple(name for name in asked.get("names", "").split(",") if name)
+        stretch = history.stretch(end_s, float(span_s), names, steps)
+        head = {"x-history": stretch.header()}
+        return Response(stretch.body(), 200, head, "application/octet-stream")
+
+    async def _preview(self, request: Request) -> Response:
+        """Answer with what a start of the query's `campaign` would do, by `rig check`."""
+        visitor = self._visitor(request)
+        if visitor is None or visitor.expired:
+            return JSONResponse({"problems": ["log in first"]}, 401)
+        words = self.launcher.to_check(request.query_params.get("campaign", ""))
+        if words is None:
+            return JSONResponse({"problems": ["this campaign is not offered"]}, 404)
+        loop = asyncio.get_running_loop()
+        found = await loop.run_in_executor(self._checking, self.preview.of, words)
+        return JSONResponse(found)
 
     async def _live(self, socket: WebSocket) -> None:
         visitor = self._visitor(socket)

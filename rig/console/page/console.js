@@ -3,10 +3,14 @@
 import { Alarm } from "./alarm.js";
 import { Chart } from "./chart.js";
 import { ask } from "./dialog.js";
+import { FURTHER, History } from "./history.js";
 import { Link } from "./link.js";
 import { EXPIRED, limit, offerLogin } from "./people.js";
 import { rigState } from "./rig_state.js";
 import { Manual } from "./manual.js";
+import { preview } from "./preview.js";
+import { QueueCard } from "./queue.js";
+import { Trigger } from "./trigger.js";
 import * as views from "./views.js";
 import { clock, element, lasted } from "./words.js";
 
@@ -45,6 +49,7 @@ const CHARTS = {
         band: ["leak_low_L_per_min", "leak_high_L_per_min"] },
     ],
   },
+  further: FURTHER,
 };
 
 const charts = {};
@@ -79,26 +84,20 @@ const manual = new Manual(link);
 const alarm = new Alarm(by("silence"));
 window.rigConsoleAlarm = alarm;
 
-// Paused curves stay as they are, to be read at leisure; nothing else on the page waits.
-let paused = false;
-by("pause").addEventListener("click", () => {
-  paused = !paused;
-  by("pause").textContent = paused ? "Go on" : "Pause the curves";
-  by("pause").setAttribute("aria-pressed", String(paused));
-  by("pause-why").textContent = paused ? `The curves are those of ${clock(Date.now())}; all else is live.` : "";
-  if (!paused && link.points) for (const chart of Object.values(charts)) chart.draw(link.points);
-});
+const history = new History(link, charts);
+window.rigConsoleHistory = history;
+const trigger = new Trigger(link, history);
 
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  for (const chart of Object.values(charts)) { chart.resized = true; if (chart.points) chart.draw(chart.points); }
+  for (const chart of Object.values(charts)) { chart.resized = true; chart.redraw(); }
 });
 
 function render() {
   drawing = false;
   const begun = performance.now();
   const { sections, common } = link;
-  if (dirty.has("rig")) views.clear(charts);
-  if (dirty.has("points") && link.points && !paused) {
+  if (dirty.has("rig")) { views.clear(charts); history.begin(); trigger.disarm("Off: another rig is shown."); }
+  if (dirty.has("points") && link.points && history.isLive) {
     for (const chart of Object.values(charts)) chart.draw(link.points);
     frames += 1;
   }
@@ -111,6 +110,7 @@ function render() {
     if (views[name] && (name in sections || name in common)) views[name](link);
   }
   if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks", "role"].some((name) => dirty.has(name))) actions();
+  if (["queue", "launch", "holder", "role"].some((name) => dirty.has(name))) queue.show();
   if (sections.life?.life !== render.life) {
     render.life = sections.life?.life;
     views.campaign(link);
@@ -234,6 +234,8 @@ function actions() {
   limit(link, isMine());
 }
 
+const queue = new QueueCard(link, order, isMine);
+
 function toast(text, how = "") {
   const shown = element("p", `toast ${how}`, text);
   by("toasts").append(shown);
@@ -300,7 +302,8 @@ const skippable = () => tests().filter((test) => !test.status || test.name === p
 const repeatable = () => tests().filter((test) => test.status);
 const DIALOGS = {
   start: () => ({
-    title: "Start a campaign", confirm: "Start",
+    title: "Start a campaign", confirm: "Start", isWide: true,
+    shown: (place, name) => preview(place, name.startsWith(GO_ON) ? "" : name),
     text: "It begins at once: on hardware the rig is armed, and its reset button is waited for.",
     choice: { label: "Campaign", options: [
       ...link.common.launch.offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]),

@@ -6,6 +6,7 @@ const shade = document.getElementById("shade");
 const form = dialog.querySelector("form");
 const choice = document.getElementById("dialog-choice");
 const remark = document.getElementById("dialog-remark");
+const details = document.getElementById("dialog-details");
 const confirm = form.querySelector('[value="confirm"]');
 const cancel = form.querySelector('[value="cancel"]');
 let settle = null;
@@ -14,6 +15,7 @@ let before = null;
 function end(result) {
   if (!settle) return;
   dialog.close();
+  delete details.dataset.campaign;
   shade.hidden = true;
   document.querySelector("main").inert = false;
   const done = settle;
@@ -37,7 +39,8 @@ document.addEventListener("keydown", (event) => {
 });
 
 // Asks; gives {name, text}, or null if it is not to be done.
-// told: title, text, confirm, danger, choice: {label, options: [[value, text]]}, remark, needed.
+// told: title, text, confirm, danger, choice: {label, options: [[value, text]]}, remark, needed, isWide;
+// shown: a function that fills a place below the text, which is told the choice, also when that changes.
 export function ask(told) {
   end(null);
   before = document.activeElement;
@@ -52,11 +55,17 @@ export function ask(told) {
   remark.querySelector("span").textContent = told.remark ?? "";
   input.value = "";
   input.required = Boolean(told.needed);
+  dialog.classList.toggle("wide", Boolean(told.isWide));
+  details.hidden = !told.shown;
+  details.replaceChildren();
+  delete details.dataset.campaign;
+  select.onchange = told.shown ? () => told.shown(details, select.value) : null;
   confirm.textContent = told.confirm;
   confirm.classList.toggle("danger", Boolean(told.danger));
   shade.hidden = false;
   document.querySelector("main").inert = true;
   dialog.show();
+  told.shown?.(details, select.value);
   (told.choice ? select : told.remark ? input : confirm).focus();
   return new Promise((resolve) => { settle = resolve; });
 }

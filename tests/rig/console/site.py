@@ -81,7 +81,8 @@ class Site:
         connection.endheaders()
         connection.send(content)
         got = connection.getresponse()
-        reply = Reply(got.status, {k.lower(): v for k, v in got.getheaders()}, got.read().decode())
+        headers = {k.lower(): v for k, v in got.getheaders()}
+        reply = Reply(got.status, headers, got.read().decode(errors="replace"))
         connection.close()
         return reply
 

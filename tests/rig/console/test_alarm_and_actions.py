@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
@@ -171,3 +172,80 @@ def test_pressures_a_little_below_zero_open_no_axis_below_it_and_curves_can_be_p
     assert page.evaluate("rigConsoleFrames()") == frames
     page.locator("#pause").click()
     until(lambda: page.evaluate("rigConsoleFrames()") > frames, "the curves to go on")
+
+
+def test_the_history_is_scrolled_scaled_and_triggered_on_the_page(
+    site: Site, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each step by its least and greatest value, and never across a gap, which is null.
+    crossings = page.evaluate(
+        """async () => {
+          const { crossing } = await import("/page/trigger.js");
+          const rising = (low, high = low) => crossing(low, high, 5, true);
+          return [rising([1, 9]), rising([1, null, 9]), rising([9, 1, 1, 6]), rising([6, 9]),
+            rising([1, 1, 1], [1, 8, 1]), crossing([9, 4], [9, 9], 5, false),
+            rising([9, 4], [9, 9])];
+        }"""
+    )
+    assert crossings == [1, -1, 3, -1, 1, 1, -1]
+    plain = site.client.window
+
+    def window(*given: Any, **more: Any) -> Window:
+        found = plain(*given, **more)
+        # The ram jumps to and fro between 0 and 200 mm, a fifth of a second of its rows each.
+        jumps = np.where(found.row // 200 % 2, 0.2, 0.0)
+        return replace(found, values={**found.values, "position_m": jumps})
+
+    monkeypatch.setattr(site.client, "window", window)
+    page.select_option("#span", "60")
+    expect(page.locator("[data-chart=further]")).to_be_visible()
+    page.fill("#trigger-level", "100")
+    page.locator("#trigger-arm").click()
+    expect(page.locator("#trigger-said")).to_contain_text("Fired at")
+    assert page.evaluate("rigConsoleHistory.frozen.level.value") == 100
+    page.locator("#scale").click()
+    low, high = (page.locator("[data-chart=motion] .ends input").nth(k) for k in (0, 1))
+    low.fill("50")
+    high.fill("150")
+    high.press("Tab")
+    assert page.evaluate("rigConsoleHistory.charts.motion.fixed") == {"low": 50, "high": 150}
+    page.locator("#scale").click()
+    end = page.evaluate("rigConsoleHistory.end_ms")
+    page.locator("#earlier").click()
+    until(lambda: page.evaluate("rigConsoleHistory.end_ms") == end - 30_000, "half a span back")
+    page.locator("#trigger-arm").click()
+    expect(page.locator("#trigger")).to_have_attribute("data-state", "armed")
+    page.locator("#trigger-arm").click()
+    page.select_option("#span", "10")
+    expect(page.locator("[data-chart=further]")).to_be_hidden()
+
+
+def test_the_queue_is_edited_and_a_start_is_shown_beforehand_on_the_page(
+    site: Site, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console, asked = site.console, []
+    launched(None, lambda site: None)(site)
+    monkeypatch.setattr(type(console.launcher), "may_start", True)
+    monkeypatch.setattr(console.launcher, "to_check", lambda name: [name])
+    entries = [
+        {"number": k, "campaign": "leaks", "by": who, "at_ms": 0, "begun": False}
+        for k, who in ((4, "Bo"), (7, "Eve"))
+    ]
+    queue = {"entries": entries, "by": "", "why": "Eve has stopped bench"}
+    monkeypatch.setattr(console.queue, "content", lambda: queue)
+    monkeypatch.setattr(console.queue, "look", lambda: None)
+    for name in ("add", "move", "remove", "begin"):
+        monkeypatch.setattr(
+            console.queue, name, lambda *given, name=name: asked.append((name, *given))
+        )
+    found = [{"pending": True}, {"problems": ["leaks.yaml:4:2 far: 0.9 m is above 0.6 m"]}]
+    monkeypatch.setattr(console.preview, "of", lambda words: found.pop(0))
+    expect(page.locator("#queue-entries li")).to_contain_text(["by Bo", "by Eve"])
+    expect(page.locator("#queue-state")).to_contain_text("Eve has stopped bench.")
+    page.locator("#queue-add").click()
+    expect(page.locator("#dialog-details")).to_contain_text("leaks.yaml:4:2 far: 0.9 m")
+    page.locator("#dialog select").press("Enter")
+    page.get_by_label("leaks, number 7: earlier").click()
+    page.get_by_label("leaks, number 4: remove").click()
+    wanted = [("add", "leaks", "Anna"), ("move", "7", "earlier"), ("remove", "4")]
+    until(lambda: asked == wanted, "the queue's changes")

@@ -1,3 +1,4 @@
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,12 @@ def test_a_campaign_is_reported_as_it_would_run(invoke: Invoke, campaign_file: P
     assert "2 tests on the rig simulated" in done.out
     assert "leak [low]: 14 s after 0.5 s of settling" in done.out
     assert "fault external_leakage_1 at 8 s" in done.out
+    as_json = json.loads(invoke("check", "--json", campaign_file).out)[0]
+    assert as_json["text"] == done.out.rstrip("\n")
+    leak = as_json["tests"][1]
+    assert (leak["duration_s"], leak["settle_s"]) == (14.0, 0.5)
+    assert leak["faults"][0].startswith("external_leakage_1 at 8 s")
+    assert any(line.startswith("limits ") for line in as_json["rig"])
 
 
 def test_rigs_and_models_are_checked_by_name_too(invoke: Invoke) -> None:

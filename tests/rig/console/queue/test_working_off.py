@@ -1,0 +1,184 @@
+"""The queue is worked off while somebody wants it, and halts when somebody should look."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rig.accounts import Role, why_not
+from rig.console.launcher import Launcher, LaunchRefused, Offer, Served
+from rig.console.orders import QUEUE, STOP, Order, Orders
+from rig.console.queue import Queue, QueueFile
+from rig.console.visitors import ControlHolder, Visitor
+
+from ..fakes import RUNNING, FakeClient
+
+ANNA, BO = Visitor(1, "Anna", 9e9), Visitor(2, "Bo", 9e9)
+
+
+class FakeLauncher(Launcher):
+    """A launcher whose runs last until a test ends them."""
+
+    def __init__(self, folder: Path) -> None:
+        offers = (Offer("a", "a", "", "bench", 1), Offer("b", "b", "", "bench", 1))
+        super().__init__(Served(offers, folder, "loopback"), lambda text: None)
+        self.begun: list[tuple[str, str]] = []
+        self.running: Any = None
+        self.refusal = ""
+
+    def start(self, name: str, by: str) -> None:
+        if self.refusal:
+            raise LaunchRefused(self.refusal)
+        self.begun.append((name, by))
+        self.running = SimpleNamespace(name=name, exit_code=None, asked=False)
+
+    def present(self) -> Any:
+        return self.running if self.running and self.running.exit_code is None else None
+
+    def stop(self, said: str, by: str = "") -> str:
+        return ""
+
+
+class Bench:
+    """A queue of a and b, with the orders of Anna, who has control."""
+
+    def __init__(self, folder: Path) -> None:
+        self.client = FakeClient(RUNNING)
+        self.client.become("bench", alive=False, campaign={"status": "ended", "exit_code": 0})
+        self.launcher = FakeLauncher(folder)
+        self.said: list[str] = []
+        self.queue = Queue(QueueFile(folder), self.launcher, self.client, self.said.append)
+        self.queue.offer()
+        control = ControlHolder(lambda text: None)
+        control.take(ANNA)
+        self.orders = Orders(self.client, control, self.launcher, self.queue)
+        self.order("queue add", "a")
+        self.queue.add("b", "Bo")
+
+    def order(self, order: str, name: str = "", text: str = "", who: Visitor = ANNA) -> str:
+        return self.orders.carry_out(Order(order, "bench", text, name), who).reason
+
+    def end(self, exit_code: int) -> None:
+        self.launcher.running.exit_code = exit_code
+        self.orders.work_off_queue()
+
+    @property
+    def waiting(self) -> list[str]:
+        return [each["campaign"] for each in self.queue.content()["entries"]]
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path)
+
+
+def test_one_after_another_is_started_once_somebody_wants_it(bench: Bench) -> None:
+    bench.orders.work_off_queue()
+    assert bench.launcher.begun == []
+    assert bench.order("queue start") == ""
+    bench.orders.work_off_queue()
+    bench.orders.work_off_queue()
+    assert bench.launcher.begun == [("a", "Anna")]
+    assert bench.waiting == ["b"]
+    bench.end(1)  # a test failed: the campaign came to its end all the same
+    assert bench.launcher.begun[1:] == [("b", "Bo, queue of Anna")]
+    bench.end(0)
+    assert bench.queue.content() == {"entries": [], "by": "", "why": "all that was queued has run"}
+    assert bench.order("queue start") == "nothing is queued; add a campaign first"
+
+
+@pytest.mark.parametrize("exit_code", [2, 3, -9])
+def test_after_a_trip_a_stop_or_a_kill_nothing_more_is_started(
+    bench: Bench, exit_code: int
+) -> None:
+    bench.order("queue start")
+    bench.orders.work_off_queue()
+    bench.end(exit_code)
+    assert bench.launcher.begun == [("a", "Anna")]
+    assert bench.queue.content()["why"] == f"a ended with exit code {exit_code}"
+    assert bench.waiting == ["b"]
+
+
+def test_whoever_stops_halts_the_queue_as_well_even_while_its_start_is_written(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.order("queue start")
+    plain = bench.queue.file.begin
+    stopped: list[bool] = []
+
+    def begin(number: int, is_begun: bool) -> Any:
+        held = plain(number, is_begun)
+        if not stopped:
+            stopped.append(True)
+            bench.order(STOP, who=BO)
+        return held
+
+    monkeypatch.setattr("rig.console.queue.working_off.HALT_S", 0.01)
+    monkeypatch.setattr(bench.queue.file, "begin", begin)
+    bench.orders.work_off_queue()
+    assert bench.launcher.begun == []
+    assert bench.waiting == ["a", "b"]
+    assert bench.queue.content()["why"] == "Bo has stopped bench"
+
+
+def test_a_run_that_was_stopped_before_the_queue_was_started_does_not_halt_it(
+    bench: Bench,
+) -> None:
+    bench.launcher.running = SimpleNamespace(name="old", exit_code=None, asked=True)
+    bench.order("queue start")
+    bench.orders.work_off_queue()
+    assert bench.queue.content()["why"] == "waits for the end of old"
+    bench.end(3)
+    assert bench.launcher.begun == [("a", "Anna")]
+
+
+def test_a_rig_that_something_else_drives_is_waited_for_unless_that_ends_badly(
+    bench: Bench,
+) -> None:
+    for exit_code, begun in ((0, 1), (3, 1)):
+        bench.client.become("bench", alive=True, campaign={"status": "running"})
+        bench.order("queue start")
+        bench.orders.work_off_queue()
+        assert bench.queue.content()["why"] == "waits for bench, which something else drives"
+        ended = {"status": "ended", "exit_code": exit_code}
+        bench.client.become("bench", alive=False, campaign=ended)
+        bench.orders.work_off_queue()
+        assert len(bench.launcher.begun) == begun
+        bench.launcher.running = None
+    assert bench.queue.content()["why"] == "what drove bench ended with exit code 3"
+
+
+def test_a_console_that_is_started_anew_starts_nothing_by_itself(
+    bench: Bench, tmp_path: Path
+) -> None:
+    bench.order("queue start")
+    bench.queue.file.begin(1, True)  # the console is killed in the moment of the start
+    again = Queue(QueueFile(tmp_path), bench.launcher, bench.client, bench.said.append)
+    again.look()
+    assert bench.launcher.begun == []
+    again.begin("Anna")
+    again.look()
+    assert bench.launcher.begun == []
+    assert "see whether it ran" in again.content()["why"]
+    again.remove("1")
+    again.begin("Anna")
+    again.look()
+    assert bench.launcher.begun == [("b", "Bo, queue of Anna")]
+
+
+def test_a_start_that_is_refused_stays_in_the_queue_with_its_reason(bench: Bench) -> None:
+    bench.launcher.refusal = "it cannot be started: no memory"
+    bench.order("queue start")
+    bench.orders.work_off_queue()
+    assert bench.waiting == ["a", "b"]
+    assert bench.queue.content()["why"].startswith("a was not started: it cannot be started")
+
+
+def test_who_has_not_control_or_not_the_role_changes_nothing(bench: Bench) -> None:
+    for order in QUEUE:
+        assert "control" in bench.order(order, "1", "later", who=BO)
+        assert why_not(order, Role.VIEWER)
+    assert bench.waiting == ["a", "b"]
+    assert bench.order("queue move", "1", "away") == "an entry is moved earlier, later or first"
+    assert bench.order("queue remove", "x") == "name the entry by its number"
