@@ -9,9 +9,8 @@ The signature of an operator for given types is looked up once and kept. Numba w
 definitions of the operator at each place where it stands, which takes a fifth of the time that
 compiling takes.
 
-Three things that nobody here uses are left out, which saves an eighth of that time: the entry of a
-function for C, the times that numba measures while it compiles, and the sizes in the message about
-an array that does not fit the slice to which it is assigned.
+Two things that nobody here uses are left out: the times that numba measures while it compiles, and
+the sizes in the message about an array that does not fit the slice to which it is assigned.
 """
 
 from .compile_cache import use_compile_cache
@@ -22,9 +21,8 @@ from collections.abc import Callable, Iterator  # noqa: E402
 from contextlib import contextmanager  # noqa: E402
 from typing import Any  # noqa: E402 (numba reads at its import where compiled code is kept)
 
-import numba  # noqa: E402
 from llvmlite import ir  # noqa: E402
-from numba import types  # noqa: E402
+from numba import njit as njit, types  # noqa: E402
 from numba.core import cgutils, event  # noqa: E402
 from numba.core.boxing import unbox_tuple  # noqa: E402
 from numba.core.codegen import CPUCodeLibrary  # noqa: E402
@@ -34,11 +32,6 @@ from numba.core.pythonapi import NativeValue, unbox  # noqa: E402
 from numba.core.types.functions import BaseFunction  # noqa: E402
 from numba.extending import overload  # noqa: E402
 from numba.np import arrayobj  # noqa: E402
-
-
-def njit(*arguments: Any, **options: Any) -> Any:
-    """Return what `numba.njit` returns; functions get no entry for C, unless the options say so."""
-    return numba.njit(*arguments, **{"no_cfunc_wrapper": True} | options)
 
 
 class _Whole:

@@ -97,6 +97,14 @@ def nodes_of(file: Path) -> list[ast.AST]:
     return list(ast.walk(tree_of(file)))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def trees_forgotten() -> Iterator[None]:
+    """Drop the trees of all modules after these tests, as they are millions of objects."""
+    yield
+    nodes_of.cache_clear()
+    tree_of.cache_clear()
+
+
 @cache
 def providers() -> Mapping[str, list[str]]:
     return packages_distributions()
