@@ -117,7 +117,7 @@ export class Trigger {
   fire(mark_ms) {
     this.state = "fired";
     const part = String(Math.floor((mark_ms % 1000) / 10)).padStart(2, "0");
-    this.tell(`Fired at ${clock(Math.floor(mark_ms / 1000) * 1000)}.${part}: ${this.words}. The curves stay there.`);
+    this.tell(`Fired at ${clock(Math.floor(mark_ms / 1000) * 1000)}.${part}: ${this.words}.`);
     this.history.freeze(mark_ms, { key: this.key, value: this.level }, Math.min(this.history.span_s / 2, AFTER_S));
   }
 }

@@ -3,10 +3,6 @@
 Both the console and `rig queue` change the file. Only a console starts what is in it.
 """
 
-from .queue_file import (
-    FILE_NAME as FILE_NAME,
-    Queued as Queued,
-    QueueError as QueueError,
-    QueueFile as QueueFile,
-)
-from .working_off import Queue as Queue
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
