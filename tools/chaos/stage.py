@@ -272,8 +272,8 @@ class Stage:
 
     @property
     def printed(self) -> str:
-        """What `rig run`, as it was started last, has printed so far."""
-        return self._printed.read_text()
+        """What `rig run`, as it was started last, has printed so far; "" if it was not started."""
+        return self._printed.read_text() if self._printed.exists() else ""
 
     def wait(self, done: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
         """Wait until `done()` returns True.
