@@ -27,6 +27,8 @@ HOME: Final = ("home", "--rig", "rig.yaml", *STREAMED)
 CALIBRATE: Final = ("calibrate", "valves", "--rig", "rig.yaml", "--points", "2", *STREAMED)
 RUN: Final = ("run", "campaign.yaml", "--out", "out", "--by", "Bo", *STREAMED)
 JOG: Final = ("jog", "rig.yaml", *STREAMED)
+_ENDS: Final = ("returned", "died", "left")
+"""Kinds of the lines by which a lease ends in a station's log (`rig.runner.station`)."""
 
 
 class Lab:
@@ -85,9 +87,21 @@ class Lab:
             if entry["kind"] == "lent":
                 found = re.search(r"\(process (\d+)\)$", entry["text"])
                 pid = int(found[1]) if found else None
-            elif entry["kind"] in ("returned", "died", "left"):
+            elif entry["kind"] in _ENDS:
                 pid = None
         return pid
+
+    def lease_of(self, pid: int) -> list[str]:
+        """Return the kinds of lines that the station has kept of the lease of a process.
+
+        They are "lent", and "returned", "died" or "left" if it has ended; [] if it got none.
+        """
+        log, lent = self.log, f"(process {pid})"
+        for number, entry in enumerate(log):
+            if entry["kind"] == "lent" and entry["text"].endswith(lent):
+                kinds = [later["kind"] for later in log[number + 1 :]]
+                return ["lent", *[kind for kind in kinds if kind in _ENDS][:1]]
+        return []
 
     def status(self) -> Any:
         """Return what the station tells of itself."""
@@ -101,6 +115,11 @@ class Lab:
             lambda: self.driver() == client.pid or client.poll() is not None, "lease", COMPILE_S
         )
         return client
+
+    def is_idle(self) -> bool:
+        """Return whether the station has read the rig since the last client had it, by its log."""
+        kinds = [entry["kind"] for entry in self.log if entry["kind"] != "told"]
+        return bool(kinds) and kinds[-1] == "found"
 
     def found_again(self, before: int) -> None:
         """Wait until a station has read the rig more often than `before`."""
