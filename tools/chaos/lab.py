@@ -51,7 +51,7 @@ class Lab:
         file.write_text(yaml.safe_dump(rig))
 
     def rig(self, *arguments: str, folder: Path | None = None) -> "subprocess.Popen[str]":
-        """Start a `rig` command in the stage's folder, or another one, with pipes to and from it."""
+        """Start a `rig` command in the stage's folder or another one, with pipes to and from it."""
         program = subprocess.Popen(
             [sys.executable, "-m", "rig.cli", *arguments],
             cwd=folder or self.stage.folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
