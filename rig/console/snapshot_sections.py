@@ -176,7 +176,7 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
         return {}
     names = (
         "status", "name", "activity", "begun_by", "description", "rig", "model", "filter",
-        "directory", "reason",
+        "directory", "reason", "hands_over",
     )  # fmt: skip
     held = campaign.get("held")
     return {

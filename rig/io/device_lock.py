@@ -3,14 +3,18 @@
 import fcntl
 import hashlib
 import os
+import pwd
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from .driver import DriverError
 from .registry import DriverSpec
+
+OF_ANOTHER_USER: Final = " of the user "
+"""Stands between the process id and the user's name of who has a lock."""
 
 
 def connection_of(options: Any) -> str | None:
@@ -81,7 +85,7 @@ def in_use(drivers: Iterable[DriverSpec]) -> str:
 
 
 def _owner_of(name: str) -> str:
-    """Return the process id of who has the lock of a name, or "unknown"; "" if nobody has it."""
+    """Return who has the lock of a name (`LockedError.owner`); "" if nobody has it."""
     try:
         fd = os.open(_lock_file(name), os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
     except OSError:
@@ -89,10 +93,28 @@ def _owner_of(name: str) -> str:
     try:
         fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        return os.read(fd, 32).decode(errors="replace").strip() or "unknown"
+        return _owner_in(fd)
     finally:
         os.close(fd)
     return ""
+
+
+def _owner_in(fd: int) -> str:
+    """Return who has a lock (`LockedError.owner`) by what its file says."""
+    pid = os.read(fd, 32).decode(errors="replace").strip()
+    if not pid.isdecimal():
+        return "unknown"
+    try:
+        uid = os.stat(f"/proc/{pid}").st_uid
+    except OSError:
+        return pid
+    if uid == os.getuid():
+        return pid
+    try:
+        user = pwd.getpwuid(uid).pw_name
+    except KeyError:
+        user = str(uid)
+    return f"{pid}{OF_ANOTHER_USER}{user}"
 
 
 def _lock_file(name: str) -> Path:
@@ -108,7 +130,7 @@ def _lock(driver: str, connection: str) -> Iterator[None]:
             lock.enter_context(locked(connection))
         except LockedError as error:
             state = f"{connection} is in use by the process {error.owner}"
-            raise DriverError(driver, state, "end that run, or wait for its end") from None
+            raise DriverError(driver, state, _remedy(error.owner)) from None
         except OSError as error:
             state = f"the lock of {connection} cannot be opened: {error}"
             remedy = f"delete {error.filename} if no program uses the device"
@@ -116,11 +138,23 @@ def _lock(driver: str, connection: str) -> Iterator[None]:
         yield
 
 
+def _remedy(owner: str) -> str:
+    """Return what to do about a device that somebody has (`LockedError.owner`)."""
+    _, other, user = owner.partition(OF_ANOTHER_USER)
+    if not other:
+        return "end that run, or wait for its end"
+    return (
+        f"wait for its end, or ask {user} to end it; if it is a station, it lends the rig to "
+        f"commands of {user} only"
+    )
+
+
 class LockedError(Exception):
     """Raised if somebody else has a lock.
 
     Attributes:
-        owner: process id of who has it, or "unknown".
+        owner: process id of who has it, and after `OF_ANOTHER_USER` the name of that user, if it
+            is not this one; or "unknown".
     """
 
     def __init__(self, owner: str) -> None:
@@ -141,8 +175,7 @@ def locked(name: str) -> Iterator[None]:
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            owner = os.read(fd, 32).decode(errors="replace").strip() or "unknown"
-            raise LockedError(owner) from None
+            raise LockedError(_owner_in(fd)) from None
         os.truncate(fd, 0)
         os.write(fd, str(os.getpid()).encode())
         yield

@@ -184,7 +184,7 @@ class Stage:
         Raises:
             StageError: the console does not start.
         """
-        (port,) = _free_ports(1)
+        (port,) = free_ports(1)
         given = ("--listen", f"127.0.0.1:{port}", "--profile", self.stream.name)
         console = self._python("console", *given, output=subprocess.PIPE)
         self._ends.callback(_end, console, signal.SIGKILL)
@@ -272,8 +272,8 @@ class Stage:
 
     @property
     def printed(self) -> str:
-        """What `rig run`, as it was started last, has printed so far."""
-        return self._printed.read_text()
+        """What `rig run`, as it was started last, has printed so far; "" if it was not started."""
+        return self._printed.read_text() if self._printed.exists() else ""
 
     def wait(self, done: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
         """Wait until `done()` returns True.
@@ -385,7 +385,7 @@ def _write_rig(folder: Path, *, emulated: bool) -> None:
     name = "emulated" if emulated else "simulated"
     rig = yaml.safe_load((ROOT / "config" / "rigs" / f"{name}.yaml").read_text())
     if emulated:
-        daq, bypass, bus = _free_ports(3)
+        daq, bypass, bus = free_ports(3)
         rig["drivers"]["daq"]["port"] = daq
         rig["drivers"]["bypass"]["port"] = bypass
         rig["drivers"]["meters"]["port"] = str(folder / "meters")
@@ -398,7 +398,7 @@ def _write_rig(folder: Path, *, emulated: bool) -> None:
 def _write_stream(path: Path) -> None:
     """Write the shipped profile of the live stream, `loopback`, with a free port."""
     profile = yaml.safe_load((ROOT / "config" / "stream" / "loopback.yaml").read_text())
-    (port,) = _free_ports(1)
+    (port,) = free_ports(1)
     path.write_text(yaml.safe_dump({**profile, "listen": [f"tcp/127.0.0.1:{port}"]}))
 
 
@@ -409,7 +409,8 @@ def _write_campaign(folder: Path, tests: Sequence[Mapping[str, Any]]) -> None:
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
 
 
-def _free_ports(count: int) -> list[int]:
+def free_ports(count: int) -> list[int]:
+    """Return so many TCP ports of this machine that nobody listens at."""
     with ExitStack() as sockets:
         opened = [sockets.enter_context(socket.socket()) for _ in range(count)]
         for each in opened:

@@ -17,6 +17,7 @@ from rig.cli.rig_failures import failures_reported
 from rig.cli.screen import Screen
 from rig.configuration import Rig, load_model, load_rig
 from rig.control_socket import own_name
+from rig.io import in_use
 from rig.runner import Observer, StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
 from rig.runner.run_folder import file_stem
@@ -155,7 +156,10 @@ def _show_status(rig: Rig, *, as_json: bool) -> int:
     if as_json:
         click.echo(json.dumps(found))
     elif found is None:
-        click.echo(f"{rig.name}: no station of this user; start one: rig station RIG")
+        # Another user's station is not found by its socket, but the devices that it reads are.
+        used = in_use(rig.drivers)
+        remedy = f"and {used}" if used else "start one: rig station RIG"
+        click.echo(f"{rig.name}: no station of this user; {remedy}")
     else:
         click.echo(
             f"{rig.name}: station is process {found['pid']}, version {found['version']}, since "

@@ -25,6 +25,10 @@ const waits = ({ pausing, held } = {}) => Boolean(pausing) || (held?.length ?? 0
 const begunBy = (campaign) => (campaign?.begun_by ? ` Begun by ${campaign.begun_by}.` : "");
 const capital = (text) => `${text[0].toUpperCase()}${text.slice(1)}`;
 
+// The rig is left by its station, and not read yet by who has asked for it. After so many seconds that one has failed to connect.
+const LONGEST_HANDOVER_S = 60;
+const handsOver = (campaign) => ["warn", "Changing hands", `The station leaves the rig to ${sentence(campaign.hands_over)} Until that is heard, nobody reads the rig.`];
+
 // A run that was started here, has ended badly, and never came to be the one that is shown.
 function failedStart({ common, sections }) {
   const last = common.launch?.last;
@@ -33,12 +37,13 @@ function failedStart({ common, sections }) {
   return last.started_ms >= (campaign?.begun_ms ?? 0) ? last : null;
 }
 
-function ended({ campaign, interlocks }) {
+function ended({ life, campaign, interlocks }) {
   const tests = campaign.tests ?? [];
   const failed = of(tests, "failed", "error");
   const count = `${failed.length} of ${tests.length} ${tests.length === 1 ? "test" : "tests"}`;
   const first = interlocks?.first_out?.[0];
   const tripped = of(tests, "tripped")[0];
+  if (campaign.hands_over && !first && !(life.age_s > LONGEST_HANDOVER_S)) return handsOver(campaign);
   if (campaign.activity?.startsWith("idle:") && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
   if (campaign.activity && !first && !tripped) {
     return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
@@ -64,6 +69,7 @@ function live({ life, campaign, progress, interlocks }) {
   const first = interlocks?.first_out?.[0];
   if (first) return ["bad", "Tripped", trip(first)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
+  if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
   if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
   const tests = campaign.tests ?? [];

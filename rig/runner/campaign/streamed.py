@@ -112,6 +112,11 @@ class StreamedRun(Observer, Onlooker):
         """Send the state that the session on hardware has come to."""
         self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
 
+    def hands_over(self, to: str) -> None:
+        """Send to whom a station leaves the rig, which nobody reads until that one has connected."""
+        self._campaign["hands_over"] = to
+        self._list_tests(last=True)
+
     def campaign_begins(
         self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
     ) -> None:

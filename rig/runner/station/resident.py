@@ -224,6 +224,8 @@ class Resident:
                 session.going_on()
                 self._keeper.changed.wait(POLL_S)
                 self._keeper.changed.clear()
+            if not self._stop.requested:
+                onlooker.hands_over(yielding.reason)
         except TripError as error:
             tripped = error
             raise

@@ -36,3 +36,9 @@ class Onlooker:
 
     def came_to(self, state: str) -> None:
         """Learn the session's new state."""
+
+    def hands_over(self, to: str) -> None:
+        """Learn that the session, of a station, ends now to leave the rig to who has asked for it.
+
+        `to` says what for and who, as in "homing, asked by Bo".
+        """

@@ -84,6 +84,18 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
             status="ended", activity="idle: nothing drives", tests=[], exit_code=0)),
         "off", "Idle", "The station has left the rig", {"start"},
     ),
+    "left by its station to somebody": (
+        rig(alive=False, age_s=2.0, progress={}, campaign=campaign(
+            status="ended", activity="idle: nothing drives", tests=[], exit_code=0,
+            hands_over="homing, asked by Bo")),
+        "warn", "Changing hands", "leaves the rig to homing, asked by Bo. Until", {"start"},
+    ),
+    "left to somebody who never came": (
+        rig(alive=False, age_s=90.0, progress={}, campaign=campaign(
+            status="ended", activity="idle: nothing drives", tests=[], exit_code=0,
+            hands_over="homing, asked by Bo")),
+        "off", "Idle", "The station has left the rig", {"start"},
+    ),
     "connecting": (
         in_state("connecting", "", ""), "warn", "Connecting", "opened", {"hold", "skip"}
     ),

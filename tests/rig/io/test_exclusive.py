@@ -1,6 +1,7 @@
 """Two programs never drive the same device: the second learns who has it."""
 
 import os
+import pwd
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -55,6 +56,18 @@ def test_whether_a_device_is_in_use_is_known_without_taking_it(device: DriverSpe
         why = f"daq: 127.0.0.1:1 is in use by the process {os.getpid()}"
         assert in_use([spec("meters", Options(port=2)), device]) == why
     assert in_use([device]) == ""
+
+
+def test_of_another_users_program_the_user_is_named_with_what_can_be_done(
+    device: DriverSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with exclusive([device]):
+        user = pwd.getpwuid(os.stat("/proc/self").st_uid).pw_name
+        monkeypatch.setattr(os, "getuid", lambda: -1)
+        whose = f"in use by the process {os.getpid()} of the user {user}"
+        assert in_use([device]) == f"daq: 127.0.0.1:1 is {whose}"
+        with pytest.raises(DriverError, match=f"{whose}.*lends the rig to commands of {user} only"):
+            exclusive([device]).__enter__()
 
 
 def test_two_drivers_of_a_rig_with_the_same_device_are_both_named(device: DriverSpec) -> None:

@@ -133,6 +133,13 @@ def test_what_is_no_campaign_is_told_once_its_rig_is_connected_with_who_asked_fo
     assert (stream.told[-1]["status"], stream.told[-1]["exit_code"]) == ("ended", 0)
 
 
+def test_who_watches_learns_to_whom_a_station_leaves_the_rig() -> None:
+    stream, run = homing()
+    run.connected(Board.create(2), ("position_m", "command_V"))
+    run.hands_over("tuning, asked by Ben")
+    assert stream.told[-1]["hands_over"] == "tuning, asked by Ben"
+
+
 def test_who_watches_learns_why_it_ended_early() -> None:
     stream, run = homing()
     run.connected(Board.create(2), ("position_m", "command_V"))

@@ -106,8 +106,8 @@ class Session:
         return {}
 
 
-class Station:
-    """A station in a thread, with what it keeps in its log."""
+class Station(Onlooker):
+    """A station in a thread, with what it keeps in its log and has told its onlooker."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -120,6 +120,7 @@ class Station:
             self._watched, lambda *arguments: cast(Any, Session()),
         )  # fmt: skip
         self.ended_with: TripError | None = None
+        self.handed_over: list[str] = []
         self.thread = threading.Thread(target=self._run)
 
     def _run(self) -> None:
@@ -131,7 +132,10 @@ class Station:
     @contextmanager
     def _watched(self, obey: Any) -> Iterator[Any]:
         self.obey = obey
-        yield lambda line: None, Onlooker()
+        yield lambda line: None, self
+
+    def hands_over(self, to: str) -> None:
+        self.handed_over.append(to)
 
     def kept(self, kind: str) -> list[str]:
         path = self.folder / LOG
@@ -183,6 +187,7 @@ def test_it_leaves_the_rig_to_who_asks_and_takes_it_back(
     assert Session.left == 1
     station.keeper.ends(said=said)
     until(lambda: len(station.kept("found")) == 2, "the rig to be read again")
+    assert station.handed_over == ["homing, asked by Bo"]
     assert station.kept("lent") == ["homing, asked by Bo, drives (process 7)"]
     assert station.kept(kind)
 

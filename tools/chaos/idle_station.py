@@ -1,0 +1,90 @@
+"""Lets a station stand idle, and tells how memory, descriptors and disk grow in that time.
+
+Run as `python -m tools.chaos.idle_station [--minutes 30] [--hours 8]`. An idle station is bound to
+the wall clock, as its devices are, so that its eight hours are not played: the slopes of a shorter
+time are measured, and what they come to in `--hours` is reckoned from them and said to be so.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Final
+
+from .lab import Lab, lab_in, parts_of
+from .signals import end_by_signals
+from .slopes import DESCRIPTORS, DISK, MEMORY, RESOURCES, is_leak, slope
+from .soak import Series, memory_mb
+
+MINUTES: Final = 30.0
+HOURS: Final = 8.0
+_SAMPLE_S: Final = 2.0
+
+
+def idle(lab: Lab, minutes: float) -> Series:
+    """Let the lab's station stand idle for so long; return the samples of its processes."""
+    station = lab.station()
+    folder = lab.stage.folder / "runs"
+    series: Series = defaultdict(lambda: ([], []))
+    began_s = time.monotonic()
+    while (now_s := time.monotonic() - began_s) < 60.0 * minutes:
+        if station.poll() is not None:
+            raise RuntimeError(f"the station ended with exit code {station.returncode}")
+        for part, pid in {"supervisor": station.pid, **parts_of(station.pid)}.items():
+            try:
+                memory, opened = memory_mb(pid), len(os.listdir(f"/proc/{pid}/fd"))
+            except (FileNotFoundError, ProcessLookupError):
+                # A part that ended is seen by the station's log, which is shown in the end.
+                continue
+            for resource, value in ((MEMORY, memory), (DESCRIPTORS, float(opened))):
+                times_s, values = series[part, resource.name]
+                times_s.append(now_s)
+                values.append(value)
+        times_s, values = series["folder", DISK.name]
+        times_s.append(now_s)
+        values.append(1e-6 * sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()))
+        time.sleep(_SAMPLE_S)
+    return series
+
+
+def told(series: Series, hours: float) -> tuple[list[str], bool]:
+    """Return a line for each series, and whether one of them is a leak.
+
+    A line has the growth per hour, its 95 % interval, and what its upper end comes to in so many
+    hours.
+    """
+    lines, leaks = [], False
+    known = {resource.name: resource for resource in RESOURCES}
+    for (part, name), (times_s, values) in sorted(series.items()):
+        resource, found = known[name], slope(times_s, values)
+        leak = is_leak(found, resource)
+        leaks = leaks or leak
+        lines.append(
+            f"{part}: {name} {values[-1]:.3f} {resource.unit}, {found.per_h:+.4f} per hour "
+            f"({found.low:+.4f} to {found.high:+.4f}), at most {hours * found.high:+.2f} in "
+            f"{hours:g} h{': a LEAK' if leak else ''}"
+        )
+    return lines, leaks
+
+
+def main() -> int:
+    """Play it; exit code 1 if something leaks."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=MINUTES)
+    parser.add_argument("--hours", type=float, default=HOURS)
+    given = parser.parse_args()
+    end_by_signals()
+    with tempfile.TemporaryDirectory(prefix="rig-idle-") as name, lab_in(Path(name)) as lab:
+        series = idle(lab, given.minutes)
+        kept = lab.log
+    lines, leaks = told(series, given.hours)
+    print("\n".join(lines))
+    print(f"the station's log has {len(kept)} lines; the last: {kept[-1]['text']}")
+    return int(leaks)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
