@@ -135,18 +135,21 @@ class _Sequence:
         before = self._exchange(0.0)
         self._rig.block(True, True)
         until_s = self._rig.time_s + 1.5 * self._travel_s
-        while self._rig.time_s < until_s:
+        while self._rig.time_s < until_s or not self._rig.arrived:
             self._exchange(0.0)
         return before
 
     def _regulate(self, chamber: int, target: float, duration_s: float) -> Reading:
-        """Regulate the pressure of a chamber to a target in Pa; return the last sample."""
+        """Regulate the pressure of a chamber to a target in Pa; return the last sample.
+
+        It is regulated for a duration in s, and then until the blocking valves have arrived.
+        """
         par = self._par
         until_s = self._rig.time_s + duration_s
         command = 0.0
         while True:
             reading = self._exchange(command)
-            if self._rig.time_s >= until_s:
+            if self._rig.time_s >= until_s and self._rig.arrived:
                 return reading
             volume = chamber_volumes(reading.position, par)[chamber]
             flow = valve_conductance(par) * par.valve_gain * (0.5 * par.supply_pressure) ** 0.5

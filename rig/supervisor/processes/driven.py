@@ -101,8 +101,9 @@ class Tally:
 def departures(values: Mapping[str, float]) -> dict[str, str]:
     """Return part -> its state in words, for each part of the rig that is out of its safe state.
 
-    That is a bypass whose ball valve is not shut, a blocking valve that is not open, a return throttle moved by more than a tenth of
-    its stroke, a pump that is loaded, or a valve drive that is in hold or active.
+    That is a bypass whose ball valve is not shut, a blocking valve that is not open, a return
+    throttle moved by more than a tenth of its stroke, a pump that is loaded, or a valve drive that
+    is in hold or active.
 
     Args:
         values: slow input -> value that a driver read, SI; NaN counts as safe.
