@@ -38,18 +38,20 @@ from .states import Event
 MOST_COMMAND_V: Final = 0.5
 """Greatest command in V of either sign, which the loop allows while the cylinder may be locked.
 Were a blocking valve to let go, the ram would move with some 40 mm/s, as slowly as when homing."""
-WAY_M: Final = 5e-3
+WAY_M: Final = 10e-3
 """Way in m from where the ram was locked at which the loop trips. The oil of a locked chamber gives
-way by 2 mm at most: 0.2 L by 0.6 %, which is 8 MPa, over 6.3 cm^2 of piston. A ram whose valve lets
-go is there within an eighth of a second."""
+way by 2 mm: 0.2 L by 0.6 %, which is 8 MPa, over 6.3 cm^2 of piston. As one chamber is filled after
+the other, the ram makes 3 mm in a whole test, and twice that if this computer is so busy that
+commands come late. A ram whose valve lets go is there within a quarter of a second."""
 PERIOD_TICKS: Final = 20
 """Ticks from one command to the next, as in manual mode."""
-AHEAD_TICKS: Final = LEAST_AHEAD_TICKS + 10
-"""Ticks from the loop's place to the first that a command changes: as few as can be, since the
-pressure control waits for them, and some for a busy computer."""
-KEPT_TICKS: Final = 150
-"""Ticks for which a command stands without another. Some later ones may fail to come in time, and
-a ram that is not held by a locked chamber would make 6 mm at 40 mm/s."""
+AHEAD_TICKS: Final = (LEAST_AHEAD_TICKS + 15, 60, 120)
+"""Ticks from the loop's place to the first that a command changes. They are few, since the pressure
+control waits for them; a command that comes too late, as on a busy computer, is sent once more each
+time further ahead."""
+KEPT_TICKS: Final = 250
+"""Ticks for which a command stands without another, as later ones may fail to come in time. Within
+them a ram that nothing holds makes `WAY_M` at 40 mm/s."""
 SEGMENT_TICKS: Final = round(180.0 / TICK)
 """Ticks of the segment: five times as long as a leak test takes. Then the loop holds the ram."""
 REST_S: Final = 0.5
@@ -127,10 +129,12 @@ class LockedRig:
     def _exchanged(self, command_V: float) -> tuple[float, ...]:  # noqa: N803
         """Do as `exchange` and return the sample in the order of `_COLUMNS`."""
         kept = np.append(np.full(KEPT_TICKS, command_V), 0.0)
-        first = int(self._words[Word.TICK]) + AHEAD_TICKS
-        order = SetAhead(self._number, first, kept, np.zeros(kept.size), False)
-        # One that comes too late is dropped: the earlier command stands, then null.
-        self._rig.ask(self._rig.parts.loop, order, ANSWER_S)
+        for ahead in AHEAD_TICKS:
+            first = int(self._words[Word.TICK]) + ahead
+            order = SetAhead(self._number, first, kept, np.zeros(kept.size), False)
+            # If none is taken, the command before stands for its time, and then null.
+            if self._rig.ask(self._rig.parts.loop, order, ANSWER_S):
+                break
         self._due = max(self._due + PERIOD_TICKS * TICK, self._time_s + 0.5 * PERIOD_TICKS * TICK)
         until = time.monotonic() + ANSWER_S
         while True:
