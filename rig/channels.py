@@ -97,6 +97,12 @@ BYPASSES: Final = (
 The last one is a throttle without a ball valve.
 """
 
+BLOCKING: Final = ("blocking_1", "blocking_2")
+"""The blocking valves in the lines of chambers 1 and 2; each is named as its channel.
+
+Both are shut at 1, which locks the cylinder, and open at 0, without current.
+"""
+
 CHANNELS: Final = (
     Channel("position_m", Kind.READING, shown=Shown("position", MM, 2, True)),
     Channel("setpoint_m", Kind.COMPUTED, Source.LOOP, Shown("setpoint", MM, 2, True)),
@@ -139,6 +145,7 @@ CHANNELS: Final = (
     Channel("pump_pressure_Pa", Kind.SLOW, Source.PUMP),
     Channel("oil_temperature_K", Kind.SLOW, Source.PUMP, Shown("oil", CELSIUS, 1)),
     Channel("pump_loaded", Kind.SLOW, Source.PUMP),
+    *(Channel(valve, Kind.SLOW, Source.BYPASS) for valve in BLOCKING),
 )
 """All channels.
 

@@ -14,6 +14,7 @@ from rig.emulator.modbus import IDENTITY, BypassIo, IoDevice, IoNode, MappedDevi
 from rig.emulator.script import NOTHING, ControlPort, Injection, Script
 
 from .addresses import Endpoints
+from .blocking_valves import conductance
 from .instruments import Instruments
 from .meters import MeterPanel
 from .operator_panel import EmulatedOperator
@@ -90,8 +91,13 @@ class Emulator:
         self.daq = ModbusServer("daq", self.node, record)
         # All balls are as slow as the rig's slowest one.
         travels = [valve.ball_travel_s for valve in rig.bypass_valves.values()]
-        self.bypass = BypassIo(record, clock, *([max(travels)] if travels else []))
+        self._blocking_valves = rig.blocking_valves
+        self.bypass = BypassIo(
+            record, clock, max(travels, default=0.5),
+            rig.blocking_valves.travel_s if rig.blocking_valves is not None else None,
+        )  # fmt: skip
         self._positions = self.bypass.valves.positions()
+        self._blocking = self.bypass.valves.blocking()
         self.meters: MeterPanel | None = None
         if endpoints.meters is not None:
             self.meters = MeterPanel(endpoints.meters, lambda: self.instruments.read()[6:], record)
@@ -170,7 +176,12 @@ class Emulator:
         self._summarize()
 
     def _move_bypasses(self) -> None:
-        """Set the plant's leaks to the true positions of the bypass valves."""
+        """Set the plant to the true positions of the bypass valves and blocking valves."""
+        blocking, valves = self.bypass.valves.blocking(), self._blocking_valves
+        if valves is not None and blocking != self._blocking:
+            first, second = (conductance(shut, valves) for shut in blocking.values())
+            self.plant.set_blocking(first, second)
+            self._blocking = blocking
         positions = self.bypass.valves.positions()
         for bypass, (ball, needle) in positions.items():
             if (ball, needle) != self._positions[bypass]:

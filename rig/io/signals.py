@@ -7,7 +7,7 @@ are float64 in SI. A switch is 0 or 1. NaN stands for a missing value.
 
 from typing import Final
 
-from rig.channels import BYPASSES, Kind, Source, names_from, names_of
+from rig.channels import BLOCKING, BYPASSES, Kind, Source, names_from, names_of
 
 FAST_INPUTS: Final = names_of(Kind.READING, Kind.STATUS, Kind.CARRIED)
 """Signals that a fast driver may read in one exchange; the first nine are those of `Reading`.
@@ -42,5 +42,8 @@ SLOW_INPUTS: Final = (*METERS, *names_of(Kind.SLOW))
 from -1 to 1; `pump_loaded` is 1 while the pump unit delivers pressure (0: unloaded).
 """
 
-SLOW_OUTPUTS: Final = (*BALLS, *NEEDLES, "drive_target", "drive_setpoint", "pump_load")
-"""Signals that slow drivers may write; `drive_target` is the `DriveState` that is asked for."""
+SLOW_OUTPUTS: Final = (*BALLS, *NEEDLES, "drive_target", "drive_setpoint", "pump_load", *BLOCKING)
+"""Signals that slow drivers may write; `drive_target` is the `DriveState` that is asked for.
+
+A blocking valve is ordered to shut by 1 and to open by 0.
+"""

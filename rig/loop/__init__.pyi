@@ -34,6 +34,7 @@ from .interlocks import (
     interlock as interlock,
     latest_passings as latest_passings,
     limit_table as limit_table,
+    locked_tolerances as locked_tolerances,
     passed_on as passed_on,
     rungs_of as rungs_of,
     rungs_with_bands as rungs_with_bands,

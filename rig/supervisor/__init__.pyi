@@ -8,6 +8,7 @@ from .leases import (
     why_busy as why_busy,
     word_of_station as word_of_station,
 )
+from .locking import PERIOD_TICKS as PERIOD_TICKS, LockedRig as LockedRig
 from .manual import (
     HELP as HELP,
     Inbox as Inbox,

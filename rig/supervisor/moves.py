@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from faults import BypassValve, Fault, Verdict, linked
+from rig.channels import BLOCKING
 from rig.configuration import Rig
 from rig.plant import TICK
 
@@ -25,9 +26,9 @@ def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
     All balls are shut (0). Each needle has the opening, 0 to 1, with which the earliest fault of
     its bypass begins, so that the leak begins with the turn of the ball, and not with the slow
     motion of the needle. A needle without a fault is at 0. So is the throttle in the return line,
-    whether it has a fault or not; it is open there.
+    whether it has a fault or not; it is open there. Blocking valves are open (0), too.
     """
-    outputs: dict[str, float] = {}
+    outputs = dict.fromkeys(BLOCKING, 0.0) if rig.blocking_valves is not None else {}
     for kind in rig.injectable:
         outputs[f"{kind}_needle"] = 0.0
         if kind != Verdict.RETURN_BLOCKAGE:

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from rig.channels import BLOCKING
 from rig.configuration.reading import Located, Physical, Schema, read_mapping
+from rig.io import DriverSpec
 from rig.plant import LITRE_PER_MINUTE
 
 
@@ -30,16 +32,20 @@ class BlockingFile(Schema):
     leak_pressure: Annotated[float, Physical("Pa", 1e5, 1e8, 1e7)]
 
 
-def read_blocking_valves(item: Located | None, backend: str) -> BlockingValves | None:
+def read_blocking_valves(
+    item: Located | None, backend: str, drivers: tuple[DriverSpec, ...]
+) -> BlockingValves | None:
     """Return the blocking valves of a rig file; None if it has none, or they are unusable.
 
-    Problems are recorded: also for a rig on hardware, as no driver moves such valves yet.
+    Problems are recorded: also for a rig on hardware none of whose `drivers` moves such valves.
     """
     file = read_mapping(BlockingFile, item)
     if item is None or file is None:
         return None
-    if backend == "hardware":
-        remedy = "remove them; only a simulated rig can have them"
-        item.refuse("are moved by no driver of a rig on hardware", remedy, "")
+    moved = {output for spec in drivers for output in spec.outputs}
+    # Without drivers, these have a problem of their own.
+    if backend == "hardware" and drivers and not moved.issuperset(BLOCKING):
+        remedy = "write `blocking: true` under the driver bypass_valves, or remove them"
+        item.refuse("are moved by none of the rig's drivers", remedy, "")
         return None
     return BlockingValves(file.travel, file.leak, file.leak_pressure)

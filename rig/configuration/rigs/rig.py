@@ -185,13 +185,13 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     bypass_valves = read_bypass_valves(root.get("bypass_valves"))
     return_valve = read_return_valve(root.get("return_valve"))
     backend = file.backend if file is not None else "simulated"
-    blocking = read_blocking_valves(root.get("blocking_valves"), backend)
     limits = read_limits(root.get("limits"), plant)
     rungs = read_ladder(root.get("limits"))
     loop = read_options(LoopSettings, root.get("loop"))
     homing = root.get("homing")
     settings = read_options(HomingSettings, homing) if homing is not None else None
     drivers = _read_drivers(root, file, loop, rungs)
+    blocking = read_blocking_valves(root.get("blocking_valves"), backend, drivers)
     control = read_control(root.get("control"))
     hardware = file is not None and file.backend == "hardware"
     wiring = read_wiring(root, hardware)

@@ -16,7 +16,7 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from rig.channels import BYPASSES
+from rig.channels import BLOCKING, BYPASSES
 from rig.emulator.addresses import AddressError
 from rig.emulator.pseudo_terminal import PseudoTerminal
 from rig.emulator.record import Record
@@ -39,6 +39,8 @@ class BypassIo:
         record: takes note of what happens.
         clock: returns the time in ns.
         ball_travel_s: time that a ball takes from shut to open, s.
+        blocking_travel_s: time that a blocking valve takes from open to shut, s; None for a device
+            without them, which has no registers for them either.
 
     Attributes:
         valves: the valves; their method `stick` jams those of a bypass.
@@ -56,8 +58,9 @@ class BypassIo:
         record: Record,
         clock: Callable[[], int] = time.monotonic_ns,
         ball_travel_s: float = 0.5,
+        blocking_travel_s: float | None = None,
     ) -> None:
-        self.valves = ValveBank(record, clock, ball_travel_s)
+        self.valves = ValveBank(record, clock, ball_travel_s, blocking_travel_s)
         self.wire = Wire()
         self.shorted: set[str] = set()
         self.identity = IDENTITY
@@ -123,17 +126,22 @@ class BypassIo:
             "requests": self.requests,
             "watchdog_ms": self.valves.watchdog_ms,
             "positions": self.valves.positions(),
+            **({"blocking": shut} if (shut := self.valves.blocking()) else {}),
         }
 
     def _device(self) -> SimDevice:
         at = STANDARD_REGISTERS
-        bits = partial(SimData, values=False, datatype=DataType.BITS)
+        bits = partial(SimData, datatype=DataType.BITS)
         words = partial(SimData, datatype=DataType.REGISTERS)
+        coils, switches = len(BYPASSES), 2 * len(BYPASSES)
+        if self.valves.blocking():
+            coils = at.blocking_coils + len(BLOCKING)
+            switches = at.blocking_switches + 2 * len(BLOCKING)
         return SimDevice(
             id=0,  # whichever is asked for
             simdata=(
-                [bits(at.coils, count=len(BYPASSES))],
-                [bits(at.switches, count=2 * len(BYPASSES))],
+                [bits(at.coils, values=[False] * coils)],
+                [bits(at.switches, values=[False] * switches)],
                 [
                     words(at.setpoints, count=len(BYPASSES)),
                     words(at.identity, readonly=True),
@@ -174,7 +182,10 @@ class BypassIo:
 
     def _take(self, function: int, address: int, values: list[int] | list[bool]) -> ExcCodes | None:
         at = STANDARD_REGISTERS
-        if function in _COILS:
+        if function in _COILS and address >= at.blocking_coils:
+            for valve, shut in zip(BLOCKING[address - at.blocking_coils :], values, strict=False):
+                self.valves.order_blocking(valve, bool(shut))
+        elif function in _COILS:
             first = address - at.coils
             if first + len(values) > len(BYPASSES):
                 return ExcCodes.ILLEGAL_ADDRESS
@@ -197,13 +208,20 @@ class BypassIo:
         """
         at, valves = STANDARD_REGISTERS, self.valves
         if function in _COILS:
-            return {at.coils // 16: _packed(opened for opened, _ in valves.orders().values())}
+            found = {at.coils // 16: _packed(opened for opened, _ in valves.orders().values())}
+            if shut := valves.blocking_orders():
+                found[at.blocking_coils // 16] = _packed(shut.values())
+            return found
         if function in _DISCRETE_INPUTS:
             pairs = (
                 _BOTH if bypass in self.shorted else SWITCHES.get(ball, _NEITHER)
                 for bypass, (ball, _) in valves.positions().items()
             )
-            return {at.switches // 16: _packed(switch for pair in pairs for switch in pair)}
+            found = {at.switches // 16: _packed(switch for pair in pairs for switch in pair)}
+            if blocking := valves.blocking():
+                pairs = (SWITCHES.get(1.0 - shut, _NEITHER) for shut in blocking.values())
+                found[at.blocking_switches // 16] = _packed(s for pair in pairs for s in pair)
+            return found
         if function in _INPUT_REGISTERS:
             return _registers(at.positions, (needle for _, needle in valves.positions().values()))
         setpoints = _registers(at.setpoints, (needle for _, needle in valves.orders().values()))

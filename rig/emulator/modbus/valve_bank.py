@@ -1,10 +1,13 @@
-"""The emulated bypass valves: balls and needles that need time to move, and their watchdog."""
+"""The emulated bypass valves: balls and needles that need time to move, and their watchdog.
+
+The blocking valves of a rig that has them are driven by the same device, and are here too.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from rig.channels import BYPASSES
+from rig.channels import BLOCKING, BYPASSES
 from rig.emulator.record import Record
 from rig.io import THROTTLE
 
@@ -46,14 +49,20 @@ class ValveBank:
         record: takes note of orders, arrivals and the watchdog.
         clock: returns the time in ns.
         ball_travel_s: time that a ball takes from shut to open, s.
+        blocking_travel_s: time that a blocking valve takes from open to shut, s; None for a rig
+            without them.
 
     Attributes:
-        watchdog_ms: time in ms without a request after which the balls are shut and the throttle
-            is opened; 0: never.
+        watchdog_ms: time in ms without a request after which the balls are shut, and throttle and
+            blocking valves are opened; 0: never.
     """
 
     def __init__(
-        self, record: Record, clock: Callable[[], int], ball_travel_s: float = 0.5
+        self,
+        record: Record,
+        clock: Callable[[], int],
+        ball_travel_s: float = 0.5,
+        blocking_travel_s: float | None = None,
     ) -> None:
         self.watchdog_ms = 0
         self._record = record
@@ -65,6 +74,9 @@ class ValveBank:
             )
             for bypass in BYPASSES
         }
+        # The position of a blocking valve is the share by which it is shut.
+        travel_s = blocking_travel_s
+        self._blocking = {v: _Drive(travel_s) for v in BLOCKING} if travel_s is not None else {}
         self._time_ns = self._heard_ns = clock()
         self._barked = False
 
@@ -103,9 +115,31 @@ class ValveBank:
         self._record.note("needle_ordered", self._time_ns, bypass=bypass, opening=opening)
         self._valves[bypass][1].target = opening
 
-    def stick(self, bypass: str, stuck: bool = True) -> None:
-        """Jam both valves of a bypass where they are, or free them to go on to their targets."""
+    def order_blocking(self, valve: str, shut: bool) -> None:
+        """Start to shut or open a blocking valve, one of `rig.channels.BLOCKING`."""
         self.tend()
+        self._record.note("blocking_ordered", self._time_ns, valve=valve, shut=shut)
+        self._blocking[valve].target = float(shut)
+
+    def blocking(self) -> dict[str, float]:
+        """Return by which share, 0 to 1, each blocking valve is shut now; {} without them."""
+        self.tend()
+        return {valve: drive.position for valve, drive in self._blocking.items()}
+
+    def blocking_orders(self) -> dict[str, bool]:
+        """Return whether each blocking valve is ordered to be shut; {} for a rig without them."""
+        self.tend()
+        return {valve: drive.target == 1.0 for valve, drive in self._blocking.items()}
+
+    def stick(self, bypass: str, stuck: bool = True) -> None:
+        """Jam both valves of a bypass where they are, or free them to go on to their targets.
+
+        A blocking valve can be jammed likewise, by its name.
+        """
+        self.tend()
+        if bypass in self._blocking:
+            self._blocking[bypass].stuck = stuck
+            return
         for drive in filter(None, self._valves[bypass]):
             drive.stuck = stuck
 
@@ -139,6 +173,13 @@ class ValveBank:
                 opened = ball.position == _OPEN
                 self._record.note("ball_arrived", at_ns, bypass=bypass, opened=opened)
 
+        for valve, drive in self._blocking.items():
+            left_s = drive.advance(elapsed_s)
+            if left_s is not None:
+                at_ns = until_ns - round(1e9 * left_s)
+                shut = drive.position == 1.0
+                self._record.note("blocking_arrived", at_ns, valve=valve, shut=shut)
+
     def _bark(self, at_ns: int) -> None:
         self._barked = True
         self._record.note("bypass_watchdog_trip", at_ns, watchdog_ms=self.watchdog_ms)
@@ -146,6 +187,8 @@ class ValveBank:
             if ball:
                 ball.target = _SHUT
         self._valves[THROTTLE][1].target = _SHUT
+        for drive in self._blocking.values():
+            drive.target = 0.0
 
 
 SWITCHES: Final = {_OPEN: (True, False), _SHUT: (False, True)}

@@ -165,6 +165,23 @@ class StuckBypass(Fault):
 
 
 @dataclass(frozen=True)
+class StuckBlocking(Fault):
+    """A blocking valve stays where it is, whatever the host orders."""
+
+    target: Literal["blocking_1", "blocking_2"]
+
+    def lacking(self, emulator: "Emulator") -> str:
+        """Return what is wrong if the rig has no blocking valves, or "" if it has."""
+        if emulator.bypass.valves.blocking():
+            return ""
+        return f"target: the rig has no {self.target} valve; leave the fault out"
+
+    def act(self, emulator: "Emulator", begins: bool) -> None:
+        """Jam the valve, or free it."""
+        emulator.bypass.valves.stick(self.target, begins)
+
+
+@dataclass(frozen=True)
 class Estop(Fault):
     """The emergency stop is pressed; when the fault ends, the button is pulled out again."""
 
@@ -311,6 +328,7 @@ KINDS: Final[Mapping[str, type[Fault]]] = {
     "sensor": Sensor,
     "stuck_valve": StuckValve,
     "stuck_bypass": StuckBypass,
+    "stuck_blocking": StuckBlocking,
     "estop": Estop,
     "lost_counts": LostCounts,
     "can_silence": CanSilence,

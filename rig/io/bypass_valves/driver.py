@@ -9,6 +9,7 @@ from typing import ClassVar, Final, Literal
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
+from rig.channels import BLOCKING
 from rig.io.driver import DriverError
 
 from .link import BypassLink, Client
@@ -21,6 +22,13 @@ _SWITCH_TOLERANCE: Final = 0.0
 """Tolerance of a ball's position; it is 0, since the switches give that as 0, 0.5 or 1."""
 
 _LOOK: Final = "look at the valve, its drive and its feedback"
+
+_RELIEVE: Final = (
+    "a chamber may be locked with its pressure: relieve it by hand before anybody opens a line"
+)
+
+BLOCKING_TRAVEL_S: Final = 2.0
+"""Time in s that a blocking valve may take; no rig file can give its valves a longer travel."""
 
 Clock = Callable[[], int]
 """Returns the present time in ns, as `time.monotonic_ns` does."""
@@ -70,6 +78,8 @@ class BypassValves:
 
     Outputs are `<bypass>_ball`, 0 or 1, and `<bypass>_needle`, 0 to 1; inputs have the same names.
     The return throttle has no ball; at 0 its needle leaves the line free, at 1 it blocks the line.
+    With the option `blocking`, the signals of `rig.channels.BLOCKING` are outputs and inputs too, 0
+    (open) or 1 (shut). In the safe state the balls are shut, and throttle and blocking valves open.
 
     Args:
         name: name of the driver in the rig file.
@@ -101,15 +111,18 @@ class BypassValves:
         self._sleep = sleep
         balls = [f"{bypass}_ball" for bypass in options.bypasses if bypass != THROTTLE]
         needles = [f"{bypass}_needle" for bypass in options.bypasses]
-        self.inputs = self.outputs = (*balls, *needles)
+        blocking = BLOCKING if options.blocking else ()
+        self.inputs = self.outputs = (*balls, *needles, *blocking)
         # A needle behind a shut ball does not matter in the safe state.
-        self._safe_outputs = [*balls, *(n for n in needles if n.startswith(THROTTLE))]
+        self._safe_outputs = [*balls, *(n for n in needles if n.startswith(THROTTLE)), *blocking]
         ball_s = options.ball_travel + options.margin
         needle_s = options.needle_travel + options.margin
-        self._slowest_s = max(ball_s, needle_s)
+        blocking_s = BLOCKING_TRAVEL_S + options.margin if blocking else 0.0
+        self._slowest_s = max(ball_s, needle_s, blocking_s)
         self._limits = {
             **dict.fromkeys(balls, (ball_s, _SWITCH_TOLERANCE)),
             **dict.fromkeys(needles, (needle_s, options.needle_tolerance)),
+            **dict.fromkeys(blocking, (blocking_s, _SWITCH_TOLERANCE)),
         }
         # The last move of each valve that was sent anywhere over this connection.
         self._travels: dict[str, Travel] = {}
@@ -135,7 +148,7 @@ class BypassValves:
             DriverError: the driver is not open, the device is lost, a valve that was moved did not
                 arrive in time, or one left its target.
         """
-        positions = self._connected().positions(self._options.bypasses)
+        positions = self._positions(self._connected())
         now_ns = self._clock()
         moves = {signal: self._travels.get(signal) for signal in self.outputs}
         faults = {
@@ -162,9 +175,9 @@ class BypassValves:
                 self._send(link, signal, target)
 
     def safe_state(self) -> None:
-        """Shut every ball, open the throttle, and return when the device has confirmed it.
+        """Shut every ball, open throttle and blocking valves; return when the device confirms it.
 
-        This uses a new connection, which stays open. Before that, the balls are commanded to shut
+        This uses a new connection, which stays open. Before that, the valves are commanded there
         over the present one: the device may still receive commands there though it does not answer,
         and a new connection is of no use before the device answers.
 
@@ -175,6 +188,8 @@ class BypassValves:
         if self._link is not None:
             with suppress(DriverError):
                 self._link.shut_balls(self._options.bypasses)
+                if self._options.blocking:
+                    self._link.open_blocking()
         self.close()
         while True:
             try:
@@ -195,6 +210,8 @@ class BypassValves:
         options = self._options
         self._link = BypassLink(self.name, self._client(), options.map, options.unit)
         try:
+            if options.blocking:
+                self._link.check_blocking()
             self._link.set_watchdog(options.watchdog)
         except DriverError:
             self.close()
@@ -226,10 +243,17 @@ class BypassValves:
         if signal not in self.outputs:
             action = f"its outputs are {', '.join(self.outputs)}"
             raise DriverError(self.name, "is not an output", action, signal)
-        if signal.endswith("_ball") and target not in (0.0, 1.0):
+        is_switched = signal.endswith("_ball") or signal in BLOCKING
+        if is_switched and target not in (0.0, 1.0):
             raise DriverError(self.name, f"{target:g} is neither 0 nor 1", "write 0 or 1", signal)
         if not 0.0 <= target <= 1.0:
             raise DriverError(self.name, f"{target:g} is not 0 to 1", "write 0 to 1", signal)
+
+    def _positions(self, link: BypassLink) -> dict[str, float]:
+        positions = dict(link.positions(self._options.bypasses))
+        if self._options.blocking:
+            positions |= link.blocking()
+        return positions
 
     def _send(self, link: BypassLink, signal: str, target: float) -> None:
         link.move(signal, target)
@@ -248,13 +272,16 @@ class BypassValves:
                 # The other valves may still obey.
                 failures[signal] = error.state
         if not failures:
-            positions = link.positions(self._options.bypasses)
+            positions = self._positions(link)
             for signal in self._safe_outputs:
                 if not self._travels[signal].reached(positions[signal]):
-                    failures[signal] = f"not shut, stands {shown(positions[signal])}"
+                    wanted = "open" if signal in BLOCKING else "shut"
+                    failures[signal] = f"not {wanted}, stands {shown(positions[signal])}"
         self._refuse(failures, "shut off the supply and " + _LOOK)
 
     def _refuse(self, failures: Mapping[str, str], action: str) -> None:
+        if not failures.keys().isdisjoint(BLOCKING):
+            action = f"{action}; {_RELIEVE}"
         if failures:
             states = "; ".join(dict.fromkeys(failures.values()))
             raise DriverError(self.name, states, action, ", ".join(failures))

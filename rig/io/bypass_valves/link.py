@@ -9,7 +9,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from rig.channels import BYPASSES
+from rig.channels import BLOCKING, BYPASSES
 from rig.io.driver import DriverError
 
 from .registers import IDENTITY, NEEDLE_FULL_SCALE, THROTTLE, BypassRegisters
@@ -83,12 +83,17 @@ class BypassLink:
         """Command a valve to a position without waiting for its move.
 
         Args:
-            signal: `<bypass>_ball` or `<bypass>_needle`.
-            target: 0 or 1 (open) for a ball, an opening from 0 to 1 for a needle.
+            signal: `<bypass>_ball`, `<bypass>_needle`, or one of `BLOCKING`.
+            target: 0 or 1 (open) for a ball, an opening from 0 to 1 for a needle, 0 or 1 (shut) for
+                a blocking valve.
 
         Raises:
             DriverError: the device does not reply, or refuses.
         """
+        if signal in BLOCKING:
+            coil = self._registers.blocking_coils + BLOCKING.index(signal)
+            self._ask(signal, self._client.write_coil, coil, target == 1.0)
+            return
         bypass, _, kind = signal.rpartition("_")
         i = BYPASSES.index(bypass)
         if kind == "ball":
@@ -107,6 +112,47 @@ class BypassLink:
         """
         shut = [False] * (1 + max(BYPASSES.index(bypass) for bypass in bypasses))
         self._ask("balls", self._client.write_coils, self._registers.coils, shut)
+
+    def open_blocking(self) -> None:
+        """Command both blocking valves to open, without waiting for their moves.
+
+        Raises:
+            DriverError: the device does not reply, or refuses.
+        """
+        at, opened = self._registers.blocking_coils, [False] * len(BLOCKING)
+        self._ask("blocking valves", self._client.write_coils, at, opened)
+
+    def check_blocking(self) -> None:
+        """Check that the device has the registers of blocking valves; none of them moves.
+
+        Raises:
+            DriverError: it has not, or does not reply.
+        """
+        try:
+            self.blocking()
+            at, count = self._registers.blocking_coils, len(BLOCKING)
+            self._read("coils", self._client.read_coils, at, count)
+        except DriverError as error:
+            if self.lost:
+                raise
+            state = f"{self._place} does not serve blocking valves: {error.state}"
+            action = "remove `blocking: true`, or correct the addresses in its map"
+            raise self._error("blocking", state, action) from error
+
+    def blocking(self) -> Mapping[str, float]:
+        """Return the positions of the blocking valves by signal, from 0 (open) to 1 (shut).
+
+        A valve is at 0.5 if neither switch is on, NaN if both are.
+
+        Raises:
+            DriverError: the device does not reply, or not as expected.
+        """
+        read, at = self._client.read_discrete_inputs, self._registers.blocking_switches
+        switches = self._read("blocking valves", read, at, 2 * len(BLOCKING))
+        found = {}
+        for i, signal in enumerate(BLOCKING):
+            found[signal] = 1.0 - _BY_SWITCHES[switches[2 * i], switches[2 * i + 1]]
+        return found
 
     def positions(self, bypasses: Sequence[str]) -> Mapping[str, float]:
         """Return the positions of the bypasses' valves by signal.

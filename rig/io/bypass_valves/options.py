@@ -37,6 +37,7 @@ class BypassOptions:
         watchdog: time without a request after which the device itself shuts the valves; 0 switches
             that off.
         bypasses: the bypasses that the rig has.
+        blocking: whether the device drives a blocking valve in the line of each chamber, too.
         ball_travel: time that a ball takes from shut to open.
         needle_travel: time that a needle takes over its whole range.
         margin: time beyond the travel after which a move has failed.
@@ -55,6 +56,7 @@ class BypassOptions:
     timeout: Annotated[float, _q("s", 0.01, 2.0)] = 0.2
     watchdog: Annotated[float, _q("s", 0.0, 60.0)] = 1.0
     bypasses: tuple[str, ...] = BYPASSES
+    blocking: bool = False
     ball_travel: Annotated[float, _q("s", 0.0, 60.0)] = 0.5
     needle_travel: Annotated[float, _q("s", 0.0, 60.0)] = 2.0
     margin: Annotated[float, _q("s", 0.1, 60.0)] = 1.0

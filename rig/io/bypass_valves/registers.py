@@ -5,8 +5,12 @@ ball's switches "open" and "shut", both off while it moves), holding register i 
 and input register i (needle position). The return throttle has no ball, so that its coil and
 switches are unused; its needle counts from 0 (the line is free) to full scale (it is blocked).
 
-If the device gets no request at all for the watchdog's time, it shuts the balls and opens the
-throttle by itself.
+A device may have blocking valves besides. That of chamber i, counted from 0, has coil 16 + i (1
+shuts it, so that it is open without current) and discrete inputs 16 + 2i and 17 + 2i, its switches
+"open" and "shut".
+
+If the device gets no request at all for the watchdog's time, it shuts the balls, and opens the
+throttle and the blocking valves by itself.
 """
 
 from dataclasses import dataclass
@@ -38,6 +42,8 @@ class BypassRegisters:
         positions: first input register of needle positions.
         identity: holding register of the identity, read only.
         watchdog: holding register of the watchdog's time in ms; 0 switches the watchdog off.
+        blocking_coils: first coil of the blocking valves, if the device has them.
+        blocking_switches: first discrete input of their switches.
     """
 
     coils: _Address = 0
@@ -46,6 +52,8 @@ class BypassRegisters:
     positions: _Address = 0
     identity: _Address = 100
     watchdog: _Address = 101
+    blocking_coils: _Address = 16
+    blocking_switches: _Address = 16
 
 
 STANDARD_REGISTERS: Final = BypassRegisters()

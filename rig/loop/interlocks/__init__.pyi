@@ -1,4 +1,8 @@
-from .check_tolerances import Tolerances as Tolerances, tolerances as tolerances
+from .check_tolerances import (
+    Tolerances as Tolerances,
+    locked_tolerances as locked_tolerances,
+    tolerances as tolerances,
+)
 from .judging import (
     Interlock as Interlock,
     Tick as Tick,

@@ -118,6 +118,16 @@ def frozen_samples(period_s: float) -> int:
     return ceil(log(false_alarm_chance(period_s)) / log(_REPEAT_CHANCE))
 
 
+def locked_tolerances(usual: Tolerances) -> Tolerances:
+    """Return the tolerances of a cylinder that blocking valves may lock.
+
+    They let pass all of the servovalve's flow, or none of it, or any part: the travel may be
+    anything from standing still to what the usual tolerances allow. So a ram that moves against the
+    flow, or faster than it, is still found.
+    """
+    return usual._replace(flow_fraction=1.0)
+
+
 def tolerances(
     par: Parameters,
     sensors: SensorParameters,

@@ -82,6 +82,7 @@ class Cause(IntEnum):
     PUMP_FAULT = 44
     PUMP_LOST = 45
     METERS_LOST = 46
+    BLOCKING_STUCK = 47
     NULL_NOT_CONFIRMED = 50
     BYPASS_NOT_SHUT = 51
     PUMP_NOT_UNLOADED = 52
@@ -229,6 +230,11 @@ EXPLANATIONS: Final = {
     ),
     Cause.METERS_LOST: _E(
         "the flow meters are silent", "check their power, and that the serial port is theirs"
+    ),
+    Cause.BLOCKING_STUCK: _E(
+        "a blocking valve did not reach its position in time, or left it",
+        "check its air or power, and its switches; a chamber may be locked with its pressure: "
+        "relieve it by hand before anybody opens a line",
     ),
     Cause.NULL_NOT_CONFIRMED: _E(
         "the device did not confirm that the valve is at null and disabled",

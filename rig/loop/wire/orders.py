@@ -46,6 +46,7 @@ class Segment:
         limits: limits that hold in this segment only, beside those of the rig.
         basis: what the tables of the move to the start of a test are made from; None for a move
             without tables.
+        locked: whether blocking valves may keep the servovalve's flow from the ram.
     """
 
     number: int
@@ -66,6 +67,7 @@ class Segment:
     reset: bool = False
     limits: tuple[ChannelLimit, ...] = ()
     basis: LoopBasis | None = None
+    locked: bool = False
 
 
 @dataclass(frozen=True)

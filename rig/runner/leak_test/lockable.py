@@ -15,8 +15,15 @@ class Lockable(Protocol):
     def exchange(self, command_V: float) -> Reading:  # noqa: N803
         """Set the servovalve's command, wait for one sample period, and return a sample."""
 
+    @property
+    def arrived(self) -> bool:
+        """Whether both blocking valves are known to be where they were sent."""
+
     def block(self, chamber_1: bool, chamber_2: bool) -> None:
-        """Order the blocking valves to shut (true) or to open; they need time to move."""
+        """Order the blocking valves to shut (true) or to open; they need time to move.
+
+        A valve opens, and the first one shuts, with the servovalve at null only.
+        """
 
     def release(self) -> None:
         """Bring the rig to its safe state: servovalve at null, then both blocking valves open.

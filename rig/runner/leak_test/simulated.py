@@ -53,6 +53,11 @@ class SimulatedLockable:
         """Simulated time since the start, s."""
         return self._now_ns * 1e-9
 
+    @property
+    def arrived(self) -> bool:
+        """Whether both blocking valves are where they were sent."""
+        return tuple(self._positions) == self._targets
+
     def exchange(self, command_V: float) -> Reading:  # noqa: N803
         """Set the command, simulate one period, and return a sample."""
         self._plant.drive_valve(command_V)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
+from rig.channels import BLOCKING
 from rig.io import BALLS, DriveState, H
 
 from .child import News
@@ -100,8 +101,9 @@ class Tally:
 def departures(values: Mapping[str, float]) -> dict[str, str]:
     """Return part -> its state in words, for each part of the rig that is out of its safe state.
 
-    That is a bypass whose ball valve is not shut, a return throttle moved by more than a tenth of
-    its stroke, a pump that is loaded, or a valve drive that is in hold or active.
+    That is a bypass whose ball valve is not shut, a blocking valve that is not open, a return
+    throttle moved by more than a tenth of its stroke, a pump that is loaded, or a valve drive that
+    is in hold or active.
 
     Args:
         values: slow input -> value that a driver read, SI; NaN counts as safe.
@@ -111,6 +113,9 @@ def departures(values: Mapping[str, float]) -> dict[str, str]:
         part = name.removesuffix("_ball").replace("_", " ")
         if name in BALLS and value > 0.0:
             found[f"{part} bypass"] = "open" if value == 1.0 else "not shut"
+        elif name in BLOCKING and value > 0.0:
+            chamber = 1 + BLOCKING.index(name)
+            found[f"blocking valve {chamber}"] = "shut" if value == 1.0 else "not open"
         elif name == _THROTTLE and value > _FREE:
             found["return throttle"] = f"at {100.0 * value:.0f} % of its way"
         elif name == "pump_loaded" and value == 1.0:

@@ -20,6 +20,7 @@ from math import nan
 from multiprocessing.connection import Connection
 from typing import Final
 
+from rig.channels import BLOCKING
 from rig.io import (
     BALLS,
     NEEDLES,
@@ -316,8 +317,11 @@ class FieldProcess:
         if served.driver.outputs:
             # An error may name something else, such as a register, which is no fault of a valve.
             channels = {*served.driver.inputs, *served.driver.outputs}
-            is_faulty = not channels.isdisjoint(error.channel.split(", "))
-            trip(self._words, "field", _CAUSES[served.rank][is_faulty])
+            faulty = channels.intersection(error.channel.split(", "))
+            cause = _CAUSES[served.rank][bool(faulty)]
+            if faulty and faulty <= set(BLOCKING):
+                cause = Cause.BLOCKING_STUCK
+            trip(self._words, "field", cause)
         self._report_error(served, error)
 
     def _report_error(self, served: _Served, error: DriverError) -> None:

@@ -47,6 +47,7 @@ from rig.loop import (
     course,
     interlock,
     limit_table,
+    locked_tolerances,
     pace,
     passed_on,
     prepared,
@@ -227,6 +228,8 @@ class LoopProcess:
             self._words[Word.HOMED] = segment.homed
         period_s = 1e-9 * self._pace.period_ns
         judging = with_limits(self._interlock, limit_table(segment.limits, period_s))
+        if segment.locked:
+            judging = judging._replace(tolerances=locked_tolerances(judging.tolerances))
         planned = course(replace(segment, number=number))
         planned = planned._replace(change=int(self._words[Word.CHANGE]))
         self._laid_out = planned.setpoint, planned.feedforward

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import click
 import pytest
 
 from rig.cli.application import application
@@ -46,3 +47,18 @@ def test_a_leak_is_named_and_the_exit_code_says_so(
 def test_a_rig_without_blocking_valves_is_told_what_a_motion_can_find() -> None:
     with pytest.raises(Exception, match="has no blocking valves"):
         run("simulated")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("emulated_locked", "--seed", "1"), "emulated_locked is not simulated"),
+        (("locked", "--stream", "default"), "locked is simulated, and not streamed"),
+    ],
+)
+def test_an_option_that_means_nothing_for_the_rig_is_refused(
+    arguments: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(click.BadParameter, match=said):
+        run(*arguments, "--folder", str(tmp_path / "out"))
+    assert not (tmp_path / "out").exists()

@@ -12,7 +12,12 @@ from rig.emulator.script.fault_script import ATTENTIVE, Script, fault_from, read
 from rig.emulator.script.injection import NotServedError
 from rig.emulator.script.wire_faults import KINDS
 
-NEEDED = {"sensor": {"target": "pressure_1_Pa"}, "stuck_bypass": {"target": "internal_leakage"}}
+NEEDED = {
+    "sensor": {"target": "pressure_1_Pa"},
+    "stuck_bypass": {"target": "internal_leakage"},
+    "stuck_blocking": {"target": "blocking_1"},
+}
+ON_BLOCKING = {"stuck_blocking"}
 ON_CAN = {"can_silence", "can_garbage", "stuck_can", "pump_watchdog_dead", "drive_fault"}
 ON_SERIAL = {"meter_unplugged", "meter_noise"}
 
@@ -87,7 +92,7 @@ def served(rig: Rig, tmp_path: Path, clock: Any) -> Emulator:
     return Emulator(rig, endpoints, Record(clock=clock), clock=clock)
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS.keys() - ON_CAN))
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - ON_CAN - ON_BLOCKING))
 def test_every_fault_begins_and_ends(simulated: Rig, tmp_path: Path, clock: Any, kind: str) -> None:
     emulator = served(simulated, tmp_path, clock)
     emulator.injection.inject(fault_from({"fault": kind, "for": "10 ms", **NEEDED.get(kind, {})}))
@@ -103,11 +108,11 @@ def test_every_fault_begins_and_ends(simulated: Rig, tmp_path: Path, clock: Any,
     (tmp_path / "meters").unlink(missing_ok=True)
 
 
-@pytest.mark.parametrize("kind", sorted(ON_CAN | ON_SERIAL))
+@pytest.mark.parametrize("kind", sorted(ON_CAN | ON_SERIAL | ON_BLOCKING))
 def test_a_fault_of_a_device_that_the_rig_has_not_is_refused(
     simulated: Rig, clock: Any, kind: str
 ) -> None:
     emulator = Emulator(simulated, Endpoints(Address(HOST, 0)), Record(clock=clock), clock=clock)
     with pytest.raises(NotServedError, match="leave the fault out"):
-        emulator.injection.inject(fault_from({"fault": kind}))
+        emulator.injection.inject(fault_from({"fault": kind, **NEEDED.get(kind, {})}))
     assert emulator.status()["faults"] == []

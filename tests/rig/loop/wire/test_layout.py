@@ -33,6 +33,8 @@ PURE_NUMBERS = (
     "drive_state",
     "drive_setpoint",
     "pump_loaded",
+    "blocking_1",
+    "blocking_2",
 )
 
 
