@@ -46,6 +46,7 @@ def noise_content(noise: LearntNoise) -> dict[str, Any]:
             }
             for name, each in noise.regimes.items()
         },
+        "spool_correction": noise.spool_correction,
         "dead_zone_L_per_min": dict(zip(FAULTS, noise.dead_zone, strict=True)),
         "peaks": {
             "over": noise.tail.base,
@@ -89,7 +90,9 @@ def noise_of(content: Mapping[str, Any]) -> LearntNoise:
         int(_within(peaks["count"], 0.0, 1e9, "noise: peaks: count")),
         _within(peaks["excess"], 0.0, LARGEST, "noise: peaks: excess"),
     )
-    return LearntNoise(regimes, dead, tail)
+    # Files from before the accounts were corrected have none.
+    correction = _within(content.get("spool_correction", 0.0), 0.0, 1.0, "noise: spool_correction")
+    return LearntNoise(regimes, dead, tail, correction)
 
 
 def _within(value: object, least: float, most: float, name: str) -> float:

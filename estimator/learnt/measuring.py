@@ -31,11 +31,13 @@ class Residuals:
         blocks: complete blocks in order.
         regimes: regime of each of them.
         left: float64 (blocks, 2), missing flow that the nuisances do not explain, m^3/s.
+        spool_correction: by which the accounts were corrected (`LearntNoise`).
     """
 
     blocks: Sequence[AccountBlock]
     regimes: Sequence[str]
     left: Array
+    spool_correction: float = 0.0
 
 
 def measured_noise(recordings: Sequence[Residuals]) -> dict[str, RegimeNoise]:
@@ -69,7 +71,7 @@ def _noise_of(regime: str, recordings: Sequence[Residuals]) -> RegimeNoise | Non
                 before = None
                 continue
             scale = np.hypot(MODEL_NOISE * LITRE_PER_MINUTE, block.doubts)
-            own = sensor_noise(block)
+            own = sensor_noise(block, recording.spool_correction)
             squares.append((left**2 - np.diag(own)) / scale**2)
             products.append(float((left[0] * left[1] - own[0, 1]) / (scale[0] * scale[1])))
             scaled = left / scale
@@ -92,7 +94,8 @@ def _noise_of(regime: str, recordings: Sequence[Residuals]) -> RegimeNoise | Non
 def joined(earlier: LearntNoise, later: LearntNoise) -> LearntNoise:
     """Return the noise of two spans of time: each regime's by time, and the peaks of both.
 
-    The peaks must be over the same limit. The dead zones are those of `earlier`.
+    The peaks must be over the same limit. The dead zones and the spool's correction are those of
+    `earlier`, by which the later accounts were corrected as well.
     """
     regimes = dict(earlier.regimes)
     for name, new in later.regimes.items():
@@ -104,7 +107,7 @@ def joined(earlier: LearntNoise, later: LearntNoise) -> LearntNoise:
         earlier.tail.peaks + later.tail.peaks,
         earlier.tail.excess + later.tail.excess,
     )
-    return LearntNoise(regimes, earlier.dead_zone, tail)
+    return LearntNoise(regimes, earlier.dead_zone, tail, earlier.spool_correction)
 
 
 def _mean(old: RegimeNoise, new: RegimeNoise) -> RegimeNoise:
