@@ -223,13 +223,13 @@ class FlowAccount:
         (`AccountBlock.complete`). Samples without an estimated position (NaN) are passed over.
 
         Args:
-            samples: float64 (7, n) or (8, n), C-contiguous, SI, at 1 kHz. The rows are the time of each
-                sample; the estimated spool position, pressures of chambers 1 and 2 and position of
-                the ram, which are NaN before the filter has started; 1 where position and both
-                pressures were measured, else 0; and the measured supply pressure, NaN where it is
-                missing; and, where there is an eighth row, the spool's reading less its estimate,
-                NaN where it was not read. A block is complete if samples of which all is measured, at most 5 ms
-                apart, bridge nine tenths of it.
+            samples: float64 (7, n) or (8, n), C-contiguous, SI, at 1 kHz. The rows are the time of
+                each sample; the estimated spool position, pressures of chambers 1 and 2 and
+                position of the ram, which are NaN before the filter has started; 1 where position
+                and both pressures were measured, else 0; the measured supply pressure, NaN where it
+                is missing; and, if there is an eighth row, the spool's reading less its estimate,
+                NaN where it was not read. A block is complete if samples of which all but the last
+                two rows is measured, at most 5 ms apart, bridge nine tenths of it.
             null: null bias of the rig's spool, which decides which edges are open, and its
                 standard deviation, m.
         """

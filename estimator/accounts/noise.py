@@ -86,11 +86,11 @@ def sensor_noise(block: AccountBlock, spool_correction: float = 0.0) -> Array:
 
 
 def spool_flow(block: AccountBlock) -> Array:
-    """Return what a block would miss if the spool were where its readings say, float64 (2,), m^3/s.
+    """Return what a block would miss if the spool were where its readings say: (2,), m^3/s.
 
-    It is the missing flow of a valve whose opening is larger than estimated by the mean departure of
-    the readings from the estimates, and 0 if the spool was not read. A lag of the readings or a null
-    of the transducer departs too; both are among the nuisances.
+    It is the missing flow of a valve whose opening is larger than estimated by the mean departure
+    of the readings from the estimates, and 0 if the spool was not read. A lag of the readings or a
+    null of the transducer departs too; both are among the nuisances.
     """
     departure = block.spool_departure
     if np.isnan(departure):

@@ -29,6 +29,7 @@ from estimator.accounts import (
 from estimator.leaks import MINIMUM_BLOCKS, LearntLeakTest
 from estimator.learnt import (
     LearntNoise,
+    RegimeNoise,
     Residuals,
     Tail,
     measured_noise,
@@ -134,10 +135,10 @@ def spool_correction_of(
 ) -> float:
     """Return the part of the spool's departures by which the accounts are to be corrected, 0 to 1.
 
-    It is the coefficient of `spool_flow` in a regression of all blocks on it and the nuisances, with
-    a prior of standard deviation 1. It is kept within 0 to 1. Less than 0 would trust the command
-    more than the filter does, and a valve that begins to stick would pass for a leak; more than 1
-    would go beyond the readings.
+    It is the coefficient of `spool_flow` in a regression of all blocks on it and the nuisances,
+    with a prior of standard deviation 1. It is kept within 0 to 1. Less than 0 would trust the
+    command more than the filter does, and a valve that begins to stick would pass for a leak; more
+    than 1 would go beyond the readings.
 
     Args:
         recordings: the blocks of each recording, not corrected.

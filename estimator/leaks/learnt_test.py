@@ -1,8 +1,9 @@
 """The test for leaks that allows for what was learnt of one rig, in place of what any rig may need.
 
-It is that of `leak_statistic` with accounts corrected by the spool's readings, the noise of each block by its regime, the dead zones and the
-limit of `estimator.learnt`. Blocks in which the ram may touch a stroke end are left out. From the
-first block on whose regime was not learnt, the default's careful limit and dead zones hold.
+It is that of `leak_statistic` with the noise of each block by its regime, the dead zones and the
+limit of `estimator.learnt`. The accounts are corrected by the spool's readings as far as was learnt
+to help. Blocks in which the ram may touch a stroke end are left out. From the first block on whose
+regime was not learnt, the default's careful limit and dead zones hold.
 """
 
 from typing import Final

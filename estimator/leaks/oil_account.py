@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 
 _MOST_DEPARTURE: Final = 2e-5
 """Greatest departure of a spool's reading from its estimate that counts, m: ten times the 2 um by
-which the filter expects the valve's model to be off. One beyond is no reading of this spool, such as
-one at the end of the transducer's range, which the filter passes over."""
+which the filter expects the valve's model to be off. One beyond is no reading of this spool, such
+as one at the end of the transducer's range, which the filter passes over."""
 _ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
 
 

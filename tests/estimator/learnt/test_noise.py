@@ -77,12 +77,20 @@ def test_it_survives_json_bit_for_bit_and_says_how_sure_it_is() -> None:
     assert all(low < rate < high for rate, (low, high) in expected_alarms(made).items())
 
 
+def test_a_file_from_before_accounts_were_corrected_corrects_nothing() -> None:
+    content = noise_content(replace(noise(), spool_correction=0.7))
+    assert noise_of(content).spool_correction == 0.7
+    del content["spool_correction"]
+    assert noise_of(content) == noise()
+
+
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
         (lambda c: c["regimes"]["moving"].update(factor=-1.0), "moving: factor: -1 is outside 0"),
         (lambda c: c["regimes"].update(flying={}), "flying is none of near_stop, standstill"),
         (lambda c: c["peaks"].update(hours=0.0), "peaks: hours: 0 is outside"),
+        (lambda c: c.update(spool_correction=2.0), "spool_correction: 2 is outside 0 to 1"),
         (lambda c: c["peaks"].update(count=float("nan")), "peaks: count: nan is outside"),
     ],
 )
