@@ -7,7 +7,7 @@ from typing import Any, Final
 from estimator.accounts import MODEL_NOISE
 from rig.plant import FAULTS
 
-from .noise import LearntNoise, RegimeNoise
+from .noise import MOST_LASTING, LearntNoise, RegimeNoise
 from .regimes import REGIMES
 from .tail import Tail
 
@@ -77,7 +77,7 @@ def noise_of(content: Mapping[str, Any]) -> LearntNoise:
             _within(fields["seconds"], 0.0, LARGEST, f"{at}: seconds"),
             _within(fields["factor"], 0.0, 1e3, f"{at}: factor"),
             _within(fields["chambers"], -0.95, 0.95, f"{at}: chambers"),
-            _within(fields["lasting"], 0.0, 0.9, f"{at}: lasting"),
+            _within(fields["lasting"], 0.0, MOST_LASTING, f"{at}: lasting"),
         )
     zones = content["dead_zone_L_per_min"]
     dead = tuple(

@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 LEAST_REGIME_S: Final = 30.0
 """Least time in a regime, s, from which its noise is learnt: 60 blocks, whose 120 values tell a
 standard deviation to 7 % if they are independent, and to some 15 % if they are correlated."""
+MOST_LASTING: Final = 0.99
+"""Greatest correlation from block to block. A mean then has 199 times the variance that independent
+blocks would give it: more than if one error stayed for a standstill of a minute and a half."""
 FULL: Final = 1.0
 """Factor on the default's allowance in a regime that was not learnt: all of it."""
 
@@ -31,7 +34,8 @@ class RegimeNoise:
         factor: standard deviation of a block's error, as a part of what the default allows for
             errors of the model (0.01 L/min and the block's own doubts).
         chambers: correlation of the errors of both chambers, -1 to 1.
-        lasting: correlation of all noise from block to block, 0 to 0.9.
+        lasting: correlation from block to block, 0 to `MOST_LASTING`, of noise whose means are as
+            uncertain as those of this regime's.
     """
 
     seconds: float
