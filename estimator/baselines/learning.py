@@ -13,6 +13,7 @@ from math import ceil
 from typing import Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.accounts import (
     DRIFT,
@@ -28,19 +29,26 @@ from estimator.accounts import (
 )
 from estimator.leaks import MINIMUM_BLOCKS, LearntLeakTest
 from estimator.learnt import (
+    NEAR_STOP,
+    STANDSTILL,
     LearntNoise,
     RegimeNoise,
     Residuals,
     Tail,
+    careful,
     measured_noise,
     regime_of,
     tail_of,
 )
-from rig.plant import Parameters
+from rig.plant import LEAKS, LITRE_PER_MINUTE, Parameters
 
+Array = NDArray[np.float64]
 Blocks = Sequence[AccountBlock]
 _Each = TypeVar("_Each")
 
+WINDOW: Final = 60
+"""Blocks (half a minute) over which a persistent error is looked for: a leak of 0.03 L/min or less
+takes up to a minute to be named, and motions change within a minute or so."""
 FOLDS: Final = 3
 """Number of folds: each is judged by two thirds of the accounts, nearly as many as in the end."""
 LEAST_FOLD_S: Final = 60.0
@@ -86,13 +94,19 @@ def learnt_noise(recordings: Sequence[Blocks], parameters: Parameters) -> Learnt
             replace(noise, regimes=measured_noise(_others(left, k)))
             for k, noise in enumerate(noises)
         ]
+    noises = [
+        replace(noise, dead_zone=dead_zone_of(_others(left, k), noise, parameters))
+        for k, noise in enumerate(noises)
+    ]
     peaks: list[float] = []
     hours = 0.0
     for fold, belief, noise in zip(folds, beliefs, noises, strict=True):
         for blocks in fold:
             peaks += peaks_of(blocks, belief, noise, parameters)
             hours += sum(block.end_s - block.start_s for block in blocks) / 3600.0
-    learnt = _bare(measured_noise([each for fold in left for each in fold]))
+    every = [each for fold in left for each in fold]
+    learnt = _bare(measured_noise(every))
+    learnt = replace(learnt, dead_zone=dead_zone_of(every, learnt, parameters))
     correction = spool_correction_of(recordings, learnt, parameters)
     return replace(learnt, tail=tail_of(peaks, BASE, hours), spool_correction=correction)
 
@@ -121,12 +135,64 @@ def _others(folds: Sequence[Sequence[_Each]], left_out: int) -> list[_Each]:
     return [each for k, fold in enumerate(folds) if k != left_out for each in fold]
 
 
-def _bare(regimes: Mapping[str, RegimeNoise]) -> LearntNoise:
-    """Return learnt noise without a tail.
+def dead_zone_of(
+    left: Sequence[Residuals], noise: LearntNoise, parameters: Parameters
+) -> tuple[float, ...]:
+    """Return the flow in L/min that each of `FAULTS` must exceed, by what stays for half a minute.
 
-    The dead zones are those of an exact model: what the model is off by is in the noise and in the
-    tail, which a dead zone would hide from being measured.
+    Errors of the model that come with a kind of motion look like a small leak for as long as it
+    lasts, and would be surer the longer it does. What they are taken for is found by fitting each
+    leak to every `WINDOW` blocks of what the nuisances leave. The variance of these flows beyond
+    their chance is that of a persistent error. The default's dead zone is the prior of its standard
+    deviation, with the weight of one window (`careful`). Standstills do not count: what stays for
+    one is in the noise of that regime. Supply and return have what they have for an exact model.
+
+    Args:
+        left: what the nuisances leave of each recording.
+        noise: by which the blocks are weighed.
+        parameters: the parameters that were assumed.
     """
+    squares, count = np.zeros(len(LEAKS)), 0
+    for recording in left:
+        rows = [
+            (block, noise.whitening(block, parameters), error)
+            for block, name, error in zip(
+                recording.blocks, recording.regimes, recording.left, strict=True
+            )
+            if name not in (NEAR_STOP, STANDSTILL)
+        ]
+        for first in range(0, len(rows) - WINDOW + 1, WINDOW):
+            window = rows[first : first + WINDOW]
+            squares += _persistent(window)
+            count += 1
+    default = np.array(dead_zones(1.0)[: len(LEAKS)])
+    variances = np.maximum(squares, 0.0) / max(count, 1) / default**2
+    zones = default * np.sqrt([careful(variance, count) for variance in variances])
+    return (*map(float, np.minimum(zones, default)), *map(float, dead_zones(0.0)[len(LEAKS) :]))
+
+
+def _persistent(window: Sequence[tuple[AccountBlock, Array, Array]]) -> Array:
+    """Return the square of the flow, (L/min)^2, of each leak in a window, less its chance: (3,).
+
+    Chance is the variance of the fitted coefficient by Eicker, Huber and White, for noise that
+    differs from block to block.
+
+    Args:
+        window: blocks, the matrix that whitens each, and what the nuisances leave of it.
+    """
+    shapes = np.array([white @ block.faults[:, : len(LEAKS)] for block, white, _ in window])
+    errors = np.array([white @ error for _, white, error in window])
+    information = (shapes**2).sum(axis=(0, 1))
+    seen = np.where(information > 0.0, information, np.inf)
+    coefficients = (shapes * errors[:, :, None]).sum(axis=(0, 1)) / seen
+    scores = (shapes * (errors[:, :, None] - shapes * coefficients)).sum(axis=1)
+    chance = (scores**2).sum(axis=0) / seen**2
+    sizes = np.mean([block.sizes[: len(LEAKS)] for block, _, _ in window], axis=0)
+    return np.asarray((coefficients**2 - chance) * (sizes / LITRE_PER_MINUTE) ** 2)
+
+
+def _bare(regimes: Mapping[str, RegimeNoise]) -> LearntNoise:
+    """Return learnt noise without a tail, with the dead zones of an exact model."""
     return LearntNoise(regimes, tuple(map(float, dead_zones(0.0))), Tail(BASE, 1.0, 0, 0.0))
 
 

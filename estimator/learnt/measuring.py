@@ -51,7 +51,7 @@ def measured_noise(recordings: Sequence[Residuals]) -> dict[str, RegimeNoise]:
     """Return the noise of each regime that lasts for `LEAST_REGIME_S` or more, all but near stops.
 
     Variances are those of the residuals less the sensors' own, in parts of the default's allowance,
-    drawn towards that allowance as far as the stretches of the regime are few (`_careful`). The
+    drawn towards that allowance as far as the stretches of the regime are few (`careful`). The
     correlation from block to block is the larger of two: that of the residuals, the sensors' noise
     included, with one standard error added; and what makes the mean of a stretch as uncertain as an
     error that stays for a whole stretch does (`_Stretches`).
@@ -154,23 +154,25 @@ def _noise_of(regime: str, recordings: Sequence[Residuals]) -> RegimeNoise | Non
         # Nothing changes while a ram stands: its stretch is one value, also if none stood out yet.
         part, expected = 1.0, LAP_CHAMBERS
     independent = stretches.independent(part)
-    careful = _careful(variance, independent)
+    expected_variance = careful(variance, independent)
     if regime == STANDSTILL:
-        shared = _careful(shared, independent)
+        shared = careful(shared, independent)
     lasting = lagged / power if power > 0.0 else 0.0
     lasting += float(1.0 / np.sqrt(2.0 * seconds / BLOCK_S))
-    lasting = max(lasting, _as_lasting(1.0 + (stretches.length() - 1.0) * shared / careful))
+    lasting = max(
+        lasting, _as_lasting(1.0 + (stretches.length() - 1.0) * shared / expected_variance)
+    )
     weighed = independent * float(np.mean(products)) + CAREFUL_WEIGHT * expected
-    chambers = weighed / (independent + CAREFUL_WEIGHT) / careful
+    chambers = weighed / (independent + CAREFUL_WEIGHT) / expected_variance
     return RegimeNoise(
         seconds,
-        float(np.sqrt(careful)),
+        float(np.sqrt(expected_variance)),
         float(np.clip(chambers, -_MOST_CHAMBERS, _MOST_CHAMBERS)),
         float(np.clip(lasting, 0.0, MOST_LASTING)),
     )
 
 
-def _careful(variance: float, independent: float) -> float:
+def careful(variance: float, independent: float) -> float:
     """Return a variance in parts of the default's, given how many independent blocks it is from.
 
     It is the mean of its posterior with a conjugate prior, whose mean is the default's allowance
