@@ -28,6 +28,9 @@ into one chamber too much, the opposite one lets out of the other. On rigs of an
 difference of both errors was large, their sum was a tenth to a quarter of it, and a quarter makes
 -(1 - 1/16) / (1 + 1/16) = -0.9."""
 _MOST_CHAMBERS: Final = 0.95
+_MOST_FADING: Final = 0.9
+"""Greatest correlation from one block to the next that counts as noise that fades. What fades more
+slowly stays for a stretch."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class _Stretches:
 
     def __init__(self) -> None:
         self._lengths: list[int] = []
-        self._shared = 0.0
+        self._shared = self._power = 0.0
         self._total = np.zeros(2)
         self._squares = 0.0
         self._length = 0
@@ -97,12 +100,17 @@ class _Stretches:
         if self._length:
             self._lengths.append(self._length)
             self._shared += float(self._total @ self._total) - self._squares
+            self._power += self._squares
             self._total, self._squares, self._length = np.zeros(2), 0.0, 0
 
     def shared(self) -> float:
         """Return the variance that the blocks of a stretch share, 0 or more, for one chamber."""
         pairs = sum(m * (m - 1) for m in self._lengths)
         return max(0.5 * self._shared / pairs, 0.0) if pairs else 0.0
+
+    def total(self) -> float:
+        """Return the variance of all blocks, the sensors' noise included, for one chamber."""
+        return 0.5 * self._power / max(sum(self._lengths), 1)
 
     def length(self) -> float:
         """Return the number of blocks of the stretch in which a block is on average."""
@@ -149,7 +157,7 @@ def _noise_of(regime: str, recordings: Sequence[Residuals]) -> RegimeNoise | Non
         return None
     variance = max(float(np.mean(squares)), LEAST_FACTOR**2)
     shared = min(stretches.shared(), variance)
-    part, expected = shared / variance, 0.0
+    part, expected = shared / max(variance, stretches.total()), 0.0
     if regime == STANDSTILL:
         # Nothing changes while a ram stands: its stretch is one value, also if none stood out yet.
         part, expected = 1.0, LAP_CHAMBERS
@@ -158,7 +166,7 @@ def _noise_of(regime: str, recordings: Sequence[Residuals]) -> RegimeNoise | Non
     if regime == STANDSTILL:
         shared = careful(shared, independent)
     lasting = lagged / power if power > 0.0 else 0.0
-    lasting += float(1.0 / np.sqrt(2.0 * seconds / BLOCK_S))
+    lasting = min(lasting + float(1.0 / np.sqrt(2.0 * seconds / BLOCK_S)), _MOST_FADING)
     lasting = max(
         lasting, _as_lasting(1.0 + (stretches.length() - 1.0) * shared / expected_variance)
     )

@@ -66,7 +66,7 @@ def test_few_standstills_leave_the_next_one_to_the_careful_default() -> None:
     assert few.factor == pytest.approx((1.0 / 3.0) ** 0.5, rel=0.02)
     assert many.factor == pytest.approx((1.0 / 10.0) ** 0.5, rel=0.02)
     assert few.lasting > 0.9
-    assert few.chambers == pytest.approx(-0.9, abs=0.03)
+    assert few.chambers < -0.5
 
 
 def test_an_error_that_stays_for_a_stretch_lasts_as_long_as_the_stretch() -> None:
