@@ -35,6 +35,7 @@ from .noise import (
     checked_model_error as checked_model_error,
     dead_zones as dead_zones,
     sensor_noise as sensor_noise,
+    spool_flow as spool_flow,
     whitening as whitening,
 )
 from .nuisances import (

@@ -26,6 +26,7 @@ from rig.plant import DATA_SHEET, TICK, Parameters
 from .nuisances import NUISANCE_COUNT, NUISANCES
 from .row import (
     BRIDGED,
+    DEPARTURE,
     DOUBT,
     END,
     FAULT,
@@ -78,6 +79,9 @@ This makes 0.2 L/min, independent from gap to gap. Over the n gaps of a block it
 a block (`noise.MODEL_NOISE`); the test estimates the noise and allows for it."""
 _BRIDGED_PART: Final = 0.9
 """Least part of a block's time that must be bridged for the block to be complete."""
+_READ_PART: Final = _BRIDGED_PART / _REACH
+"""Least part of a block's samples with a spool reading from which their mean departure is taken: as
+many as a block has that is just complete."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,8 @@ class AccountBlock:
         supply_pressure: mean measured supply pressure, Pa; NaN if it was not measured.
         supply_flow: mean flow that the valve drew from the supply at the same samples, m^3/s, and
             the mean of its signed square, m^6/s^2; NaN if the supply pressure was not measured.
+        spool_departure: mean of the spool's readings less the filter's estimates of the same
+            samples, m; NaN without a spool transducer, or where too few readings came.
     """
 
     start_s: float
@@ -114,6 +120,7 @@ class AccountBlock:
     position_range: tuple[float, float] = (0.0, 0.0)
     supply_pressure: float = float("nan")
     supply_flow: tuple[float, float] = (float("nan"), float("nan"))
+    spool_departure: float = float("nan")
 
 
 @njit(cache=True, error_model="numpy")
@@ -123,7 +130,7 @@ def _accumulate(samples, null, par, last, row, rows):
     Samples before the filter has started (NaN) are passed over.
 
     Args:
-        samples: (7, n), as in `FlowAccount.add`.
+        samples: (7, n) or (8, n), as in `FlowAccount.add`.
         null: null bias of the spool and its standard deviation, m.
         par: the `Parameters` that are assumed.
         last: (8,), memory between calls, updated. It holds the number of samples in the block (-1
@@ -165,6 +172,9 @@ def _accumulate(samples, null, par, last, row, rows):
             supply = samples[6, k]
             if not np.isnan(supply):
                 add_supply(shown + null[0], oil_1, oil_2, supply, par, row)
+            if samples.shape[0] > 7 and not np.isnan(samples[7, k]):
+                row[DEPARTURE] += samples[7, k]
+                row[DEPARTURE + 1] += 1.0
             row[LEAST] = min(row[LEAST], position)
             row[LEAST + 1] = max(row[LEAST + 1], position)
             last[0] += 1.0
@@ -213,12 +223,13 @@ class FlowAccount:
         (`AccountBlock.complete`). Samples without an estimated position (NaN) are passed over.
 
         Args:
-            samples: float64 (7, n), C-contiguous, SI, at 1 kHz. The rows are the time of each
-                sample; the estimated spool position, pressures of chambers 1 and 2 and position of
-                the ram, which are NaN before the filter has started; 1 where position and both
-                pressures were measured, else 0; and the measured supply pressure, NaN where it is
-                missing. A block is complete if samples of which all is measured, at most 5 ms
-                apart, bridge nine tenths of it.
+            samples: float64 (7, n) or (8, n), C-contiguous, SI, at 1 kHz. The rows are the time of
+                each sample; the estimated spool position, pressures of chambers 1 and 2 and
+                position of the ram, which are NaN before the filter has started; 1 where position
+                and both pressures were measured, else 0; the measured supply pressure, NaN where it
+                is missing; and, if there is an eighth row, the spool's reading less its estimate,
+                NaN where it was not read. A block is complete if samples of which all but the last
+                two rows is measured, at most 5 ms apart, bridge nine tenths of it.
             null: null bias of the rig's spool, which decides which edges are open, and its
                 standard deviation, m.
         """
@@ -231,6 +242,7 @@ def block_of(row: Array) -> AccountBlock:
     """Return the block whose sums, divided by its number of samples, are a row: (`row.WIDTH`,)."""
     nuisances = row[NUISANCE:FAULT].reshape(NUISANCE_COUNT, 2).T
     measured = row[SUPPLY + 1] or float("nan")
+    read = row[DEPARTURE + 1] >= _READ_PART * row[SAMPLES]
     return AccountBlock(
         start_s=float(row[END] - row[SAMPLES] * TICK),
         end_s=float(row[END]),
@@ -243,6 +255,7 @@ def block_of(row: Array) -> AccountBlock:
         position_range=(float(row[LEAST]), float(row[LEAST + 1])),
         supply_pressure=float(row[SUPPLY] / measured),
         supply_flow=(float(row[SUPPLY + 2] / measured), float(row[SUPPLY + 3] / measured)),
+        spool_departure=float(row[DEPARTURE] / row[DEPARTURE + 1]) if read else float("nan"),
     )
 
 

@@ -42,6 +42,9 @@ RELATIVE_DEAD_ZONE: Final = 0.05
 the first one's flow, and a fault that has fallen to this part of its size counts as ended."""
 MOST_MODEL_ERROR: Final = 10.0
 """Greatest permitted value of `model_error`, the factor on what is allowed for model errors."""
+SPOOL_KEPT: Final = 2.9e-8 / (1e-6 / 500**0.5)
+"""Part of the spool transducer's noise (1 um a sample, 500 samples a block) that the filter leaves
+in a block's mean opening; the rest of the mean comes from the command."""
 SENSOR_PLACES: Final = [nuisance_index(name) for name in SENSOR_ERRORS]
 """Indices in `NUISANCES` of the sensors' errors, in the order of `SENSOR_ERRORS`."""
 SENSOR_PARTS: Final = np.array(
@@ -66,11 +69,34 @@ def checked_model_error(model_error: float) -> float:
     return model_error
 
 
-def sensor_noise(block: AccountBlock) -> Array:
-    """Return the covariance (2, 2) of a block's missing flows by sensor noise, in (m^3/s)^2."""
-    errors = block.nuisances[:, SENSOR_PLACES] * SENSOR_PARTS
+def sensor_noise(block: AccountBlock, spool_correction: float = 0.0) -> Array:
+    """Return the covariance (2, 2) of a block's missing flows by sensor noise, in (m^3/s)^2.
+
+    Args:
+        block: the account.
+        spool_correction: part of the spool's mean departure by which the opening was corrected
+            (`spool_flow`). The opening then has that part of the noise, too, that the filter had
+            removed.
+    """
+    parts = SENSOR_PARTS.copy()
+    parts[0] *= 1.0 + spool_correction * (1.0 - SPOOL_KEPT) / SPOOL_KEPT
+    errors = block.nuisances[:, SENSOR_PLACES] * parts
     own = (OWN_NOISE * LITRE_PER_MINUTE) ** 2
     return np.asarray(errors @ errors.T + own * np.eye(2))
+
+
+def spool_flow(block: AccountBlock) -> Array:
+    """Return what a block would miss if the spool were where its readings say: (2,), m^3/s.
+
+    It is the missing flow of a valve whose opening is larger than estimated by the mean departure
+    of the readings from the estimates, and 0 if the spool was not read. A lag of the readings or a
+    null of the transducer departs too; both are among the nuisances.
+    """
+    departure = block.spool_departure
+    if np.isnan(departure):
+        return np.zeros(2)
+    at = SENSOR_PLACES[0]
+    return np.asarray(block.nuisances[:, at] * (departure / NUISANCES[at].sigma))
 
 
 def whitening(block: AccountBlock, model_error: float) -> Array:

@@ -6,7 +6,8 @@ A row of sums holds, in this order: the end time, the part of its time that is b
 of samples, the sum of the measured supply pressure, the number of samples with one, the flow drawn
 from the supply at these samples and its signed square; then pairs of values for chambers 1 and 2,
 of the missing flow, of each nuisance and of each fault; then the faults' sizes, the doubts for
-chambers 1 and 2, and the least and greatest position.
+chambers 1 and 2, the least and greatest position, the sum of what the spool's readings depart from
+its estimates, and the number of samples with a spool reading.
 """
 
 from math import erfc, exp, pi, sqrt
@@ -49,7 +50,8 @@ FAULT: Final = NUISANCE + 2 * NUISANCE_COUNT
 SIZE: Final = FAULT + 2 * FAULT_COUNT
 DOUBT: Final = SIZE + FAULT_COUNT
 LEAST: Final = DOUBT + 2
-WIDTH: Final = LEAST + 2
+DEPARTURE: Final = LEAST + 2
+WIDTH: Final = DEPARTURE + 2
 
 
 def _column(nuisance: str) -> int:

@@ -44,7 +44,9 @@ _NEEDED: Final = (
 )  # fmt: skip
 _ADDED_LATER: Final = ("model_sha256", "model_error", "noise", "commissioning", "accepted")
 _REGIME_KEYS: Final = ("seconds", "noise_L_per_min", "factor", "chambers", "lasting")
-_NOISE_KEYS: Final = ("regimes", "dead_zone_L_per_min", "peaks", "expected_alarms_per_day")
+_NOISE_KEYS: Final = (
+    "regimes", "dead_zone_L_per_min", "peaks", "expected_alarms_per_day", "spool_correction",
+)  # fmt: skip
 _PEAK_KEYS: Final = ("over", "hours", "count", "excess")
 
 

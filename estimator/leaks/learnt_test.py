@@ -1,8 +1,9 @@
 """The test for leaks that allows for what was learnt of one rig, in place of what any rig may need.
 
 It is that of `leak_statistic` with the noise of each block by its regime, the dead zones and the
-limit of `estimator.learnt`. Blocks in which the ram may touch a stroke end are left out. From the
-first block on whose regime was not learnt, the default's careful limit and dead zones hold.
+limit of `estimator.learnt`. The accounts are corrected by the spool's readings as far as was learnt
+to help. Blocks in which the ram may touch a stroke end are left out. From the first block on whose
+regime was not learnt, the default's careful limit and dead zones hold.
 """
 
 from typing import Final
@@ -101,7 +102,7 @@ class LearntLeakTest(LeakTest):
             self._careful = True
             self.model_error = self._null_shift = 1.0
             self.dead_zone = np.maximum(self.dead_zone, dead_zones(1.0))
-        super().add(block)
+        super().add(self._noise.corrected(block))
 
     def _whitening(self, block: AccountBlock) -> Array:
         return self._noise.whitening(block, self._parameters)

@@ -14,6 +14,10 @@ from .leak_statistic import LeakTest
 
 Array = NDArray[np.float64]
 
+_MOST_DEPARTURE: Final = 2e-5
+"""Greatest departure of a spool's reading from its estimate that counts, m: ten times the 2 um by
+which the filter expects the valve's model to be off. One beyond is no reading of this spool, such
+as one at the end of the transducer's range, which the filter passes over."""
 _ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
 
 
@@ -60,7 +64,9 @@ class OilAccount:
         fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
         fresh &= _alive(samples.pressure_1) & _alive(samples.pressure_2)
         estimates = [run.state(name) for name in _ESTIMATES]
-        rows = np.array([run.time_s, *estimates, fresh, samples.supply_pressure])
+        departures = samples.spool - estimates[0]
+        departures[np.abs(departures) > _MOST_DEPARTURE] = np.nan
+        rows = np.array([run.time_s, *estimates, fresh, samples.supply_pressure, departures])
         first = 0
         while first < run.time_s.size:
             end = first + self.flow.samples_left

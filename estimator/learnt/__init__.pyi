@@ -6,7 +6,17 @@ from .content import (
     noise_content as noise_content,
     noise_of as noise_of,
 )
-from .measuring import Residuals as Residuals, joined as joined, measured_noise as measured_noise
+from .measuring import (
+    Residuals as Residuals,
+    careful as careful,
+    joined as joined,
+    measured_noise as measured_noise,
+)
 from .noise import LearntNoise as LearntNoise, RegimeNoise as RegimeNoise
-from .regimes import REGIMES as REGIMES, regime_of as regime_of
+from .regimes import (
+    NEAR_STOP as NEAR_STOP,
+    REGIMES as REGIMES,
+    STANDSTILL as STANDSTILL,
+    regime_of as regime_of,
+)
 from .tail import Tail as Tail, tail_of as tail_of

@@ -7,7 +7,7 @@ from typing import Any, Final
 from estimator.accounts import MODEL_NOISE
 from rig.plant import FAULTS
 
-from .noise import LearntNoise, RegimeNoise
+from .noise import MOST_LASTING, LearntNoise, RegimeNoise
 from .regimes import REGIMES
 from .tail import Tail
 
@@ -46,6 +46,7 @@ def noise_content(noise: LearntNoise) -> dict[str, Any]:
             }
             for name, each in noise.regimes.items()
         },
+        "spool_correction": noise.spool_correction,
         "dead_zone_L_per_min": dict(zip(FAULTS, noise.dead_zone, strict=True)),
         "peaks": {
             "over": noise.tail.base,
@@ -76,7 +77,7 @@ def noise_of(content: Mapping[str, Any]) -> LearntNoise:
             _within(fields["seconds"], 0.0, LARGEST, f"{at}: seconds"),
             _within(fields["factor"], 0.0, 1e3, f"{at}: factor"),
             _within(fields["chambers"], -0.95, 0.95, f"{at}: chambers"),
-            _within(fields["lasting"], 0.0, 0.9, f"{at}: lasting"),
+            _within(fields["lasting"], 0.0, MOST_LASTING, f"{at}: lasting"),
         )
     zones = content["dead_zone_L_per_min"]
     dead = tuple(
@@ -89,7 +90,9 @@ def noise_of(content: Mapping[str, Any]) -> LearntNoise:
         int(_within(peaks["count"], 0.0, 1e9, "noise: peaks: count")),
         _within(peaks["excess"], 0.0, LARGEST, "noise: peaks: excess"),
     )
-    return LearntNoise(regimes, dead, tail)
+    # Files from before the accounts were corrected have none.
+    correction = _within(content.get("spool_correction", 0.0), 0.0, 1.0, "noise: spool_correction")
+    return LearntNoise(regimes, dead, tail, correction)
 
 
 def _within(value: object, least: float, most: float, name: str) -> float:

@@ -6,7 +6,8 @@ from estimator.accounts import INTERNAL_LEAKAGE, AccountBlock
 from rig.plant import Parameters
 
 NEAR_STOP: Final = "near_stop"
-REGIMES: Final = (NEAR_STOP, "standstill", "creep", "loaded", "fast", "moving")
+STANDSTILL: Final = "standstill"
+REGIMES: Final = (NEAR_STOP, STANDSTILL, "creep", "loaded", "fast", "moving")
 """Names of the regimes. A block has the first one that fits; `moving` is what is left."""
 
 STOP_REACH: Final = 2e-3
@@ -39,7 +40,7 @@ def regime_of(block: AccountBlock, parameters: Parameters) -> str:
         return NEAR_STOP
     travel = high - low
     if travel <= STANDSTILL_TRAVEL:
-        return "standstill"
+        return STANDSTILL
     speed = travel / (block.end_s - block.start_s)
     if speed <= CREEP_SPEED:
         return "creep"

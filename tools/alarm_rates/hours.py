@@ -68,8 +68,10 @@ def simulated_piece(seed: int, number: int, piece_s: float = PIECE_S) -> Piece:
     commands = np.array(command, dtype=np.float64)
     run = run_filter(time_s, commands, measured, Model())
     names_of = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
-    table = np.array([run.time_s, *(run.state(name) for name in names_of),
-                      np.ones(rows), np.full(rows, np.nan)])  # fmt: skip
+    estimates = [run.state(name) for name in names_of]
+    departures = spool - estimates[0]
+    unread = np.full(rows, np.nan)
+    table = np.array([run.time_s, *estimates, np.ones(rows), unread, departures])
     blocks = _accounts(table)
     ends = [round(block.end_s / physics.TICK) - 1 for block in blocks]
     kinds = [names[int(np.searchsorted(starts, end, "right")) - 1] for end in ends]

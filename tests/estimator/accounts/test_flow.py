@@ -254,3 +254,17 @@ def test_noise_about_null_tells_nothing_of_the_lines() -> None:
         for opening in (0.0, 5e-6)
     )
     assert (noisy < 1e-3 * open_).all()
+
+
+@pytest.mark.parametrize(("apart", "counts"), [(1, True), (5, True), (6, False)])
+def test_a_block_tells_how_far_the_spools_readings_were_from_its_estimates(
+    sound: Motion, apart: int, counts: bool
+) -> None:
+    time_s = np.arange(TICKS) * 1e-3
+    departures = np.where(np.arange(TICKS) % apart == 0, 2e-7 + 1e-7 * (time_s > 0.5), np.nan)
+    rows = [time_s, *(sound[name] for name in ESTIMATED), np.ones(TICKS), UNMEASURED]
+    first, second = FlowAccount(NOMINAL).add(np.array([*rows, departures]))[:2]
+    expected = (2e-7, 3e-7) if counts else (np.nan, np.nan)
+    found = first.spool_departure, second.spool_departure
+    assert found == pytest.approx(expected, nan_ok=True, rel=1e-3)
+    assert np.array_equal(first.missing, FlowAccount(NOMINAL).add(np.array(rows))[0].missing)

@@ -84,7 +84,7 @@ def test_a_regime_that_was_not_learnt_is_judged_as_on_any_rig(learnt: LearntNois
     blocks = moving_blocks(40, 10)
     test = judged(learnt, blocks)
     sure = test.limit()
-    assert test.dead_zone[0] == 0.0
+    assert test.dead_zone[0] < 0.5 * dead_zones(1.0)[0]
     test.add(moving(moving_blocks(41, 10)[-1], travel=0.2))
     assert test.limit() > sure
     assert np.array_equal(test.dead_zone, dead_zones(1.0))

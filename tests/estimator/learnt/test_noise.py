@@ -48,7 +48,32 @@ def test_a_regime_that_hardly_occurred_is_not_learnt() -> None:
 
 
 def test_a_rig_is_not_taken_for_quieter_than_drawn_rigs() -> None:
-    assert measured_noise([residuals(0.0, 0.0, 0.0, count=200)])["moving"].factor == 0.06
+    noise = measured_noise([residuals(0.0, 0.0, 0.0, count=1000)])["moving"]
+    assert 0.06 <= noise.factor < 0.1
+
+
+def standstills(offsets: list[float]) -> Residuals:
+    """Return residuals of holds of 50 blocks, each off by its own part of 0.01 L/min, opposite."""
+    error = NOISE * np.repeat(offsets, 50)
+    held = [moving(blocks(1, 1)[0], travel=0.0)] * error.size
+    return Residuals(held, ["standstill"] * error.size, np.column_stack([error, -error]))
+
+
+def test_few_standstills_leave_the_next_one_to_the_careful_default() -> None:
+    """All of a standstill is one value; the default's allowance is another."""
+    ends = [standstills([0.0]) for _ in range(9)]
+    few, many = (measured_noise(ends[:count])["standstill"] for count in (2, 9))
+    assert few.factor == pytest.approx((1.0 / 3.0) ** 0.5, rel=0.02)
+    assert many.factor == pytest.approx((1.0 / 10.0) ** 0.5, rel=0.02)
+    assert few.lasting > 0.9
+    assert few.chambers < -0.5
+
+
+def test_an_error_that_stays_for_a_stretch_lasts_as_long_as_the_stretch() -> None:
+    rng = np.random.default_rng(4)
+    held = [standstills([error]) for error in 0.5 * rng.standard_normal(40)]
+    found = measured_noise([replace(each, regimes=["creep"] * 50) for each in held])["creep"]
+    assert (1.0 + found.lasting) / (1.0 - found.lasting) == pytest.approx(50.0, rel=0.1)
 
 
 def test_noisy_and_lasting_regimes_count_for_less() -> None:
@@ -77,12 +102,20 @@ def test_it_survives_json_bit_for_bit_and_says_how_sure_it_is() -> None:
     assert all(low < rate < high for rate, (low, high) in expected_alarms(made).items())
 
 
+def test_a_file_from_before_accounts_were_corrected_corrects_nothing() -> None:
+    content = noise_content(replace(noise(), spool_correction=0.7))
+    assert noise_of(content).spool_correction == 0.7
+    del content["spool_correction"]
+    assert noise_of(content) == noise()
+
+
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
         (lambda c: c["regimes"]["moving"].update(factor=-1.0), "moving: factor: -1 is outside 0"),
         (lambda c: c["regimes"].update(flying={}), "flying is none of near_stop, standstill"),
         (lambda c: c["peaks"].update(hours=0.0), "peaks: hours: 0 is outside"),
+        (lambda c: c.update(spool_correction=2.0), "spool_correction: 2 is outside 0 to 1"),
         (lambda c: c["peaks"].update(count=float("nan")), "peaks: count: nan is outside"),
     ],
 )
