@@ -24,6 +24,12 @@ def begin() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(arguments, cwd=ROOT, stdin=silent, stdout=silent, stderr=silent)
 
 
+def end(process: "subprocess.Popen[bytes]") -> None:
+    """End the compiling, which has long come to its end unless the test run was very short."""
+    process.terminate()
+    process.wait()
+
+
 def main() -> None:
     """Compile the pieces of a session on hardware, then those of one on a simulated rig."""
     from estimator.filters import DEFAULT_FILTER

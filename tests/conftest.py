@@ -3,6 +3,7 @@
 import gc
 import os
 from collections.abc import Generator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -59,9 +60,7 @@ def pytest_configure(config: pytest.Config) -> None:
     all_tests = any(HERE.is_relative_to(Path(asked).resolve()) for asked in config.args)
     if not worker:
         if all_tests and config.getoption("numprocesses", None):
-            compiling = compiling_sessions.begin()
-            config.add_cleanup(compiling.wait)
-            config.add_cleanup(compiling.terminate)
+            config.add_cleanup(partial(compiling_sessions.end, compiling_sessions.begin()))
         return
     use_compile_cache()
     folder = os.environ.get("NUMBA_CACHE_DIR")
