@@ -158,7 +158,7 @@ def _show_status(rig: Rig, *, as_json: bool) -> int:
     elif found is None:
         # Another user's station is not found by its socket, but the devices that it reads are.
         used = in_use(rig.drivers)
-        remedy = f"and {used}" if used else "start one: rig station RIG"
+        remedy = used or "start one: rig station RIG"
         click.echo(f"{rig.name}: no station of this user; {remedy}")
     else:
         click.echo(
