@@ -249,3 +249,20 @@ def test_the_detector_needs_no_package_that_is_not_declared() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_an_account_tells_how_far_the_spools_readings_are_from_its_estimate(
+    sound: tuple[Recording, FilterRun],
+) -> None:
+    """A reading at the end of the range is none, and what the account misses is not touched."""
+    recording, run = sound
+    shown = recording.channels["spool_m"] + 3e-7
+    shown[700:720] = 1.0
+    moved = replace(recording, channels={**recording.channels, "spool_m": shown})
+    before, after = blocks_of(recording, run), blocks_of(moved, run)
+    further = np.array(
+        [b.spool_departure - a.spool_departure for a, b in zip(before, after, strict=True)]
+    )
+    assert np.abs(np.delete(further, 1) - 3e-7).max() < 1e-10
+    assert further[1] == pytest.approx(3e-7, abs=1e-7)
+    assert all(np.array_equal(a.missing, b.missing) for a, b in zip(before, after, strict=True))
