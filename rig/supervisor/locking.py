@@ -142,7 +142,6 @@ class LockedRig:
             rows = self._reader.take()[:, self._columns]
             rows = rows[(rows[:, 1] == self._number) & np.isfinite(rows[:, 3:6].sum(axis=1))]
             if len(rows):
-                self._newest = rows[-1]
                 self._time_s = float(rows[-1, 0])
                 if self._time_s >= self._due:
                     return tuple(rows[-1].tolist())
