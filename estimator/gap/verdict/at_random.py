@@ -1,9 +1,9 @@
 """This module recognises an input that acts at random times, which no curve can show.
 
-A command that is late by another time at each sample leaves errors whose mean is 0 and whose squares
-grow with the rate of the command. So do errors of a cause that is not random, such as a filter, a
-resonance or a dead zone before the valve. What tells them apart is prediction: what is not random
-follows from the course of the command, and lasts; what is random does neither.
+A command that is late by another time at each sample leaves errors whose mean is 0 and whose
+squares grow with the rate of the command. So do the errors of a cause that is not random, such as a
+filter or a resonance before the valve. What tells them apart is prediction: what is not random
+follows from the course of the command, or lasts; what is random does neither.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ RANDOM_DELAY: Final = "random_delay"
 """Name of the shape in the lexicon, and of its form."""
 _LITTLE: Final = 0.3
 """Part of the excess in squared error. What is random may have no more than this of what follows
-from the command's course, and of what lasts. This bound was chosen: it is well above what chance
-gives a recording of ten seconds (a correlation of some thousand samples is known to 0.03), and well
-below what a filter leaves, which is nearly all."""
+from the command's course, and no more of what lasts. This bound was chosen: it is ten times what
+chance gives (a correlation of a thousand samples is known to 0.03), and well below what causes that
+are not random leave, which is most of it."""
 _FOLDS: Final = 4
 """Number of parts of each recording; a filter of the command is judged on the parts that it was not
 fitted to."""
@@ -69,8 +69,8 @@ def random_delays(
     name, none = plant.inputs[index], np.empty(0)
     what = (
         f"{name} acts at random times: squared errors of {worst.channel} grow with the rate of "
-        f"{name}, from {worst.values.min():.2g} to {worst.values[-1]:.2g} predicted variances above "
-        f"the noise, and neither follow from its course ({max(follows, 0.0):.0%} of them) nor last "
+        f"{name}, from {worst.values.min():.2g} to {worst.values[-1]:.2g} predicted variances "
+        f"above the noise, and neither follow from its course ({max(follows, 0.0):.0%} of them) nor last "
         f"for {0.5 * plant.horizon * 1e3:.3g} ms ({max(lasts, 0.0):.0%}). No model can predict them"
     )
     return [
@@ -87,8 +87,9 @@ def predicted_part(
 ) -> float:
     """Return the part of the excess in squared error that follows from the input's course.
 
-    A linear filter of the input's last values, and of their squares with the sign of their changes,
-    is fitted to all parts of the recordings but one, and judged on that one. The result is below 0
+    A linear filter of the input's last changes is fitted, with the input, its square with the
+    input's sign, the sign of its last change and a constant beside it. It is fitted to all parts of
+    the recordings but one, and judged on that one (cross-validation, Stone 1974). The result is below 0
     where it predicts worse than nothing, and 0 where there is no excess.
 
     Args:
@@ -126,8 +127,8 @@ def lasting_part(errors: Sequence[Array], floor: float, length: int) -> float:
     """Return the part of the excess in squared error that is still there later.
 
     That is the largest correlation of the errors with themselves, of either sign, half of `length`
-    to `length` samples apart: an error of the valve itself, which is made once, is over by then. It
-    is 0 where there is no excess.
+    to `length` samples apart. The valve answers one late sample of the command for less than that.
+    The result is 0 where there is no excess.
 
     Args:
         errors: float64 (n,) of each record, one-step errors in standard deviations.
