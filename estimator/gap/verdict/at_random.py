@@ -70,8 +70,8 @@ def random_delays(
     what = (
         f"{name} acts at random times: squared errors of {worst.channel} grow with the rate of "
         f"{name}, from {worst.values.min():.2g} to {worst.values[-1]:.2g} predicted variances "
-        f"above the noise, and neither follow from its course ({max(follows, 0.0):.0%} of them) nor last "
-        f"for {0.5 * plant.horizon * 1e3:.3g} ms ({max(lasts, 0.0):.0%}). No model can predict them"
+        f"above the noise, and neither follow from its course ({max(follows, 0.0):.0%} of them) "
+        f"nor last for {0.5 * plant.horizon * 1e3:.3g} ms ({max(lasts, 0.0):.0%}). No model can predict them"
     )
     return [
         Discovered(
@@ -89,8 +89,8 @@ def predicted_part(
 
     A linear filter of the input's last changes is fitted, with the input, its square with the
     input's sign, the sign of its last change and a constant beside it. It is fitted to all parts of
-    the recordings but one, and judged on that one (cross-validation, Stone 1974). The result is below 0
-    where it predicts worse than nothing, and 0 where there is no excess.
+    the recordings but one, and judged on that one (cross-validation, Stone 1974). The result is
+    below 0 where it predicts worse than nothing, and 0 where there is no excess.
 
     Args:
         errors: float64 (n,) of each record, one-step errors in standard deviations.
