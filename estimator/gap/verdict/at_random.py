@@ -71,7 +71,8 @@ def random_delays(
         f"{name} acts at random times: squared errors of {worst.channel} grow with the rate of "
         f"{name}, from {worst.values.min():.2g} to {worst.values[-1]:.2g} predicted variances "
         f"above the noise, and neither follow from its course ({max(follows, 0.0):.0%} of them) "
-        f"nor last for {0.5 * plant.horizon * 1e3:.3g} ms ({max(lasts, 0.0):.0%}). No model can predict them"
+        f"nor last for {0.5 * plant.horizon * 1e3:.3g} ms ({max(lasts, 0.0):.0%}). No model can "
+        "predict them"
     )
     return [
         Discovered(
