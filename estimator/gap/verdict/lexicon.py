@@ -173,7 +173,7 @@ LEXICON: Final = {
     "stuck_channel": Word("a look at the channel alone", "a transducer or cable that failed"),
     "mixed_up_channel": Word("a look at the cables", "cables that are swapped"),
 }
-"""All shapes by name. Curves show no `resonance`, `random_delay`, `stuck_channel` and
+"""All shapes by name. Curves show no `resonance`, `random_delay` (`at_random`), `stuck_channel` and
 `mixed_up_channel`: whoever finds these in another way names them so. A `lag` is a curve in readings
 only."""
 

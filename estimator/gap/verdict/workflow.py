@@ -51,6 +51,7 @@ from estimator.gap.search import (
 )
 from rig.recording import Recording
 
+from .at_random import random_delays
 from .choosing import Choice, choose
 from .describing import Wanted, described_as, measured, stuck_channels, without_unwanted
 from .experiments import separations
@@ -161,7 +162,7 @@ def _search(
     said("looking where the model was wrong, and what is left")
     result.verdict, result.reasons = _judgement(result, search, found, choice, judged)
     if result.verdict == "inconclusive":
-        result.rest, result.channels = result.where, []
+        result.rest, result.channels, result.discovered = result.where, [], []
         result.reasons += ends_in_words(search.refits.nuisances, found.refitted.values)
         return
     result.reasons += ends_in_words(found.variables, found.fitted.values)
@@ -178,7 +179,8 @@ def _judgement(
 
     The finding is changed in place: it gets the model that was chosen, with the phases of tones in
     the held-out recordings, and names no effects if none were chosen. In the result, `where` and
-    `rest` are set: where the model was wrong, and what is left.
+    `rest` are set: where the model was wrong, and what is left; and `discovered` is set to an input
+    that acts at random times, which no curve shows.
     """
     refitted, values = found.filtered.at(found.refitted.values), found.refitted.values
     result.where = result.rest = _curves(refitted, values, search.refits.nuisances, found.floor)
@@ -194,6 +196,8 @@ def _judgement(
         result.rest = _curves(found.filtered, found.fitted.values, found.variables, found.floor)
     twins = search.twins.of(found.fitted.values)
     left = unsettled(found.filtered, twins, found.fitted.values)
+    left = compared(left, refitted, values)
+    result.discovered = random_delays(found.filtered, found.fitted.values, left)
     # A disturbance of a reading does not count as located, because it explains much even of another
     # rig, or of swapped channels.
     places = {equation.name for equation in search.plant.equations}
@@ -206,7 +210,7 @@ def _judgement(
                 (each.share for each in result.where if each.equation in places), default=0.0
             ),
             resting=_resting(found.filtered, judged),
-            unsettled=compared(left, refitted, values),
+            unsettled=left,
             held_out=search.held_out_excess(judged, found.fitted.values),
         )
     )
@@ -230,11 +234,12 @@ def _set_answer(
     kept = without_unwanted(search, found, choice, described, wanted)
     result.values = dict(known_phases(kept, judged))
     result.names, result.as_given = tuple(named.effect for named in found.named), False
-    result.discovered = []
+    at_random, result.discovered = result.discovered, []
     for each in choice.discovered:
         told = described[id(each)]
         in_model = wanted.allows(told) and each.addition.form not in NOT_IN_FILES
         result.discovered.append(measured(replace(told, in_model=in_model), each, judged))
+    result.discovered += at_random
     result.reasons += [
         f"{each.text} It is suspected to be a leak, so that the model written does not have it: "
         "the leak detector would not see it; --accept-leaks adds it"
