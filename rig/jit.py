@@ -17,7 +17,7 @@ from .compile_cache import use_compile_cache
 
 use_compile_cache()
 
-from collections.abc import Callable, Iterator  # noqa: E402
+from collections.abc import Iterator  # noqa: E402
 from contextlib import contextmanager  # noqa: E402
 from typing import Any  # noqa: E402 (numba reads at its import where compiled code is kept)
 
@@ -117,7 +117,7 @@ CPUCodeLibrary._optimize_functions = _optimise_functions  # type: ignore[method-
 
 
 @contextmanager
-def _untimed(kind: Any, callback: Any) -> Iterator[None]:  # noqa: ARG001
+def _untimed(kind: Any, callback: Any) -> Iterator[None]:
     """Measure no time in this context.
 
     This stands in place of numba's function, by which each function that is being compiled, with
