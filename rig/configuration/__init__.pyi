@@ -45,7 +45,7 @@ from .reading import (
     show_alike as show_alike,
     suggestion as suggestion,
 )
-from .report_content import report_content as report_content
+from .report_json import report_content as report_content
 from .rigs import (
     DEFAULT as DEFAULT,
     OFF as OFF,
