@@ -18,6 +18,7 @@ from .campaigns import (
     valve_speed as valve_speed,
     with_load as with_load,
 )
+from .checked_content import report_content as report_content
 from .checking import check as check
 from .editing import EDITED as EDITED, editor_schema as editor_schema
 from .models import (
@@ -45,7 +46,6 @@ from .reading import (
     show_alike as show_alike,
     suggestion as suggestion,
 )
-from .report_json import report_content as report_content
 from .rigs import (
     DEFAULT as DEFAULT,
     OFF as OFF,

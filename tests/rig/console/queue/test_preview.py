@@ -29,7 +29,7 @@ def test_a_check_gives_the_plan_or_all_that_is_wrong(
     plain = subprocess.Popen
     monkeypatch.setattr(preview, "CHECK_S", 0.2 if "sleep" in script else 30.0)
     monkeypatch.setattr(
-        preview.subprocess, "Popen", lambda words, **more: plain(["sh", "-c", script], **more)
+        subprocess, "Popen", lambda words, **more: plain(["sh", "-c", script], **more)
     )
     assert checked(["a"]) == found
 
