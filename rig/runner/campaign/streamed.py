@@ -113,7 +113,7 @@ class StreamedRun(Observer, Onlooker):
         self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
 
     def hands_over(self, to: str) -> None:
-        """Send to whom a station leaves the rig, which nobody reads until they have connected."""
+        """Send to whom a station leaves the rig; nobody reads it until that one has connected."""
         self._campaign["hands_over"] = to
         self._list_tests(last=True)
 
