@@ -126,7 +126,7 @@ def _untimed(_kind: str, _callback: Callable[[float], object]) -> Iterator[None]
     yield
 
 
-event.install_timer = _untimed
+event.install_timer = _untimed  # type: ignore[assignment]
 
 
 def _refuse_shape(src_shapes: Any, index_shape: Any) -> None:
