@@ -1,7 +1,4 @@
-"""A station and its clients are killed at any moment, and the rig is safe by its own record.
-
-`test_console_and_browser.py` has the kills of a console and of a browser.
-"""
+"""A station and its clients are killed at any moment, and the rig is safe by its own record."""
 
 import random
 import signal
