@@ -440,8 +440,12 @@ def test_a_process_that_was_stopped_looks_for_a_trip_before_it_goes_on_to_the_ne
 def test_a_process_that_waits_for_a_device_to_become_safe_is_alive(site: Site) -> None:
     beats: set[int] = set()
 
+    def beats_on() -> bool:
+        beats.add(int(site.board.words[Word.FIELD_BEAT]))
+        return len(beats) > 3
+
     def slow() -> None:
-        until(lambda: beats.add(int(site.board.words[Word.FIELD_BEAT])) or len(beats) > 3, "beats")
+        until(beats_on, "beats")
 
     site.bypass.safe_state = slow  # type: ignore[method-assign]
     site.pipe.send(MakeSafe())
