@@ -126,7 +126,7 @@ def _untimed(kind: Any, callback: Any) -> Iterator[None]:
     yield
 
 
-event.install_timer = _untimed  # type: ignore[assignment]
+event.install_timer = _untimed
 
 
 def _refuse_shape(src_shapes: Any, index_shape: Any) -> None:
