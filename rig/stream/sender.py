@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import zenoh
 
-from rig.surviving import Surviving, start
+from rig.surviving import Surviving, start, threads_granted
 
 from .messages import KEPT, LASTING, VERSION, alive_key, key
 from .steady_clock import SteadyClock
@@ -67,7 +67,9 @@ class StreamSender:
         self._answering = threading.Thread(target=self._answer, name="history", daemon=True)
         start(self._answering)
         self._token = session.liveliness().declare_token(alive_key(rig))
-        self._queryable = session.declare_queryable(key(rig, "*"), self._asked)
+        # Zenoh starts a thread of Python for each function that it is to call.
+        with threads_granted():
+            self._queryable = session.declare_queryable(key(rig, "*"), self._asked)
 
     def send(self, kind: str, content: Mapping[str, Any]) -> None:
         """Number, store and send a message; it is dropped for readers that do not keep up.

@@ -112,6 +112,13 @@ def test_a_sender_that_gets_no_thread_raises_an_error_of_the_system() -> None:
         StreamSender(MagicMock(), "bench", 1.0, lambda line: None)
 
 
+def test_a_sender_whose_stream_gets_no_thread_raises_an_error_of_the_system() -> None:
+    session = MagicMock()
+    session.declare_queryable.side_effect = RuntimeError("can't start new thread")
+    with pytest.raises(OSError, match="no further thread"):
+        StreamSender(session, "bench", 1.0, lambda line: None)
+
+
 @pytest.mark.parametrize("module", ["field", "loop_process", "publisher", "recorder"])
 def test_a_part_that_cannot_map_the_board_says_so_in_a_line(
     module: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

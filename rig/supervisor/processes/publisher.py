@@ -40,7 +40,7 @@ from rig.stream import (
     said,
     voice_of,
 )
-from rig.surviving import Surviving
+from rig.surviving import Surviving, threads_granted
 
 from .child import News, child_ends, obeyed_next, run_to_end
 from .health import Health
@@ -159,8 +159,9 @@ class Publisher:
         self._sender = StreamSender(session, order.rig, history_s, self._failures.put, self._voice)
         self._gate = gate_of(order.settings, order.rig, self._sender.name)
         keys = command_key(order.rig, "*")
-        self._queryable = session.declare_queryable(keys, self._command_came)
-        self._puts = session.declare_subscriber(keys, self._put_came)
+        with threads_granted():
+            self._queryable = session.declare_queryable(keys, self._command_came)
+            self._puts = session.declare_subscriber(keys, self._put_came)
         self._started = time.monotonic()
         if order.note:
             self._event("stream", order.note)
