@@ -21,7 +21,7 @@ class ConnectedRig:
         ends: events for the state machine, and "ramp down" for a motion that is brought to rest.
     """
 
-    configured = SimpleNamespace(injectable=())
+    configured = SimpleNamespace(injectable=(), blocking_valves=None)
     safety = SimpleNamespace(tripped=False)
     state = State.RUNNING
 

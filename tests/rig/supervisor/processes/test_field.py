@@ -275,6 +275,13 @@ def test_a_valve_that_does_not_do_what_it_should_trips_and_is_named(site: Site) 
     assert "stuck at 0.42" in told.text
 
 
+def test_a_blocking_valve_that_does_not_is_told_apart_from_a_bypass(site: Site) -> None:
+    site.bypass.inputs = site.bypass.outputs = ("external_leakage_1_ball", "blocking_2")
+    site.bypass.error = DriverError("bypass", "stuck at 1", "look at it", "blocking_2")
+    site.until(lambda: site.board.words[Word.BYPASS_SHUT_AT])
+    assert site.trips() == {Word.FIELD_TRIP: Cause.BLOCKING_STUCK}
+
+
 def test_a_device_that_refuses_to_answer_is_lost_and_none_of_its_valves_stuck(site: Site) -> None:
     site.bypass.error = DriverError("bypass", "refuses", "check the address", "switches")
     site.until(lambda: site.board.words[Word.BYPASS_SHUT_AT])
