@@ -16,6 +16,7 @@ from rig.cli.option_types import STREAMED, paced, text
 from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import load_campaign
+from rig.control_socket import own_name
 from rig.io import DriverError
 from rig.reserves import refusal, remedy_for
 from rig.runner import CampaignOutcome, Observer, StopFlag, run_campaign, stop_on_signals
@@ -54,7 +55,8 @@ from .progress import HEADINGS, CampaignProgress, cells_of, summary
     default="",
     type=text,
     metavar="NAME",
-    help="Who starts the run, or goes on with it, for its journal, report and page.",
+    help="Who starts the run, or goes on with it, for its journal, report and page; your user if "
+    "not given.",
 )
 def command(
     campaign: str,
@@ -90,6 +92,7 @@ def command(
     settings = stream_of(profile or given.get("stream"), paced=paced)
     again = ["rig", "run", reference, *([] if on_rig is None else ["--rig", on_rig])]
     desk = Desk()
+    by = by or own_name()
     directory = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))

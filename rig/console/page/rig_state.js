@@ -50,10 +50,11 @@ function ended({ life, campaign, interlocks }) {
       : ["good", "Ended", `${capital(campaign.activity)} came to its end.${begunBy(campaign)}`];
   }
   const begun = tests.some((test) => test.status && test.status !== "not_run");
+  const refused = campaign.reason?.startsWith("the rig: ");
   const also = failed.length ? ` ${count} failed: ${several(failed)}.` : "";
   if (first) return ["bad", "Tripped", trip(first) + also];
   if (tripped) return ["bad", "Tripped", sentence(tripped.message) + also];
-  if (campaign.exit_code === 3 && !begun) return ["bad", "Not started", sentence(campaign.reason)];
+  if (campaign.exit_code === 3 && !begun && refused) return ["bad", "Not started", sentence(campaign.reason)];
   const incomplete = tests.filter((test) => !test.status || ["aborted", "interrupted", "not_run", "running"].includes(test.status));
   if (incomplete.length || campaign.exit_code === 3) {
     const left = incomplete.length ? `${incomplete.length} of ${tests.length} tests did not come to their end.` : "";
@@ -88,9 +89,9 @@ function live({ life, campaign, progress, interlocks }) {
   }
   if (!runs) return ["live", "Between tests", `${campaign.name}.${also}${begunBy(campaign)}`];
   const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
-  if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}`];
+  if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}${begunBy(campaign)}`];
   if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${begunBy(campaign)}`];
-  return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}`];
+  return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}${begunBy(campaign)}`];
 }
 
 // Returns tone, word and sentence.

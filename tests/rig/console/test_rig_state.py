@@ -108,6 +108,10 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     "running": (
         in_state("running"), "live", "Running", "1 of 1: healthy", {"hold", "skip", "retry"}
     ),
+    "running, begun by somebody": (
+        in_state("running", begun_by="Bo"), "live", "Running", "1 of 1: healthy. Begun by Bo.",
+        {"hold", "skip", "retry"},
+    ),
     "homing asked for": (
         in_state("homing", name="homing", activity="homing", begun_by="Bo", tests=[]), "warn",
         "Homing", "stroke end. Begun by Bo.", set(),
@@ -163,6 +167,9 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     "not started": (
         ended("", "", exit_code=3, reason=REASON), "bad", "Not started",
         "the emergency stop is open: make the rig safe and release its button.", {"start"},
+    ),
+    "stopped while it homed before its first test": (
+        ended("", "", exit_code=3, reason="Ben"), "warn", "Stopped", "By Ben.", {"start"},
     ),
     "failed start after a trip": (
         launched(
