@@ -32,6 +32,12 @@ They then include the past samples, which the client asks for and which arrive a
 """
 REFUSED_S: Final = 10.0
 """Shortest time in s between two notices about unreadable messages on a rig's keys."""
+LISTENS_S: Final = 5.0
+"""Time in s for which a console that hears no rig says that it has only begun to listen.
+
+A rig tells its state each second and its publisher answers a new listener within one more; the rest
+is for a machine that is busy, as when the console was started again beside a rig that runs.
+"""
 NOTICES: Final = 40
 USUAL_PERIOD_S: Final = 1e-3
 
@@ -144,10 +150,15 @@ class Feed:
 
     Args:
         client: follows the streams; it is not closed here.
+
+    Attributes:
+        common: the sections about the console itself.
+        listens_until: monotonic time in s before which that no rig is heard tells nothing yet.
     """
 
     def __init__(self, client: StreamClient) -> None:
         self._client = client
+        self.listens_until = time.monotonic() + LISTENS_S
         self._rigs: dict[str, RigFeed] = {}
         self._notices: deque[dict[str, Any]] = deque(maxlen=NOTICES)
         self.common = Sections()
@@ -171,6 +182,7 @@ class Feed:
                 feed.follow(self._client, now)
             feed.look(snapshot, now, self.notice)
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
+        self.common.put("listening", now < self.listens_until)
 
     def notice(self, text: str) -> None:
         """Add a notice, with the present time, to the list that all viewers are shown."""

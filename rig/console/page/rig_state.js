@@ -114,5 +114,6 @@ export function rigState(link, lost, silent) {
   }
   if (campaign?.name && life) return ended(sections);
   if (life && life.life !== "unheard") return ["off", "Idle", "No campaign runs on this rig."];
+  if (common.listening) return ["off", "Listening", "The console has only begun to listen; a rig that runs is heard within seconds."];
   return ["off", "No rig is heard", common.launch?.allowed ? "None runs yet. Whoever has control can start a campaign." : "None runs on this stream yet."];
 }

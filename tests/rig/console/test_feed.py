@@ -45,3 +45,11 @@ def test_nonsense_on_a_rigs_keys_is_reported_now_and_then() -> None:
         "bench: 1 messages refused, the last: samples that cannot be",
         "bench: 899 messages refused, the last: samples that cannot be",
     ]
+
+
+def test_that_no_rig_is_heard_tells_nothing_before_the_console_has_listened_for_a_while() -> None:
+    feed = Feed(FakeClient(RUNNING))
+    feed.tick(feed.listens_until - 0.1)
+    assert told(feed)["listening"]
+    feed.tick(feed.listens_until)
+    assert not told(feed)["listening"]

@@ -1,5 +1,6 @@
 """State, outcome and reason stand at the top of the page, and nothing on it says otherwise."""
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -65,11 +66,18 @@ def launched(last: dict[str, Any] | None, before: Site_) -> Site_:
 
 def nobody(site: Site) -> None:
     site.client.shots.clear()
+    site.console.feed.listens_until = 0.0
+
+
+def nobody_yet(site: Site) -> None:
+    site.client.shots.clear()
+    site.console.feed.listens_until = math.inf
 
 
 COMPILING = "loop: being compiled, once for each version of this program"
 STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     "no rig": (launched(None, nobody), "off", "No rig is heard", "start a campaign", {"start"}),
+    "no rig yet": (nobody_yet, "off", "Listening", "only begun to listen", {"start"}),
     "compiling": (
         launched({"said": COMPILING}, nobody), "warn", "Starting leaks", "being compiled", set()
     ),
