@@ -1,5 +1,6 @@
 """A station reads its rig while nothing drives it, and lends it to who asks."""
 
+import gc
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
@@ -11,6 +12,7 @@ from typing import Any, Final, Protocol
 from estimator.filters import DEFAULT_FILTER
 from rig.channels import BYPASSES
 from rig.configuration import Rig
+from rig.heap import give_back
 from rig.io import DriverError
 from rig.loop import TripError
 from rig.plant import Model
@@ -142,6 +144,10 @@ class Resident:
                 self._lend(self._keeper.asked)
             else:
                 self._idle()
+                # The objects of a session that has ended refer to one another, and to the memory
+                # that its processes shared, which would stay mapped for dozens of sessions more.
+                gc.collect()
+                give_back()
         self._log.write("ended", f"station of {self._rig.name} ended by {self._stop.reason}")
         if self._unsafe:
             raise TripError(self._unsafe)

@@ -2,8 +2,10 @@
 
 import json
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -81,6 +83,7 @@ class Session:
     balls = 0.0
     left = 0
     parts = SimpleNamespace(field=None)
+    itself: "Session"
 
     def connect(self) -> None:
         error = Session.connects.pop(0) if Session.connects else None
@@ -117,8 +120,9 @@ class Station(Onlooker):
         log = StationLog(folder, lambda line: None)
         self.resident = Resident(
             load_rig("emulated"), Model(), folder, cast(Any, self.keeper), self.stop, log,
-            self._watched, lambda *arguments: cast(Any, Session()),
+            self._watched, self._session,
         )  # fmt: skip
+        self.sessions: weakref.WeakSet[Session] = weakref.WeakSet()
         self.ended_with: TripError | None = None
         self.handed_over: list[str] = []
         self.thread = threading.Thread(target=self._run)
@@ -128,6 +132,13 @@ class Station(Onlooker):
             self.resident.run()
         except TripError as error:
             self.ended_with = error
+
+    def _session(self, *_: Any) -> Any:
+        session = Session()
+        self.sessions.add(session)
+        # Also the parts of a real one refer to one another.
+        session.itself = session
+        return session
 
     @contextmanager
     def _watched(self, obey: Any) -> Iterator[Any]:
@@ -229,6 +240,19 @@ def test_a_trip_while_idle_is_kept_and_the_rig_is_read_again(station: Station) -
     Session.trips = [TripError("the field process is lost")]
     until(lambda: len(station.kept("found")) == 2, "the rig to be read again")
     assert "the field process is lost" in station.kept("lost")[0]
+
+
+def _has_found(station: Station, times: int) -> bool:
+    return len(station.kept("found")) == times
+
+
+def test_nothing_is_kept_of_the_sessions_that_have_ended(station: Station) -> None:
+    station.thread.start()
+    for number in range(2, 5):
+        station.reads()
+        Session.trips = [TripError("the field process is lost")]
+        until(partial(_has_found, station, number), "it to be read again")
+    assert len(station.sessions) == 1
 
 
 def test_a_rig_whose_devices_are_lost_is_lent_all_the_same(station: Station) -> None:
