@@ -153,16 +153,18 @@ class Feed:
 
     Attributes:
         common: the sections about the console itself.
-        listens_until: monotonic time in s before which that no rig is heard tells nothing yet.
+        listens_until: monotonic time in s before which that no rig is heard tells nothing yet;
+            None before the first tick.
     """
 
     def __init__(self, client: StreamClient) -> None:
         self._client = client
-        self.listens_until = time.monotonic() + LISTENS_S
+        self.listens_until: float | None = None
         self._rigs: dict[str, RigFeed] = {}
         self._notices: deque[dict[str, Any]] = deque(maxlen=NOTICES)
         self.common = Sections()
         self.common.put("notices", [])
+        self.common.put("listening", True)
         self._survives = Surviving("showing a rig", self.notice)
 
     def tick(self, now: float) -> None:
@@ -182,6 +184,8 @@ class Feed:
                 feed.follow(self._client, now)
             feed.look(snapshot, now, self.notice)
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
+        if self.listens_until is None:
+            self.listens_until = now + LISTENS_S
         self.common.put("listening", now < self.listens_until)
 
     def notice(self, text: str) -> None:

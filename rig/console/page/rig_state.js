@@ -98,10 +98,12 @@ function live({ life, campaign, progress, interlocks }) {
 export function rigState(link, lost, silent) {
   const { sections, common } = link;
   const { life, campaign } = sections;
-  if (lost && !link.heardAt) return ["off", "Connecting", "The console is being asked."];
+  // A console that was started again has told nothing yet.
+  if (!lost && !common.rigs || lost && !link.heardAt) return ["off", "Connecting", "The console is being asked."];
   if (lost) return ["bad", "The console does not answer", `for ${lasted(silent / 1000)}. What is shown is what was; stop the rig at the rig.`];
-  if (life?.life === "live") return live(sections);
   const run = underWay(link);
+  if (common.listening && !campaign?.name && !run) return ["off", "Listening", "The console has only begun to listen; what runs is heard within seconds."];
+  if (life?.life === "live") return live(sections);
   // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
   if (run && !(life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms)) {
     return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "What it runs is loaded and compiled; its rig is not heard yet."];
@@ -114,6 +116,5 @@ export function rigState(link, lost, silent) {
   }
   if (campaign?.name && life) return ended(sections);
   if (life && life.life !== "unheard") return ["off", "Idle", "No campaign runs on this rig."];
-  if (common.listening) return ["off", "Listening", "The console has only begun to listen; a rig that runs is heard within seconds."];
   return ["off", "No rig is heard", common.launch?.allowed ? "None runs yet. Whoever has control can start a campaign." : "None runs on this stream yet."];
 }

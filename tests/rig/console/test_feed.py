@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.console.feed import REFUSED_S, Cursor, Feed, RigFeed
+from rig.console.feed import LISTENS_S, REFUSED_S, Cursor, Feed, RigFeed
 
 from .fakes import RUNNING, FakeClient
 
@@ -49,7 +49,12 @@ def test_nonsense_on_a_rigs_keys_is_reported_now_and_then() -> None:
 
 def test_that_no_rig_is_heard_tells_nothing_before_the_console_has_listened_for_a_while() -> None:
     feed = Feed(FakeClient(RUNNING))
-    feed.tick(feed.listens_until - 0.1)
-    assert told(feed)["listening"]
-    feed.tick(feed.listens_until)
-    assert not told(feed)["listening"]
+    for at, listening in (
+        (None, True),
+        (7.0, True),
+        (6.9 + LISTENS_S, True),
+        (7.0 + LISTENS_S, False),
+    ):
+        if at is not None:
+            feed.tick(at)
+        assert told(feed)["listening"] == listening

@@ -55,6 +55,7 @@ def launched(last: dict[str, Any] | None, before: Site_) -> Site_:
     offer = {"name": "leaks", "description": "", "tests": 2, "rig": "bench"}
 
     def set_up(site: Site) -> None:
+        site.console.feed.listens_until = 0.0
         before(site)
         site.console.launcher.content = lambda: {  # type: ignore[method-assign]
             "allowed": True, "offers": [offer], "unfinished": [],
@@ -66,7 +67,6 @@ def launched(last: dict[str, Any] | None, before: Site_) -> Site_:
 
 def nobody(site: Site) -> None:
     site.client.shots.clear()
-    site.console.feed.listens_until = 0.0
 
 
 def nobody_yet(site: Site) -> None:
