@@ -180,6 +180,12 @@ def moves_on(lab: Lab) -> bool:
     return False
 
 
+def told_of(lab: Lab) -> str:
+    """Return the last line of the station's log, and the trip reports of all that has run."""
+    reports = [path.read_text() for path in lab.stage.folder.rglob("trip-*.txt")]
+    return "\n".join([lab.log[-1]["text"], *reports])
+
+
 def session_by_hand(lab: Lab, *lines: str) -> Callable[[str], None]:
     """Begin manual mode with these commands; return what gives it further ones."""
     jog = lab.lends(*JOG)
@@ -211,11 +217,11 @@ def test_a_console_killed_at_any_moment_lets_the_rig_go_on_and_its_page_says_so(
         desk.console.kill()
         desk.console.wait()
         expect(word).to_have_text("The console does not answer")
-        assert moves_on(lab)
+        assert moves_on(lab), told_of(lab)
         desk.serve()
         expect(word).to_have_text("In use")
         assert page.locator("#rig-state-why").inner_text().startswith("Manual.")
-        assert moves_on(lab)
+        assert moves_on(lab), told_of(lab)
     words = set(page.evaluate("window.words"))
     assert words <= {"The console does not answer", "Connecting", "Listening", "In use"}
     page.keyboard.press("F9")
