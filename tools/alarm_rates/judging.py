@@ -99,7 +99,7 @@ def judged_rig(
         begin = _Learnt([piece.blocks for piece in base])
         noise = begin.noise
         for rate in RATES:
-            found.expected.append((rate, *noise.tail.interval(noise.tail.limit(rate))))
+            found.expected.append((rate, *noise.tail.interval(rate)))
         rng = np.random.default_rng([seed, 2, number])
         for piece in test:
             for block in piece.blocks:
