@@ -38,7 +38,8 @@ def accepted_onto(baseline: Baseline, recordings: Sequence[Recording], model: Mo
 
     Each recording is first judged with the commissioning baseline and with the latest, at
     `_ACCEPTED` false alarms a day. With baselines of earlier versions, whose limits are not below
-    those for noise, it is judged at `LEVEL`. The levels of the thesis's filters stay those of commissioning.
+    those for noise, it is judged at `LEVEL`. The levels of the thesis's filters stay those of
+    commissioning.
 
     Args:
         baseline: the baseline so far, with learnt noise.

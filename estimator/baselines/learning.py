@@ -420,21 +420,23 @@ def peaks_over(base: float, recordings: Sequence[Sequence[Look]], hours: dict[st
 
 
 def _peaks(looks: Sequence[Look], base: float) -> list[Look]:
-    """Return the highest look of each peak over a base, which lasts for a minute at most.
+    """Return the greatest statistic of each peak over a base, and the regime in which it began.
 
-    What goes on for longer counts anew: it would raise another alarm.
+    An alarm comes when a limit is crossed, in the regime of that moment. A peak lasts for a minute
+    at most. What goes on for longer counts anew: it would raise another alarm.
     """
     peaks: list[Look] = []
-    peak, since = Look(0.0, ""), 0
+    peak: Look | None = None
+    since = 0
     for look in looks:
         over = look.statistic > base
         if over:
-            peak = max(peak, look, key=lambda each: each.statistic)
+            peak = look if peak is None else Look(max(peak.statistic, look.statistic), peak.regime)
             since += _EVERY
-        if since and (not over or since >= _LONGEST):
+        if peak is not None and (not over or since >= _LONGEST):
             peaks.append(peak)
-            peak, since = Look(0.0, ""), 0
-    return [*peaks, peak] if since else peaks
+            peak, since = None, 0
+    return peaks if peak is None else [*peaks, peak]
 
 
 def hours_by_regime(recordings: Sequence[Blocks], parameters: Parameters) -> dict[str, float]:

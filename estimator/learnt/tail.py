@@ -33,7 +33,7 @@ _DRAWS: Final = 5_000
 
 
 class RegimePeaks(NamedTuple):
-    """Peaks whose highest point came in one regime.
+    """Peaks that began in one regime.
 
     Attributes:
         regime: its name.
@@ -142,7 +142,7 @@ def tail_of(
     """Return the tail of some peaks; those up to `base` do not count.
 
     Args:
-        peaks: greatest statistic of each, and the regime in which it came.
+        peaks: greatest statistic of each, and the regime in which it began.
         base: the low limit.
         hours: time in which peaks could come, h.
         regimes: the part of that time in each regime, h.
