@@ -47,7 +47,7 @@ _REGIME_KEYS: Final = ("seconds", "noise_L_per_min", "factor", "chambers", "last
 _NOISE_KEYS: Final = (
     "regimes", "dead_zone_L_per_min", "peaks", "expected_alarms_per_day", "spool_correction",
 )  # fmt: skip
-_PEAK_KEYS: Final = ("over", "hours", "count", "excess")
+_PEAK_KEYS: Final = ("over", "hours", "count", "excess", "regimes")
 
 
 def checksum_of(content: Mapping[str, Any]) -> str:
@@ -238,7 +238,11 @@ def _of_noise(content: object, name: str) -> Iterator[str]:
             found += _of_keys(fields, f"{name}: regimes: {regime}: ", (), _REGIME_KEYS)
         zones, peaks = content.get("dead_zone_L_per_min", {}), content.get("peaks", {})
         found += _of_keys(zones, f"{name}: dead_zone_L_per_min: ", FAULTS)
-        found += _of_keys(peaks, f"{name}: peaks: ", _PEAK_KEYS)
+        found += _of_keys(peaks, f"{name}: peaks: ", _PEAK_KEYS[:4], _PEAK_KEYS)
+        by_regime = peaks.get("regimes", {}) if isinstance(peaks, dict) else {}
+        for regime, fields in by_regime.items() if isinstance(by_regime, dict) else ():
+            at = f"{name}: peaks: regimes: {regime}: "
+            found += _of_keys(fields, at, ("hours", "count"))
         found += _of_leaves(content, name)
     if not found:
         try:

@@ -2,15 +2,16 @@
 
 The accounts are divided into folds of whole recordings, or of pieces of them. Noise by regime comes
 from what is left of every fold when the nuisances of the other folds are expected. The test itself
-is then run over every fold, with the nuisances and the noise of the others, and its peaks over a
-low limit say how often higher limits are exceeded (`estimator.learnt.tail`).
+is then run over every fold, with the nuisances and the noise of the others. Its peaks over a limit
+that they exceed some 20 times an hour say how often higher limits are exceeded
+(`estimator.learnt.tail`).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import ceil
-from typing import Final, TypeVar
+from math import ceil, inf
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,9 @@ from estimator.accounts import (
     dead_zones,
     spool_flow,
 )
-from estimator.leaks import MINIMUM_BLOCKS, LearntLeakTest
+from estimator.leaks import MINIMUM_BLOCKS, RIVAL_GAIN, LearntLeakTest
 from estimator.learnt import (
+    LEAST_BASE,
     NEAR_STOP,
     STANDSTILL,
     LearntNoise,
@@ -53,14 +55,24 @@ FOLDS: Final = 3
 """Number of folds: each is judged by two thirds of the accounts, nearly as many as in the end."""
 LEAST_FOLD_S: Final = 60.0
 """Least length of a fold, s."""
-BASE: Final = 3.0
-"""Limit over which peaks of the statistic are counted. It is high enough for the excesses to be
-nearly exponential. Rigs of another maker had 4 to 20 peaks an hour over it, enough to tell how
-steeply their number falls (`tools.alarm_rates`)."""
+PEAKS_AN_HOUR: Final = 20.0
+"""Number of peaks of the statistic in an hour from whose base on higher ones are extrapolated. The
+statistic of a healthy rig changes with the motion, about every minute, so that every third rise
+counts: those are high enough for nearly exponential excesses. At 100 alarms a day an hour has four,
+at 10 a day 0.4, a fiftieth of that number; 20 peaks tell the logarithm of how steeply it falls to a
+fifth."""
+MOST_OFTEN: Final = 100.0
+"""Alarms a day after each of which the test begins anew while peaks are counted, as it does in use:
+in the minutes after that the nuisances are less sure, and peaks are twice as frequent. It is the
+most frequent of the rates that a baseline states (`STATED_RATES`)."""
+LEAST_PEAKS: Final = 10
+"""Fewest peaks from which higher ones are extrapolated, in a baseline of less than half an hour."""
+_BASE_STEP: Final = 0.1
+"""Step in which the base is looked for; the mean excess is 0.2 to 0.6."""
 _EVERY: Final = 2
 """The statistic is looked at once in this many blocks; it changes little within a second."""
 _LONGEST: Final = 120
-"""Blocks (one minute) after which a peak ends and the test begins anew, as after an alarm."""
+"""Blocks (one minute) after which a peak ends, and another one begins if the statistic stays."""
 _ROUNDS: Final = 2
 """Rounds of fitting the nuisances and measuring the noise. The first weighs the blocks by what the
 default allows for, the second by the noise that the first has measured."""
@@ -98,17 +110,21 @@ def learnt_noise(recordings: Sequence[Blocks], parameters: Parameters) -> Learnt
         replace(noise, dead_zone=dead_zone_of(_others(left, k), noise, parameters))
         for k, noise in enumerate(noises)
     ]
-    peaks: list[float] = []
-    hours = 0.0
-    for fold, belief, noise in zip(folds, beliefs, noises, strict=True):
-        for blocks in fold:
-            peaks += peaks_of(blocks, belief, noise, parameters)
-            hours += sum(block.end_s - block.start_s for block in blocks) / 3600.0
     every = [each for fold in left for each in fold]
     learnt = _bare(measured_noise(every))
     learnt = replace(learnt, dead_zone=dead_zone_of(every, learnt, parameters))
     correction = spool_correction_of(recordings, learnt, parameters)
-    return replace(learnt, tail=tail_of(peaks, BASE, hours), spool_correction=correction)
+    hours, alarm = hours_by_regime(recordings, parameters), inf
+    # The first round, without alarms, says at which limit they come as often as they may.
+    for _ in range(_ROUNDS):
+        looks = [
+            looks_of(blocks, belief, noise, parameters, alarm)
+            for fold, belief, noise in zip(folds, beliefs, noises, strict=True)
+            for blocks in fold
+        ]
+        tail = peaks_over(base_of(looks, sum(hours.values())), looks, hours)
+        alarm = tail.limit(MOST_OFTEN)
+    return replace(learnt, tail=tail, spool_correction=correction)
 
 
 def folds_of(recordings: Sequence[Blocks]) -> list[list[Blocks]]:
@@ -193,7 +209,7 @@ def _persistent(window: Sequence[tuple[AccountBlock, Array, Array]]) -> Array:
 
 def _bare(regimes: Mapping[str, RegimeNoise]) -> LearntNoise:
     """Return learnt noise without a tail, with the dead zones of an exact model."""
-    return LearntNoise(regimes, tuple(map(float, dead_zones(0.0))), Tail(BASE, 1.0, 0, 0.0))
+    return LearntNoise(regimes, tuple(map(float, dead_zones(0.0))), Tail(LEAST_BASE, 1.0, 0, 0.0))
 
 
 def spool_correction_of(
@@ -307,43 +323,127 @@ def _sums(
     return sums
 
 
-class _PeakTest(LearntLeakTest):
-    """A test that claims whatever exceeds the limit for peaks, leaks that grow too."""
+class Look(NamedTuple):
+    """What the test for leaks says after a block.
+
+    Attributes:
+        statistic: the greatest statistic of a fault; 0 if it is below `LEAST_BASE`, or if there are
+            too few blocks.
+        regime: regime of the block.
+    """
+
+    statistic: float
+    regime: str
+
+
+class _LowTest(LearntLeakTest):
+    """A test with the lowest limit, which tells how high the limit could be for an alarm."""
 
     def threshold(self, freedom: float, part: float = 1.0) -> float:
-        return BASE
+        return LEAST_BASE
+
+    def statistic(self) -> float:
+        """Return the greatest statistic of a fault, or of a leak that grows; 0 if there is none."""
+        found = [self.best(), *self._slow()]
+        if self.candidates().gain.max() >= RIVAL_GAIN:
+            # Only then are pairs and ramps looked for.
+            found += self.search()
+        return max((finding.statistic for finding in found if finding is not None), default=0.0)
 
 
-def peaks_of(
-    blocks: Blocks, expected: NuisanceBelief, noise: LearntNoise, parameters: Parameters
-) -> list[float]:
-    """Return the peaks of the test's statistic over `BASE` in one recording.
+def looks_of(
+    blocks: Blocks,
+    expected: NuisanceBelief,
+    noise: LearntNoise,
+    parameters: Parameters,
+    alarm: float,
+) -> list[Look]:
+    """Return what the test says of a recording, once in `_EVERY` blocks.
 
-    A peak ends when no fault exceeds the limit, or after a minute; then the test begins anew.
+    After an alarm, at the end of the peak, the test begins anew.
 
     Args:
         blocks: the blocks of the recording.
         expected: the nuisances before any block.
         noise: what was learnt of the rig by other accounts.
         parameters: the parameters that were assumed.
+        alarm: statistic that an alarm has to exceed; inf for no alarm.
     """
 
-    def begun() -> _PeakTest:
-        return _PeakTest(1.0, expected, noise, parameters)
+    def begun() -> _LowTest:
+        return _LowTest(1.0, expected, noise, parameters)
 
-    test, peaks = begun(), []
-    peak, since = 0.0, 0
+    test, looks, since = begun(), [], 0
     for number, block in enumerate(blocks):
         test.add(block)
-        if number % _EVERY or test.blocks < MINIMUM_BLOCKS:
+        if number % _EVERY:
             continue
-        findings = test.search()
-        if findings:
-            peak = max(peak, *(finding.statistic for finding in findings))
+        statistic = test.statistic() if test.blocks >= MINIMUM_BLOCKS else 0.0
+        looks.append(Look(statistic, regime_of(block, parameters)))
+        over = statistic > alarm
+        if since and (not over or since >= _LONGEST):
+            test, since = begun(), 0
+        elif over:
             since += _EVERY
-        if peak and (not findings or since >= _LONGEST):
+    return looks
+
+
+def base_of(recordings: Sequence[Sequence[Look]], hours: float) -> float:
+    """Return the highest limit with `PEAKS_AN_HOUR` peaks over it and at least `LEAST_PEAKS`.
+
+    If no limit has so many, it is `LEAST_BASE`.
+
+    Args:
+        recordings: what the test said of each recording.
+        hours: time of all of them, h.
+    """
+    fewest = max(PEAKS_AN_HOUR * hours, LEAST_PEAKS)
+    highest = max((look.statistic for looks in recordings for look in looks), default=0.0)
+    steps = int(max(highest - LEAST_BASE, 0.0) / _BASE_STEP)
+    for base in (LEAST_BASE + _BASE_STEP * step for step in range(steps, 0, -1)):
+        if sum(len(_peaks(looks, base)) for looks in recordings) >= fewest:
+            return base
+    return LEAST_BASE
+
+
+def peaks_over(base: float, recordings: Sequence[Sequence[Look]], hours: dict[str, float]) -> Tail:
+    """Return the tail of the statistic's peaks over a base.
+
+    Args:
+        base: the low limit.
+        recordings: what the test said of each recording.
+        hours: time in each regime, h.
+    """
+    peaks = [peak for looks in recordings for peak in _peaks(looks, base)]
+    tested = {name: time for name, time in hours.items() if name != NEAR_STOP}
+    return tail_of(peaks, base, sum(hours.values()), tested)
+
+
+def _peaks(looks: Sequence[Look], base: float) -> list[Look]:
+    """Return the greatest statistic of each peak over a base, and the regime in which it began.
+
+    An alarm comes when a limit is crossed, in the regime of that moment. A peak lasts for a minute
+    at most. What goes on for longer counts anew: it would raise another alarm.
+    """
+    peaks: list[Look] = []
+    peak: Look | None = None
+    since = 0
+    for look in looks:
+        over = look.statistic > base
+        if over:
+            peak = look if peak is None else Look(max(peak.statistic, look.statistic), peak.regime)
+            since += _EVERY
+        if peak is not None and (not over or since >= _LONGEST):
             peaks.append(peak)
-            if since >= _LONGEST:
-                test = begun()
-            peak, since = 0.0, 0
-    return [*peaks, peak] if peak else peaks
+            peak, since = None, 0
+    return peaks if peak is None else [*peaks, peak]
+
+
+def hours_by_regime(recordings: Sequence[Blocks], parameters: Parameters) -> dict[str, float]:
+    """Return the time in each regime that occurred, h, near stops included."""
+    hours: dict[str, float] = {}
+    for blocks in recordings:
+        for block in blocks:
+            name = regime_of(block, parameters)
+            hours[name] = hours.get(name, 0.0) + (block.end_s - block.start_s) / 3600.0
+    return hours

@@ -160,6 +160,13 @@ class LeakTest:
         """Return the value that the statistic of a first fault must exceed after the last block."""
         return self.threshold(self.candidates().regression.freedom)
 
+    def change_limit(self) -> float:
+        """Return what the root of the gain of a change of a found fault must exceed (`Candidates`).
+
+        It is `limit`, unless the test has learnt a limit that is lower than that for noise.
+        """
+        return self.limit()
+
     def add(self, block: AccountBlock) -> None:
         """Add one block; an incomplete one is ignored."""
         if not block.complete:

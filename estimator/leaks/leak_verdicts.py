@@ -143,7 +143,7 @@ def growth_of(test: LeakTest, leak: Finding, size: float, bound: float = 0.0) ->
     error = sqrt(course.fit.error_of_sum(levels.size - 1 - first) * leak.lasting)
     allowed = test.relative_dead_zone * levels[-1]
     allowed = max(allowed, test.dead_zone[leak.fault] * LITRE_PER_MINUTE / size)
-    if not rise - allowed > test.limit() * error:
+    if not rise - allowed > test.change_limit() * error:
         return None
     rate, rate_error = rise / apart, error / apart
     now = (float(levels[-1]) + rate * half) * size
@@ -219,7 +219,7 @@ def present_coefficient(test: LeakTest, finding: Finding) -> float:
     candidates = test.candidates(finding)
     first, fault = test.mark(finding), finding.fault
     mark = int(np.argmax(candidates.change))
-    if candidates.change[mark] < test.limit() ** 2:
+    if candidates.change[mark] < test.change_limit() ** 2:
         return finding.coefficient
     variance = float(candidates.scores.variance[mark, fault])
     faults, marks = [SHIFT, fault, fault], [mark, first, mark]
@@ -238,7 +238,7 @@ def _left_of_growth(test: LeakTest, finding: Finding, ramp: Ramp, grown: float) 
     """Return what is left of a leak that grew along a ramp, as `present_coefficient` does."""
     candidates = test.candidates(finding)
     mark, fault = int(np.argmax(candidates.change)), finding.fault
-    if candidates.change[mark] < test.limit() ** 2:
+    if candidates.change[mark] < test.change_limit() ** 2:
         return grown
     intervals = Intervals(test.sums)
     level = intervals.level(ramp)

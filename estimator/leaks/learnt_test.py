@@ -20,7 +20,7 @@ from estimator.accounts import (
     dead_zones,
     noise_limit,
 )
-from estimator.learnt import LearntNoise
+from estimator.learnt import LearntNoise, regime_of
 from rig.plant import Parameters
 
 from .fault_scores import WITNESSES
@@ -64,11 +64,15 @@ class LearntLeakTest(LeakTest):
         # more, it would hide internal leaks however long they last.
         self._null_shift = 0.0
         self._careful = False
+        self._regime: str | None = None
 
     def threshold(self, freedom: float, part: float = 1.0) -> float:
         """Return the value of the statistic that this rig exceeds at the stated rate while healthy.
 
-        It is that of the learnt tail, but not below that for noise alone (`noise_limit`).
+        It is that of the learnt tail for the regime of the last block. The noise by which blocks
+        are weighed is learnt with care, so that the statistic of a healthy rig goes less far than
+        noise would: the limit may be below that for noise alone (`noise_limit`). With a baseline of
+        an earlier version (`Tail.regimes`) it is not.
 
         Args:
             freedom: degrees of freedom of the estimated noise variance.
@@ -76,13 +80,22 @@ class LearntLeakTest(LeakTest):
         """
         if self._careful:
             return super().threshold(freedom, part)
-        tail = self._noise.tail.limit(part * self._rate())
-        return max(self._noise_limit(freedom, part), tail)
+        tail = self._noise.tail
+        if not tail.regimes:
+            return max(self._noise_limit(freedom, part), tail.limit(part * self._rate()))
+        return tail.limit(part * self._rate(), self._regime)
+
+    def change_limit(self) -> float:
+        """Return what the root of a change's gain must exceed: not less than noise alone reaches.
+
+        A gain knows no dead zone, so that a limit of the statistic beyond it may be too low.
+        """
+        return max(self.limit(), self._noise_limit(self.candidates().regression.freedom))
 
     def sharpness(self) -> float:
-        """Return the limit for noise alone as a part of the limit of this rig."""
+        """Return the limit for noise alone as a multiple of the limit of this rig."""
         freedom = self.candidates().regression.freedom
-        return min(self._noise_limit(freedom) / self.threshold(freedom), 1.0)
+        return self._noise_limit(freedom) / self.threshold(freedom)
 
     def _rate(self) -> float:
         """Return the alarms a day that are left to this test."""
@@ -102,6 +115,8 @@ class LearntLeakTest(LeakTest):
             self._careful = True
             self.model_error = self._null_shift = 1.0
             self.dead_zone = np.maximum(self.dead_zone, dead_zones(1.0))
+        if block.complete:
+            self._regime = regime_of(block, self._parameters)
         super().add(self._noise.corrected(block))
 
     def _whitening(self, block: AccountBlock) -> Array:

@@ -1,5 +1,6 @@
 from .content import (
     LARGEST as LARGEST,
+    LEAST_BASE as LEAST_BASE,
     MOST_DEAD_ZONE as MOST_DEAD_ZONE,
     STATED_RATES as STATED_RATES,
     expected_alarms as expected_alarms,
@@ -19,4 +20,4 @@ from .regimes import (
     STANDSTILL as STANDSTILL,
     regime_of as regime_of,
 )
-from .tail import Tail as Tail, tail_of as tail_of
+from .tail import RegimePeaks as RegimePeaks, Tail as Tail, tail_of as tail_of

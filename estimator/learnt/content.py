@@ -9,13 +9,16 @@ from rig.plant import FAULTS
 
 from .noise import MOST_LASTING, LearntNoise, RegimeNoise
 from .regimes import REGIMES
-from .tail import Tail
+from .tail import RegimePeaks, Tail
 
 STATED_RATES: Final = (100.0, 10.0, 1.0)
 """Alarms a day for which a baseline says how often its rig is expected to alarm."""
 MOST_DEAD_ZONE: Final = 10.0
 """Most that a dead zone, or a leak that goes unseen, may be, L/min. What is larger counts as a
 wrong sensor and not as a leak (`estimator.leaks`)."""
+LEAST_BASE: Final = 0.5
+"""Lowest limit over which peaks are counted. A flow that exceeds its dead zone by less than half a
+standard error is no evidence of a fault, and says nothing of how far the statistic may go."""
 LARGEST: Final = 1e12
 """Largest number of any kind that is learnt: far beyond all times in s and sums of excesses."""
 
@@ -26,7 +29,7 @@ def expected_alarms(noise: LearntNoise) -> dict[float, tuple[float, float]]:
     It is how well the healthy hours tell the rate at which the limit for that setting is exceeded.
     """
     tail = noise.tail
-    return {rate: tail.interval(tail.limit(rate)) for rate in STATED_RATES}
+    return {rate: tail.interval(rate) for rate in STATED_RATES}
 
 
 def noise_content(noise: LearntNoise) -> dict[str, Any]:
@@ -53,6 +56,10 @@ def noise_content(noise: LearntNoise) -> dict[str, Any]:
             "hours": noise.tail.hours,
             "count": noise.tail.peaks,
             "excess": noise.tail.excess,
+            "regimes": {
+                each.regime: {"hours": each.hours, "count": each.peaks}
+                for each in noise.tail.regimes
+            },
         },
         "expected_alarms_per_day": {
             f"{rate:g}": {"low": low, "high": high}
@@ -85,14 +92,33 @@ def noise_of(content: Mapping[str, Any]) -> LearntNoise:
     )
     peaks = content["peaks"]
     tail = Tail(
-        _within(peaks["over"], 1.0, 100.0, "noise: peaks: over"),
+        _within(peaks["over"], LEAST_BASE, 100.0, "noise: peaks: over"),
         _within(peaks["hours"], 1e-3, 1e6, "noise: peaks: hours"),
         int(_within(peaks["count"], 0.0, 1e9, "noise: peaks: count")),
         _within(peaks["excess"], 0.0, LARGEST, "noise: peaks: excess"),
+        _peaks_by_regime(peaks.get("regimes", {})),
     )
     # Files from before the accounts were corrected have none.
     correction = _within(content.get("spool_correction", 0.0), 0.0, 1.0, "noise: spool_correction")
     return LearntNoise(regimes, dead, tail, correction)
+
+
+def _peaks_by_regime(content: Mapping[str, Any]) -> tuple[RegimePeaks, ...]:
+    """Return the peaks of each regime; none from files of earlier versions, which have no such key.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError: as of `noise_of`.
+    """
+    found = []
+    for name, fields in dict(content).items():
+        if name not in REGIMES:
+            raise ValueError(f"noise: peaks: regimes: {name} is none of {', '.join(REGIMES)}")
+        at = f"noise: peaks: regimes: {name}"
+        hours = _within(fields["hours"], 0.0, 1e6, f"{at}: hours")
+        found.append(
+            RegimePeaks(name, hours, int(_within(fields["count"], 0.0, 1e9, f"{at}: count")))
+        )
+    return tuple(found)
 
 
 def _within(value: object, least: float, most: float, name: str) -> float:

@@ -12,7 +12,7 @@ from rig.plant import LITRE_PER_MINUTE
 
 from .noise import LEAST_REGIME_S, MOST_LASTING, LearntNoise, RegimeNoise
 from .regimes import NEAR_STOP, REGIMES, STANDSTILL
-from .tail import Tail
+from .tail import RegimePeaks, Tail
 
 Array = NDArray[np.float64]
 
@@ -198,8 +198,9 @@ def _as_lasting(factor: float) -> float:
 def joined(earlier: LearntNoise, later: LearntNoise) -> LearntNoise:
     """Return the noise of two spans of time: each regime's by time, and the peaks of both.
 
-    The peaks must be over the same limit. The dead zones and the spool's correction are those of
-    `earlier`, by which the later accounts were corrected as well.
+    The peaks must be over the same limit. They stay apart by regime if they are so in both. The
+    dead zones and the spool's correction are those of `earlier`, by which the later accounts were
+    corrected as well.
     """
     regimes = dict(earlier.regimes)
     for name, new in later.regimes.items():
@@ -210,8 +211,19 @@ def joined(earlier: LearntNoise, later: LearntNoise) -> LearntNoise:
         earlier.tail.hours + later.tail.hours,
         earlier.tail.peaks + later.tail.peaks,
         earlier.tail.excess + later.tail.excess,
+        _joined_peaks(earlier.tail, later.tail),
     )
     return LearntNoise(regimes, earlier.dead_zone, tail, earlier.spool_correction)
+
+
+def _joined_peaks(earlier: Tail, later: Tail) -> tuple[RegimePeaks, ...]:
+    if not earlier.regimes or not later.regimes:
+        return ()
+    found = {each.regime: each for each in earlier.regimes}
+    for new in later.regimes:
+        old = found.get(new.regime, RegimePeaks(new.regime, 0.0, 0))
+        found[new.regime] = RegimePeaks(new.regime, old.hours + new.hours, old.peaks + new.peaks)
+    return tuple(found.values())
 
 
 def _mean(old: RegimeNoise, new: RegimeNoise) -> RegimeNoise:

@@ -31,6 +31,8 @@ LEAK_RATE: Final = 10.0
 """Alarms a day that the tests are set to that look for leaks."""
 _BEFORE: Final = 120
 """Healthy blocks (one minute) before each leak."""
+_LONGEST: Final = 120
+"""Blocks (one minute) for which an alarm stands at most before the test begins anew."""
 _EVERY: Final = 2
 """The test is asked once in this many blocks, of half a second each."""
 _IN_MOTION: Final = ("multisine", "pseudorandom", "steps", "sines", "ramps")
@@ -99,7 +101,7 @@ def judged_rig(
         begin = _Learnt([piece.blocks for piece in base])
         noise = begin.noise
         for rate in RATES:
-            found.expected.append((rate, *noise.tail.interval(noise.tail.limit(rate))))
+            found.expected.append((rate, *noise.tail.interval(rate)))
         rng = np.random.default_rng([seed, 2, number])
         for piece in test:
             for block in piece.blocks:
@@ -130,18 +132,26 @@ class _Learnt:
 
 
 def false_alarms(piece: Piece, begin: Begin) -> Iterator[AccountBlock]:
-    """Yield the block of each alarm; the test begins anew after each.
+    """Yield the block at which each alarm begins; when it has passed, the test begins anew.
+
+    An alarm that stands for a minute counts as passed, and what goes on raises the next one.
 
     Args:
         piece: a healthy recording.
         begin: returns a new test.
     """
-    test = begin()
+    test, standing = begin(), 0
     for number, block in enumerate(piece.blocks):
         test.add(block)
-        if number % _EVERY == 0 and test.blocks >= MINIMUM_BLOCKS and test.search():
+        if number % _EVERY:
+            continue
+        alarmed = test.blocks >= MINIMUM_BLOCKS and bool(test.search())
+        if alarmed and not standing:
             yield block
-            test = begin()
+        if standing and (not alarmed or standing >= _LONGEST):
+            test, standing = begin(), 0
+        elif alarmed:
+            standing += _EVERY
 
 
 def _sought(

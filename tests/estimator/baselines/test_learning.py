@@ -9,11 +9,19 @@ import pytest
 from estimator.accounts.flow import AccountBlock
 from estimator.accounts.noise import dead_zones
 from estimator.accounts.nuisances import UNINFORMED
-from estimator.baselines.learning import belief_of, folds_of, learnt_noise
+from estimator.baselines.learning import (
+    Look,
+    base_of,
+    belief_of,
+    folds_of,
+    learnt_noise,
+    peaks_over,
+)
 from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.learnt_test import LearntLeakTest
+from estimator.learnt.content import LEAST_BASE
 from estimator.learnt.noise import LearntNoise
-from estimator.learnt.tail import Tail
+from estimator.learnt.tail import RegimePeaks, Tail
 from rig.plant import LITRE_PER_MINUTE, NOMINAL
 from tests.estimator.learnt.made_up import moving, moving_blocks, noise
 
@@ -97,6 +105,36 @@ def test_statistics_that_went_far_while_healthy_raise_the_limit() -> None:
     )
     assert restless.limit() > 1.5 * quiet.limit()
     assert restless.sharpness() < quiet.sharpness() <= 1.0
+
+
+def test_a_limit_that_was_learnt_may_be_below_that_for_noise_but_the_end_of_a_leak_stays_sure() -> (
+    None
+):
+    blocks = moving_blocks(40, 11)
+    parts = (RegimePeaks("moving", 1.0, 20),)
+    calm = judged(noise(Tail(0.8, 1.0, 20, 6.0, parts)), blocks)
+    former = judged(noise(Tail(3.0, 1.0, 0, 0.0)), blocks)
+    assert calm.limit() < 3.0 < former.limit()
+    assert calm.change_limit() == pytest.approx(former.change_limit())
+    assert calm.sharpness() * calm.limit() == pytest.approx(former.limit())
+
+
+def test_peaks_are_counted_from_where_they_come_twenty_times_an_hour() -> None:
+    rng = np.random.default_rng(2)
+    heights = np.maximum(rng.exponential(0.4, 3600), 0.0)
+    heights[1::2] = 0.0
+    looks = [Look(float(height), "moving") for height in heights]
+    base = base_of([looks], 1.0)
+    tail = peaks_over(base, [looks], {"moving": 0.9, "near_stop": 0.1})
+    assert 20 <= tail.peaks <= 30
+    assert tail.excess / tail.peaks == pytest.approx(0.4, rel=0.4)
+    assert tail.regimes == (RegimePeaks("moving", 0.9, tail.peaks),)
+    assert base_of([[Look(0.4, "moving")] * 3600], 1.0) == LEAST_BASE
+
+
+def test_a_peak_that_stays_counts_anew_every_minute() -> None:
+    looks = [Look(2.0, "creep")] * 150 + [Look(0.0, "creep")] * 10
+    assert peaks_over(1.0, [looks], {"creep": 0.05}).peaks == 3
 
 
 def test_recordings_or_their_pieces_make_folds(recordings: list[list[AccountBlock]]) -> None:

@@ -12,7 +12,7 @@ from estimator.accounts.noise import sensor_noise
 from estimator.learnt.content import expected_alarms, noise_content, noise_of
 from estimator.learnt.measuring import Residuals, joined, measured_noise
 from estimator.learnt.noise import RegimeNoise
-from estimator.learnt.tail import Tail
+from estimator.learnt.tail import RegimePeaks, Tail
 from rig.plant import LITRE_PER_MINUTE, NOMINAL
 from tests.estimator.leaks.test_leak_statistic import blocks
 from tests.estimator.learnt.made_up import moving, noise
@@ -94,12 +94,28 @@ def test_two_spans_of_time_are_joined_by_their_length() -> None:
     assert both.regimes["moving"].factor == pytest.approx((0.25 * 0.01 + 0.75 * 0.09) ** 0.5)
 
 
+def test_peaks_are_joined_by_regime_where_both_spans_tell_them() -> None:
+    parts = (RegimePeaks("moving", 0.5, 8), RegimePeaks("creep", 0.5, 2))
+    old, new = noise(Tail(1.0, 1.0, 10, 3.0, parts)), noise(Tail(1.0, 0.5, 4, 1.0, parts[:1]))
+    both = joined(old, new).tail
+    assert both.regimes == (RegimePeaks("moving", 1.0, 16), RegimePeaks("creep", 0.5, 2))
+    assert joined(noise(), new).tail.regimes == ()
+    content = json.loads(json.dumps(noise_content(old)))
+    assert noise_of(content) == old
+
+
 def test_it_survives_json_bit_for_bit_and_says_how_sure_it_is() -> None:
     made = noise()
     content = json.loads(json.dumps(noise_content(made)))
     assert noise_of(content) == made
     assert content["expected_alarms_per_day"]["1"]["high"] == expected_alarms(made)[1.0][1]
     assert all(low < rate < high for rate, (low, high) in expected_alarms(made).items())
+
+
+def test_a_file_from_before_peaks_were_told_by_regime_has_none() -> None:
+    content = noise_content(noise())
+    del content["peaks"]["regimes"]
+    assert noise_of(content) == noise()
 
 
 def test_a_file_from_before_accounts_were_corrected_corrects_nothing() -> None:
@@ -115,6 +131,11 @@ def test_a_file_from_before_accounts_were_corrected_corrects_nothing() -> None:
         (lambda c: c["regimes"]["moving"].update(factor=-1.0), "moving: factor: -1 is outside 0"),
         (lambda c: c["regimes"].update(flying={}), "flying is none of near_stop, standstill"),
         (lambda c: c["peaks"].update(hours=0.0), "peaks: hours: 0 is outside"),
+        (lambda c: c["peaks"].update(over=0.1), "peaks: over: 0.1 is outside 0.5 to 100"),
+        (
+            lambda c: c["peaks"].update(regimes={"flying": {}}),
+            "noise: peaks: regimes: flying is none of near_stop",
+        ),
         (lambda c: c.update(spool_correction=2.0), "spool_correction: 2 is outside 0 to 1"),
         (lambda c: c["peaks"].update(count=float("nan")), "peaks: count: nan is outside"),
     ],
