@@ -67,7 +67,8 @@ class RecentBlocks:
             first, one column for each chamber.
         """
         order = np.arange(max(self._blocks - RECENT, 0), self._blocks)
-        at = order % RECENT
+        # Up to `RECENT` blocks lie in their order, so that they need not be copied.
+        at = order % RECENT if self._blocks > RECENT else slice(self._blocks)
         left = self._missing[at] - self._nuisances[at] @ nuisances
         if faults:
             of, onsets, coefficients = (np.array(each) for each in zip(*faults, strict=True))

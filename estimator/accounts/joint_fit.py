@@ -6,8 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .nuisances import NUISANCE_COUNT, NULL_SHIFT
-from .sums import SHIFT, AccountSums, FaultProducts, product_weights, square_weights
+from .fit_sums import acting, balanced, influence_weights, normal_equations
+from .nuisances import NUISANCE_COUNT
+from .sums import AccountSums
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -24,7 +25,6 @@ class JointFit:
 
     Args:
         sums: sums over the blocks.
-        products: `AccountSums.faults_since` of these sums.
         faults: indices into `FAULTS`, or `SHIFT`, which has a prior of `NULL_SHIFT`.
         marks: index of the mark at which each of them begins.
         variance: noise variance, in units of the expected noise.
@@ -42,7 +42,6 @@ class JointFit:
     def __init__(
         self,
         sums: AccountSums,
-        products: FaultProducts,
         faults: Sequence[int],
         marks: Sequence[int],
         variance: float,
@@ -51,17 +50,12 @@ class JointFit:
         n = NUISANCE_COUNT
         self._sums, self.faults, self.marks = sums, faults, marks
         self._passed_over = passed_over
-        of, since = np.asarray(faults), np.asarray(marks)
-        normal = np.empty((n + of.size, n + of.size))
-        right = np.empty(n + of.size)
-        squares, right[:n], _ = sums.nuisances(passed_over)
-        normal[:n, :n] = squares + variance * np.eye(n)
-        normal[n:, :n] = self._since(products.crossed, since, of)
-        normal[:n, n:] = normal[n:, :n].T
-        both = np.maximum.outer(since, since)
-        normal[n:, n:] = self._since(products.squares, both, of[:, None], of)
-        normal[n:, n:] += np.diag(np.where(of == SHIFT, variance / NULL_SHIFT**2, 0.0))
-        right[n:] = self._since(products.products, since, of)
+        self._of = np.array(faults, dtype=np.int64)
+        self._since = np.array(marks, dtype=np.int64)
+        left_out = np.array(passed_over, dtype=np.int64).reshape(-1, 2)
+        normal, right = normal_equations(
+            *sums.packed, self._of, self._since, left_out, float(variance)
+        )
         inverse = inverse_of(normal)
         self._variance, self._inverse = variance, inverse
         self._direction = inverse[-1]
@@ -70,24 +64,6 @@ class JointFit:
         self.nuisances, self.coefficients = self._fitted[:n], self._fitted[n:]
         self.error = variance * float(inverse[-1, -1])
 
-    def _since(self, series: Array, marks: Integers, *of: Integers) -> Array:
-        """Return sums from the given marks on, without the blocks that are passed over.
-
-        Args:
-            series: sums since each mark, first axis the marks.
-            marks: indices of the marks.
-            of: indices into the further axes of `series`.
-        """
-        counted = np.array(_from(series, marks, of))
-        for first, last in self._passed_over:
-            counted -= _from(series, np.maximum(marks, first), of)
-            counted += _from(series, np.maximum(marks, last), of)
-        return counted
-
-    def _present(self, mark: int) -> Array:
-        """Return 1 for each column that acts between a mark and the next, else 0: (n + faults,)."""
-        return np.append(np.ones(NUISANCE_COUNT), [float(m <= mark) for m in self.marks])
-
     def _influences(self) -> tuple[Array, Array]:
         """Return each block's influence on the last coefficient, and its leverage: (marks,) each.
 
@@ -95,12 +71,9 @@ class JointFit:
         """
         forms = np.empty((self._sums.marks, 2))
         for start in sorted({0, *self.marks}):
-            present = self._present(start)
-            left, right = self._direction * present, self._fitted * present
-            influence = product_weights(left, self.faults)
-            influence -= square_weights(left, right, self.faults)
-            leverage = square_weights(left, left, self.faults) / self._direction[-1]
-            weights = np.column_stack([influence, leverage])
+            left = acting(self._direction, self._since, start)
+            right = acting(self._fitted, self._since, start)
+            weights = influence_weights(left, right, self._of, self._direction[-1])
             forms[start:] = self._sums.weighted(weights, start, self._sums.marks)
         for stretch in self._passed_over:
             forms[slice(*stretch)] = 0.0
@@ -150,9 +123,8 @@ class JointFit:
             return 0.0
         own = np.zeros(self._fitted.size)
         own[-1] = self._fitted[-1]
-        known = self._fitted * self._present(before)
-        missing = product_weights(own, self.faults) - square_weights(own, known, self.faults)
-        weights = np.column_stack([missing, square_weights(own, own, self.faults)])
+        known = acting(self._fitted, self._since, before)
+        weights = influence_weights(own, known, self._of, 1.0)
         left, whole = self._sums.weighted(weights, before, before + 1)[0]
         return float(np.clip(left / whole, 0.0, 1.0)) if whole > 0.0 else 0.0
 
@@ -180,25 +152,12 @@ def around(marks: Iterable[int], last: int, after: int = 1) -> list[Stretch]:
     return stretches
 
 
-def _from(series: Array, marks: Integers, of: Sequence[Integers]) -> Array:
-    """Return sums from the given marks on, taken from `series`; 0 for a mark beyond its end."""
-    there = marks < len(series)
-    sums = series[np.minimum(marks, len(series) - 1), *of]
-    return np.asarray(
-        np.where(there.reshape(there.shape + (1,) * (sums.ndim - there.ndim)), sums, 0.0)
-    )
-
-
 def inverse_of(normal: Array) -> Array:
     """Return the inverse of a normal matrix whose columns differ by many orders of magnitude.
 
     A fault that shows in no block has a column of zeros; its coefficient will then be zero.
     """
-    diagonal = np.diagonal(normal)
-    seen = diagonal > 0.0
-    scale = 1.0 / np.sqrt(np.where(seen, diagonal, 1.0))
-    normal = np.where(np.diag(~seen), 1.0, normal)
-    scaled = scale[:, None] * normal * scale
+    scaled, scale = balanced(normal)
     try:
         inverse = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:

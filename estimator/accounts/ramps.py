@@ -52,7 +52,7 @@ class Intervals:
         self.sums = sums
         total, before = sums.packed
         self._rows = np.diff(np.vstack([before, total]), axis=0)
-        starts = np.array([sums.start_s(mark) for mark in range(sums.marks)])
+        starts = sums.starts_s
         self.end_s = float(starts[-1]) + sums.seconds(sums.marks - 1)
         self.middle_s = 0.5 * (starts + np.append(starts[1:], self.end_s))
 

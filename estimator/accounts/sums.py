@@ -51,7 +51,8 @@ _SIZE: Final = _LY + _M
 _SECONDS: Final = _SIZE + _M
 _BLOCKS: Final = _SECONDS + 1
 _SUPPLY: Final = _BLOCKS + 1
-_WIDTH: Final = _SUPPLY + 3
+WIDTH: Final = _SUPPLY + 3
+"""Number of sums in a packed row."""
 
 
 class Places:
@@ -105,8 +106,8 @@ class AccountSums:
     def __init__(self) -> None:
         self.blocks = 0
         self.marks = 0
-        self._total = np.zeros(_WIDTH)
-        self._before = np.zeros((MARKS + 1, _WIDTH))
+        self._total = np.zeros(WIDTH)
+        self._before = np.zeros((MARKS + 1, WIDTH))
         self._mark_blocks = np.zeros(MARKS, dtype=np.int64)
         self._starts = np.zeros(MARKS)
         # Least and greatest position of the ram in the blocks between a mark and the next.
@@ -117,6 +118,11 @@ class AccountSums:
     def mark_blocks(self) -> NDArray[np.int64]:
         """Return the index of the block that follows each mark: int64 (marks,)."""
         return self._mark_blocks[: self.marks]
+
+    @property
+    def starts_s(self) -> Array:
+        """Return the time in s at which the block after each mark starts: (marks,)."""
+        return self._starts[: self.marks]
 
     @property
     def packed(self) -> tuple[Array, Array]:
@@ -239,7 +245,7 @@ class AccountSums:
         """Return weighted sums of the products between each mark and the next.
 
         Args:
-            weights: columns from `square_weights` or `product_weights`, float64 (width, k).
+            weights: columns from `estimator.accounts.fit_sums`, float64 (width, k).
             first: index of the first mark.
             last: index of the last mark; `marks` stands for now.
 
@@ -300,32 +306,3 @@ class FaultProducts:
     products: Array
     sizes: Array
     blocks: Array
-
-
-def product_weights(left: Array, faults: Sequence[int]) -> Array:
-    """Return weights (width,) with which the packed sums add up to left' X'y.
-
-    The columns of X are the nuisances and the given faults; `left` is float64 (n + faults,), and y
-    is the missing flow.
-    """
-    weights = np.zeros(_WIDTH)
-    weights[_FY:_YY] = left[:_N]
-    for i, own in zip(faults, left[_N:], strict=True):
-        weights[_LY + i] += own
-    return weights
-
-
-def square_weights(left: Array, right: Array, faults: Sequence[int]) -> Array:
-    """Return weights (width,) with which the packed sums add up to left' X'X right.
-
-    The columns of X are the nuisances and the given faults; `left` and `right` are float64
-    (n + faults,).
-    """
-    weights = np.zeros(_WIDTH)
-    weights[_FF:_FY] = (left[:_N, None] * right[:_N]).ravel()
-    for c, i in enumerate(faults, start=_N):
-        at = _LF + i * _N
-        weights[at : at + _N] += left[c] * right[:_N] + right[c] * left[:_N]
-        for d, j in enumerate(faults, start=_N):
-            weights[_LL + i * _M + j] += left[c] * right[d]
-    return weights

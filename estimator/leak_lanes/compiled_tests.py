@@ -1,6 +1,6 @@
 """The detector by oil accounts with compiled arithmetic, for one rig in a lane."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from math import sqrt
 from typing import Any, Final
 
@@ -33,37 +33,16 @@ from .whitening import whitened
 Array = NDArray[np.float64]
 
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
-_Sudden = tuple[int, int, tuple[int, int] | None, float, float]
-"""Fault, mark, fault and onset of the other finding, dead zone, and noise variance."""
 
 
-@dataclass(frozen=True)
 class CompiledSizes(FaultSizes):
-    """Sizes of sudden faults by compiled code; each is computed once for all blocks so far.
+    """Sizes of sudden faults by compiled code."""
 
-    Attributes:
-        known: the findings so far, which are of use until the next block; filled.
-    """
-
-    known: dict[_Sudden, Finding]
-
-    def sudden(
-        self,
-        fault: int,
-        mark: int,
-        beside: Finding | None,
-        dead_zone: float,
-        variance: float,
+    def _sudden(
+        self, fault: int, mark: int, beside: Finding | None, dead_zone: float, variance: float
     ) -> Finding:
-        """Return a finding for a fault that begins suddenly, as `FaultSizes.sudden` does."""
-        other = None if beside is None else (beside.fault, beside.onset)
-        key = fault, mark, other, float(dead_zone), variance
-        if key not in self.known:
-            found = self._sized(fault, mark, beside, float(dead_zone), variance)
-            if found is None:
-                found = super().sudden(fault, mark, beside, dead_zone, variance)
-            self.known[key] = found
-        return self.known[key]
+        found = self._sized(fault, mark, beside, dead_zone, variance)
+        return super()._sudden(fault, mark, beside, dead_zone, variance) if found is None else found
 
     def _sized(
         self, fault: int, mark: int, beside: Finding | None, dead_zone: float, variance: float
@@ -95,13 +74,11 @@ class CompiledLeakTest(LeakTest):
 
     def __init__(self, *setting: Any) -> None:
         super().__init__(*setting)
-        self._sized: dict[_Sudden, Finding] = {}
         self._raw: dict[tuple[int, int] | None, Scored] = {}
         self._thresholds: dict[tuple[float, float], float] = {}
 
     def add(self, block: AccountBlock) -> None:
         """Add one block; an incomplete one is ignored."""
-        self._sized = {}
         self._raw = {}
         self._thresholds = {}
         super().add(block)
@@ -132,9 +109,9 @@ class CompiledLeakTest(LeakTest):
         )
         return gain, marks
 
-    def likely(self) -> list[Finding]:
-        """Return each fault whose gain is `RIVAL_GAIN` or more, greatest gain first."""
-        return super().likely() if self._scored_blocks(None).most >= RIVAL_GAIN else []
+    def likely(self) -> Iterator[Finding]:
+        """Yield each fault whose gain is `RIVAL_GAIN` or more, greatest gain first."""
+        return super().likely() if self._scored_blocks(None).most >= RIVAL_GAIN else iter(())
 
     def null_bias(self) -> tuple[float, float]:
         """Return the spool's null bias less the model's, and its standard deviation, both in m."""

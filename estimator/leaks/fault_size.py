@@ -30,6 +30,9 @@ from .fault_scores import WITNESSES
 from .finding import Finding
 
 Array = NDArray[np.float64]
+Sudden = tuple[int, int, tuple[int, int] | None, float, float]
+"""A sudden fault to be sized: its index and mark, index and onset of another fault beside it or
+None, the dead zone in L/min, and the noise variance."""
 
 GREAT_FLOW: Final = 0.5
 """Flow in L/min above which a leak that opens lets pressures fall too far for a linear account."""
@@ -74,30 +77,26 @@ class Course:
     variance: float
 
 
-def course_of(
-    sums: AccountSums, products: FaultProducts, leak: int, variance: float, model_error: float
-) -> Course:
+def course_of(sums: AccountSums, leak: int, variance: float, model_error: float) -> Course:
     """Return the course of a leak over the run, in about `STRETCHES` equal stretches.
 
     Args:
         sums: sums over the blocks.
-        products: `AccountSums.faults_since` of these sums.
         leak: index into `FAULTS`.
         variance: noise variance to begin with, in units of the expected noise; it is estimated anew
             twice.
         model_error: factor on what is allowed for errors of the model.
     """
     marks = stretches(sums)
-    fit, left = _changing(sums, products, leak, marks, variance)
+    fit, left = _changing(sums, leak, marks, variance)
     for _ in range(2):
         variance = max(left, least_variance(model_error))
-        fit, left = _changing(sums, products, leak, marks, variance)
+        fit, left = _changing(sums, leak, marks, variance)
     return Course(fit, marks, np.cumsum(fit.coefficients[marks.size :]), variance)
 
 
 def _changing(
     sums: AccountSums,
-    products: FaultProducts,
     leak: int,
     marks: NDArray[np.int64],
     variance: float,
@@ -108,7 +107,7 @@ def _changing(
     residual that it follows from counts in what is known of the nuisances beforehand.
     """
     shapes = [SHIFT] * marks.size + [leak] * marks.size
-    fit = JointFit(sums, products, shapes, [*marks, *marks], variance)
+    fit = JointFit(sums, shapes, [*marks, *marks], variance)
     _, _, total = sums.nuisances()
     return fit, (total - fit.explained) / (2 * sums.blocks - marks.size)
 
@@ -122,12 +121,15 @@ class FaultSizes:
         products: `AccountSums.faults_since` of these sums.
         recent: the latest blocks, which show whether noise lasts from block to block.
         model_error: factor on what is allowed for errors of the model.
+        known: the sudden faults that were sized since the last block, filled here; a search asks
+            for the same one several times.
     """
 
     sums: AccountSums
     products: FaultProducts
     recent: RecentBlocks
     model_error: float
+    known: dict[Sudden, Finding]
 
     def sudden(
         self,
@@ -151,6 +153,15 @@ class FaultSizes:
             dead_zone: flow in L/min that must be exceeded before the fault is claimed.
             variance: noise variance, in units of the expected noise.
         """
+        other = None if beside is None else (beside.fault, beside.onset)
+        key = fault, mark, other, float(dead_zone), variance
+        if key not in self.known:
+            self.known[key] = self._sudden(fault, mark, beside, float(dead_zone), variance)
+        return self.known[key]
+
+    def _sudden(
+        self, fault: int, mark: int, beside: Finding | None, dead_zone: float, variance: float
+    ) -> Finding:
         products = self.products
         faults, marks = [SHIFT, fault], [mark, mark]
         if beside is not None:
@@ -162,11 +173,11 @@ class FaultSizes:
         if again and marks[1] < self.sums.marks:
             blocks -= products.blocks[marks[1]]
         settling: list[Stretch] = []
-        fit = JointFit(self.sums, products, faults, marks, variance)
+        fit = JointFit(self.sums, faults, marks, variance)
         if size * fit.coefficients[-1] > GREAT_FLOW and blocks >= 2 * WITNESSES:
             after = SETTLING_BLOCKS
             settling = [(mark, mark + after)]
-            fit = JointFit(self.sums, products, faults, marks, variance, settling)
+            fit = JointFit(self.sums, faults, marks, variance, settling)
         lasting = self._lasting(faults, marks, variance, settling)
         dead = dead_zone / size
         # The fault must stand out whichever single block is left out.
@@ -176,7 +187,7 @@ class FaultSizes:
         if again and len(straddling) == 1:
             # The fault ended so soon that no block has it throughout.
             straddling = settling
-        fit = JointFit(self.sums, products, faults, marks, variance, straddling)
+        fit = JointFit(self.sums, faults, marks, variance, straddling)
         coefficient = float(fit.coefficients[-1])
         deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)
         onset_s = self.sums.start_s(mark)
@@ -230,11 +241,11 @@ class FaultSizes:
         The noise variance is estimated anew where the fit leaves less than half or more than twice
         of the given one.
         """
-        fit, left = _changing(self.sums, self.products, leak, marks, variance)
+        fit, left = _changing(self.sums, leak, marks, variance)
         if 0.5 < left / variance < 2.0:
             return fit
         left = max(left, least_variance(self.model_error))
-        return _changing(self.sums, self.products, leak, marks, left)[0]
+        return _changing(self.sums, leak, marks, left)[0]
 
     def _lasting(
         self, faults: list[int], marks: list[int], variance: float, settling: list[Stretch]
@@ -255,9 +266,7 @@ class FaultSizes:
             changes = [since + blocks // 3, since + 2 * blocks // 3]
             faults = [faults[-1], faults[-1], *faults]
             marks = [*changes, *marks]
-        return self._noise_left(
-            JointFit(self.sums, self.products, faults, marks, variance, settling)
-        )
+        return self._noise_left(JointFit(self.sums, faults, marks, variance, settling))
 
     def _noise_left(self, fit: JointFit) -> float:
         """Return `lasting_noise` of what a fit leaves unexplained of the latest blocks."""

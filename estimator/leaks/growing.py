@@ -66,7 +66,7 @@ class _Ramps:
         self.since = sums.faults_since()
         ff, fy, yy = sums.nuisances()
         self._regression = Regression(ff, fy, yy, 2 * sums.blocks, least)
-        self.starts = np.array([sums.start_s(mark) for mark in range(sums.marks)])
+        self.starts = sums.starts_s
         # The last mark since which a leak can have grown for the shortest duration.
         before_s = self.intervals.end_s - DURATIONS_S[0] + 1e-6
         self.last = int(np.searchsorted(self.starts, before_s, side="right")) - 1

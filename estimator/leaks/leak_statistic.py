@@ -10,6 +10,7 @@ is therefore the flow beyond the dead zone, divided by its standard error; it fo
 docs/detection.md has the formulae.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import pi, sqrt
 from typing import Final
@@ -42,7 +43,7 @@ from estimator.accounts import (
 )
 
 from .fault_scores import RIVAL_GAIN, WITNESSES, Candidates, score_faults
-from .fault_size import LEAST_BLOCKS, FaultSizes
+from .fault_size import LEAST_BLOCKS, FaultSizes, Sudden
 from .finding import Finding
 from .growing import DURATIONS_S, RAMP_PART, grown_leak
 
@@ -122,6 +123,8 @@ class LeakTest:
         self._findings: list[Finding] | None = None
         self._found_last: list[Finding] = []
         self._healthy_noise: float | None = None
+        self._belief: NuisanceBelief | None = None
+        self._sized: dict[Sudden, Finding] = {}
 
     @property
     def blocks(self) -> int:
@@ -175,7 +178,8 @@ class LeakTest:
         self._recent.add(*rows)
         self.sums.add(block, rows, self._kept)
         self._scored.clear()
-        self._findings = self._healthy_noise = None
+        self._sized.clear()
+        self._findings = self._healthy_noise = self._belief = None
 
     def _in_noise(self, block: AccountBlock) -> tuple[Array, Array, Array]:
         """Return a block's missing flow (2,), nuisances (2, n) and faults with null shift (2, 6).
@@ -301,22 +305,21 @@ class LeakTest:
             self._growing = grown and replace(grown, limit=limit)
         return [] if self._growing is None else [self._growing]
 
-    def likely(self) -> list[Finding]:
-        """Return each fault whose gain is `RIVAL_GAIN` or more, greatest gain first.
+    def likely(self) -> Iterator[Finding]:
+        """Yield each fault whose gain is `RIVAL_GAIN` or more, greatest gain first.
 
         The gain is that in twice the log likelihood. A fault may be noise, as its statistic may be
-        below the limit. `likelihood` and `limit` of these findings are left at 0.
+        below the limit. `likelihood` and `limit` of these findings are left at 0. Each is sized
+        once it is asked for, before the next block.
         """
         candidates = self.candidates()
-        found = []
         for fault in np.argsort(-candidates.gain.max(axis=0)):
             mark = int(np.argmax(candidates.gain[:, fault]))
             if candidates.gain[mark, fault] < RIVAL_GAIN:
                 break
             variance = float(candidates.scores.variance[mark, fault])
             dead = self.dead_zone[fault]
-            found.append(self._sizes().sudden(int(fault), mark, None, dead, variance))
-        return found
+            yield self._sizes().sudden(int(fault), mark, None, dead, variance)
 
     def beside(self, first: Finding, second: Finding) -> Finding:
         """Return the first fault with its size fitted anew, beside a second one found later.
@@ -336,13 +339,15 @@ class LeakTest:
         """
         if not self.blocks:
             return self._expected
-        n = NUISANCE_COUNT
-        first = next(iter(self.search()), None)
-        mean, covariance = self.candidates(first).regression.nuisances()
-        return NuisanceBelief(
-            self._expected.mean + self._root @ mean[:n],
-            self._root @ covariance[:n, :n] @ self._root.T,
-        )
+        if self._belief is None:
+            n = NUISANCE_COUNT
+            first = next(iter(self.search()), None)
+            mean, covariance = self.candidates(first).regression.nuisances()
+            self._belief = NuisanceBelief(
+                self._expected.mean + self._root @ mean[:n],
+                self._root @ covariance[:n, :n] @ self._root.T,
+            )
+        return self._belief
 
     def null_bias(self) -> tuple[float, float]:
         """Return the spool's null bias less the model's, and its standard deviation, both in m."""
@@ -467,4 +472,6 @@ class LeakTest:
         return self.sums.mark_of(finding.onset)
 
     def _sizes(self) -> FaultSizes:
-        return FaultSizes(self.sums, self.candidates().products, self._recent, self.model_error)
+        return FaultSizes(
+            self.sums, self.candidates().products, self._recent, self.model_error, self._sized
+        )

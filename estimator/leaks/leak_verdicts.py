@@ -96,9 +96,7 @@ def _line_beside_growth(test: LeakTest, leak: Finding) -> float:
     fit, gains = course.fit, []
     for line in range(SUPPLY_LEAKAGE, FAULT_COUNT):
         mark = int(np.argmax(candidates.gain[:, line]))
-        both = JointFit(
-            test.sums, candidates.products, [*fit.faults, line], [*fit.marks, mark], course.variance
-        )
+        both = JointFit(test.sums, [*fit.faults, line], [*fit.marks, mark], course.variance)
         gains.append(both.explained - fit.explained)
     return max(gains) / course.variance
 
@@ -106,7 +104,7 @@ def _line_beside_growth(test: LeakTest, leak: Finding) -> float:
 def _course(test: LeakTest, leak: Finding) -> Course:
     candidates = test.candidates()
     variance = candidates.regression.variance
-    return course_of(test.sums, candidates.products, leak.fault, variance, test.model_error)
+    return course_of(test.sums, leak.fault, variance, test.model_error)
 
 
 def growth_of(test: LeakTest, leak: Finding, size: float, bound: float = 0.0) -> Growth | None:
@@ -227,7 +225,7 @@ def present_coefficient(test: LeakTest, finding: Finding) -> float:
     if len(straddling) == 1:
         # The leak changed so soon that no block has it throughout.
         straddling = []
-    fit = JointFit(test.sums, candidates.products, faults, marks, variance, straddling)
+    fit = JointFit(test.sums, faults, marks, variance, straddling)
     size = float(candidates.products.sizes[mark, fault])
     left = float(fit.coefficients[1:].sum())
     dead = max(test.dead_zone[fault] / size, test.relative_dead_zone * finding.coefficient)

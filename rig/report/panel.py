@@ -13,11 +13,10 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.evidence import AccountHistory
 from rig.plant import Parameters
 from rig.recording import Recording
 from rig.runner.outcomes import TestOutcome
-
-from .accounts import AccountHistory
 
 Array = NDArray[np.float64]
 

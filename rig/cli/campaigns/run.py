@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from estimator.evidence import KeptAccounts
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, ending, one_line
 from rig.cli.live_stream import obeyed_by, stream_of, streamed
 from rig.cli.option_types import STREAMED, paced, text
@@ -94,6 +95,8 @@ def command(
     desk = Desk()
     by = by or own_name()
     directory = out or default_directory(loaded.name, datetime.now(UTC))
+    # A supervisor of real devices has no time to spare for the report while a test runs.
+    kept = KeptAccounts() if rig.backend == "simulated" else None
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     progress = CampaignProgress(screen, paced=paced)
@@ -122,6 +125,7 @@ def command(
                     given=given,
                     desk=desk,
                     by=by,
+                    kept=kept,
                 )
             except OSError as error:
                 elsewhere = error.filename and not _is_below(directory, error.filename)
@@ -136,7 +140,7 @@ def command(
         screen.print_table(HEADINGS, rows, right=("onset", "latency"))
         for line in summary(outcome, wall_s, live=paced):
             screen.print(line, soft_wrap=True)
-        report = _report(outcome, outcome.kept_in or directory)
+        report = _report(outcome, outcome.kept_in or directory, kept)
     if report is not None:
         screen.print(f"report: {report}", soft_wrap=True)
     return outcome.exit_code if report is not None else max(outcome.exit_code, EXIT_CRASHED)
@@ -157,12 +161,12 @@ def _give_up() -> None:
     os._exit(EXIT_STOPPED)
 
 
-def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
+def _report(outcome: CampaignOutcome, directory: Path, kept: KeptAccounts | None) -> Path | None:
     """Write the report and return its path; None, with a message on stderr, if that fails."""
     try:
         from rig.report import write_report
 
-        return write_report(outcome, directory)
+        return write_report(outcome, directory, kept)
     except OSError as error:
         again = f"then write it: rig run --resume {directory}"
         click.echo(f"rig: no report: {refusal(error)}; {again}", err=True)

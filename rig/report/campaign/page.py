@@ -9,6 +9,7 @@ from math import ceil, floor, isfinite, log10
 from pathlib import Path
 from typing import Final
 
+from estimator.evidence import KeptAccounts
 from estimator.filters import DEFAULT_FILTER
 from estimator.leaks import LEARNING_S
 from faults import to_litres_per_minute
@@ -25,7 +26,9 @@ from .sections import Section, sections_of
 DAY_S: Final = 86400.0
 
 
-def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
+def write_report(
+    outcome: CampaignOutcome, directory: Path, kept: KeptAccounts | None = None
+) -> Path:
     """Write `report.html` to a run's folder, and return its path.
 
     If a recording is missing or cannot be read, the report has a note in place of its plots.
@@ -33,16 +36,17 @@ def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
     Args:
         outcome: the campaign's outcome, complete or not.
         directory: the run's folder, with the recordings that the outcome names.
+        kept: the accounts that were kept as the tests ran; those of other tests are made anew.
 
     Raises:
         OSError: the folder cannot be written to.
     """
     path = directory / REPORT
-    replace_text(path, render(outcome, directory))
+    replace_text(path, render(outcome, directory, kept))
     return path
 
 
-def render(outcome: CampaignOutcome, directory: Path) -> str:
+def render(outcome: CampaignOutcome, directory: Path, kept: KeptAccounts | None = None) -> str:
     """Return the report of a campaign as HTML.
 
     If a recording is missing or cannot be read, the report has a note in place of its plots.
@@ -50,8 +54,9 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
     Args:
         outcome: the campaign's outcome, complete or not.
         directory: the run's folder, with the recordings that the outcome names.
+        kept: as for `write_report`.
     """
-    sections, scale = sections_of(outcome, directory), full_scale(outcome)
+    sections, scale = sections_of(outcome, directory, kept), full_scale(outcome)
     rows = [row_of(section, scale) for section in sections]
     return rendered(
         "report.html.j2",

@@ -6,11 +6,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from estimator.evidence import AccountHistory, KeptAccounts
 from estimator.filters import DEFAULT_FILTER
 from rig.loop import TIMING
 from rig.plant import LEAKS, Model
 from rig.recording import Event, Recording, RecordingError, read_recording, recover
-from rig.report.accounts import AccountHistory, account_history
+from rig.report.accounts import account_history
 from rig.report.friction import friction
 from rig.report.panel import POINTS, Panel, TestData
 from rig.report.wording import conditions_of, is_after, label, loop_conditions, story
@@ -99,16 +100,19 @@ class Section:
         }
 
 
-def sections_of(outcome: CampaignOutcome, directory: Path) -> list[Section]:
+def sections_of(
+    outcome: CampaignOutcome, directory: Path, kept: KeptAccounts | None = None
+) -> list[Section]:
     """Return a section for each test, in the campaign's order.
 
     Args:
         outcome: the campaign's outcome.
         directory: folder of its recordings.
+        kept: the accounts that were kept as the tests ran; None if none were.
     """
     opened = _worth_opening(outcome)
     return [
-        _section(outcome, test, directory, opened=index == opened)
+        _section(outcome, test, directory, kept or KeptAccounts(), opened=index == opened)
         for index, test in enumerate(outcome.tests)
     ]
 
@@ -126,7 +130,12 @@ def _worth_opening(outcome: CampaignOutcome) -> int:
 
 
 def _section(
-    outcome: CampaignOutcome, test: TestOutcome, directory: Path, *, opened: bool
+    outcome: CampaignOutcome,
+    test: TestOutcome,
+    directory: Path,
+    kept: KeptAccounts,
+    *,
+    opened: bool,
 ) -> Section:
     recording, notes = _recording(test, directory)
     happened = "" if test.status is Status.NOT_RUN else story(test)
@@ -138,9 +147,7 @@ def _section(
     parameters = assumed_parameters(recording.metadata)
     accounts = None
     if outcome.filter == DEFAULT_FILTER and parameters is not None:
-        assumed = Model(parameters=parameters)
-        detector = account_detector_of(recording, assumed, outcome.false_alarms_per_day)
-        accounts = None if detector is None else account_history(recording, detector)
+        accounts = _accounts(outcome, test, recording, Model(parameters=parameters), kept)
     if outcome.filter == DEFAULT_FILTER and accounts is None:
         lacking = "Without the filter's estimates, model and baseline no oil account can be drawn."
         notes = (*notes, lacking)
@@ -166,6 +173,25 @@ def _section(
         segment_rows(test, recording),
         limit_rows(test, recording.metadata),
     )
+
+
+def _accounts(
+    outcome: CampaignOutcome,
+    test: TestOutcome,
+    recording: Recording,
+    model: Model,
+    kept: KeptAccounts,
+) -> AccountHistory | None:
+    """Return a test's accounts, as they were kept if it ran to its end, else from its recording.
+
+    Of a test that was stopped, the detector may not have judged the last rows.
+    """
+    if test.recording is not None and test.status in (Status.PASSED, Status.FAILED):
+        history = kept.history(test.recording)
+        if history is not None:
+            return history
+    detector = account_detector_of(recording, model, outcome.false_alarms_per_day)
+    return None if detector is None else account_history(recording, detector)
 
 
 def _is_over_early(test: TestOutcome) -> bool:

@@ -10,6 +10,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, Final
 
+from estimator.evidence import KeptAccounts
 from estimator.leaks import DetectorFactory
 from faults import Campaign
 from rig.configuration import Rig, unstable_controls
@@ -88,6 +89,7 @@ def run_campaign(
     overdue: Callable[[], None] | None = None,
     given: Mapping[str, Any] | None = None,
     by: str = "",
+    kept: KeptAccounts | None = None,
 ) -> CampaignOutcome:
     """Run every test of a campaign on a rig, write the results to a folder, and return the outcome.
 
@@ -120,6 +122,7 @@ def run_campaign(
             should end the process; the rig's other processes then make the rig safe.
         given: options of the command line that the journal keeps, for resuming; JSON-able.
         by: name of who starts the run or goes on with it, for the journal; empty if not known.
+        kept: keeps the oil accounts of the tests that run, for `rig.report.write_report`.
 
     Raises:
         DirectoryError: the folder cannot be used; nothing was written.
@@ -163,6 +166,7 @@ def run_campaign(
             references=HealthyReferences(campaign),
             provenance=provenance(campaign, command),
             detector=detector,
+            kept=kept,
             desk=desk,
             suspenders=Suspenders(campaign.conditions, bench.reading),
             recordings=names,

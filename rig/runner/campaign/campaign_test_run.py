@@ -143,14 +143,17 @@ class _RunningTest:
         self._verdict = ""
         self._timing: Mapping[str, Any] | None = None
         self._learning = setting.references.learning(test)
-        self._detector = HealthyInnovations(self._chosen_detector())
+        chosen = self._chosen_detector()
+        if setting.kept is not None:
+            setting.kept.begins(recording, chosen)
+        self._detector = HealthyInnovations(chosen)
         memory = start_memory(campaign.filter_name, campaign.model, setting.rig.sensors)
         self._loop = setting.bench.loop(test, memory, campaign.model)
         self._decisions = DecisionRows()
         self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
         model, sensors = campaign.model, setting.rig.sensors
         self._friction = FrictionWatch(self._detector, test, model, sensors, self._loop.alive)
-        self._judge = Judge(self._friction, memory, self._loop.channels)
+        self._judge = Judge(self._friction, memory, self._loop.channels, setting.kept)
         self._position = self._loop.channels.index("position_m")
         channels, self._timeline = self._loop.channels, Timeline()
         self._measures = Measures(test, channels, self._timeline)

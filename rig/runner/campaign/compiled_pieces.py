@@ -24,6 +24,7 @@ from control import (
     expected_position,
     offset_of_change,
 )
+from estimator.accounts import compile_fits
 from estimator.filters import (
     DEFAULT_FILTER,
     OUTPUTS,
@@ -178,6 +179,7 @@ def _detector(needs: Needs) -> None:
     detector = detector_for(needs.filter_name, Model(), 1.0)
     detector.update(*_swinging(needs, round(_JUDGED_S / TICK)))
     detector.decide()
+    compile_fits()
     compile_openings()
     moving_average_absolute(np.zeros(1))
 

@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 
+from estimator.evidence import KeptAccounts
 from estimator.filters import FilterMemory
 from estimator.leaks import Decision, Detector, Found, Samples, first_held, found_in
 from rig.loop import batch_ticks, estimates_in
@@ -30,16 +31,24 @@ class Judge:
         detector: the detector, which is given every sample once, in order.
         memory: memory of the filter whose estimates are in the rows.
         channels: names of the rows' columns.
+        kept: is told of each decision, for the report; None if nothing is kept.
 
     Attributes:
         ticks_due: number of ticks that the present block still lacks.
         history: the detector's decision after each block, with the time of its last row in s.
     """
 
-    def __init__(self, detector: Detector, memory: FilterMemory, channels: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        detector: Detector,
+        memory: FilterMemory,
+        channels: tuple[str, ...],
+        kept: KeptAccounts | None = None,
+    ) -> None:
         self.history: list[tuple[float, Decision]] = []
         self._detector = detector
         self._memory = memory
+        self._kept = kept
         self._channels = channels
         self._sampled = [channels.index(name) for name in _SAMPLED]
         self._rows: list[Array] = []
@@ -94,5 +103,7 @@ class Judge:
                     "it must return an estimator.leaks.detection.Decision"
                 )
             self.history.append((float(rows[-1, 0]), decision))
+            if self._kept is not None:
+                self._kept.take(*self.history[-1])
         self._rows = []
         self.ticks_due = batch_ticks(first=False)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from estimator.evidence import KeptAccounts
 from estimator.leaks import DetectorFactory
 from faults import Campaign
 from rig.configuration import Rig
@@ -48,6 +49,7 @@ class Setting:
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
         overdue: is called from another thread if cleaning up takes too long.
+        kept: keeps the oil accounts of the tests for the report; None if they are not kept.
         present: index of the present test, or of the last one.
         phase: the phase of this test; None before the first test.
     """
@@ -66,6 +68,7 @@ class Setting:
     overdue: Callable[[], None]
     counter: RigCounter
     detector: DetectorFactory | None = None
+    kept: KeptAccounts | None = None
 
     present: int = 0
     phase: Phase | None = None

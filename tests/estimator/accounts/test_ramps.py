@@ -18,8 +18,7 @@ def of(count: int) -> LeakTest:
 
 def test_a_fault_whose_level_is_one_from_a_mark_on_is_a_sudden_one() -> None:
     test = of(60)
-    products = test.sums.faults_since()
-    sudden = JointFit(test.sums, products, [SHIFT, 1, 0], [30, 20, 30], 0.7)
+    sudden = JointFit(test.sums, [SHIFT, 1, 0], [30, 20, 30], 0.7)
     since = (np.arange(60) >= np.array([[30], [20], [30]])).astype(float)
     fit = RampFit(Intervals(test.sums), [SHIFT, 1, 0], since, 0.7)
     assert fit.coefficients == pytest.approx(sudden.coefficients)

@@ -102,7 +102,7 @@ def test_faults_fitted_together_are_those_of_one_regression() -> None:
     missing, nuisances, faults = rows(3)
     y = missing + 2e-3 * faults[:, :, 0] + 1e-3 * faults[:, :, 2]
     sums = summed(y, nuisances, faults)
-    fit = JointFit(sums, sums.faults_since(), [0, 2], [0, 12], 1.0)
+    fit = JointFit(sums, [0, 2], [0, 12], 1.0)
     columns = [column(faults, 0, 0) / ROOT, column(faults, 2, 12) / ROOT]
     x = np.column_stack([nuisances.reshape(-1, NUISANCE_COUNT), *columns])
     ridge = np.diag([1.0] * NUISANCE_COUNT + [0.0, 0.0])
@@ -133,7 +133,7 @@ def test_blocks_in_which_a_fault_settles_can_be_passed_over() -> None:
     passing = []
     for each in (y, wild):
         sums = summed(each, nuisances, faults)
-        fit = JointFit(sums, sums.faults_since(), [SHIFT, 1], [20, 20], 1.0, [(20, 22)])
+        fit = JointFit(sums, [SHIFT, 1], [20, 20], 1.0, [(20, 22)])
         passing.append([*fit.nuisances, *fit.coefficients * ROOT, fit.error * ROOT**2])
         assert np.all(fit.left_out()[0][20:22] == fit.coefficients[-1])
     assert passing[0] == pytest.approx(passing[1], rel=1e-9)
@@ -146,5 +146,5 @@ def test_the_block_in_which_a_fault_began_tells_when(part: float) -> None:
     present[99] = part
     y = missing + 2e-2 * present[:, None] * faults[:, :, 1]
     sums = summed(y, nuisances, faults)
-    fit = JointFit(sums, sums.faults_since(), [1], [100], 1.0)
+    fit = JointFit(sums, [1], [100], 1.0)
     assert fit.began_before() == pytest.approx(part, abs=0.2)

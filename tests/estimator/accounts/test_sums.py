@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.accounts.fit_sums import influence_weights
 from estimator.accounts.flow import AccountBlock
 from estimator.accounts.nuisances import NUISANCE_COUNT
 from estimator.accounts.row import FAULT_COUNT
-from estimator.accounts.sums import MARKS, SHIFT, AccountSums, product_weights, square_weights
+from estimator.accounts.sums import MARKS, SHIFT, AccountSums
 
 Array = NDArray[np.float64]
 
@@ -89,11 +90,11 @@ def test_weighted_sums_are_forms_of_the_blocks() -> None:
     rng = np.random.default_rng(0)
     left, right = rng.standard_normal((2, NUISANCE_COUNT + 2))
     faults = [1, SHIFT]
-    weights = np.column_stack([product_weights(left, faults), square_weights(left, right, faults)])
+    weights = influence_weights(left, right, np.array(faults), 2.0)
     found = sums.weighted(weights, 10, 20)
     for k in range(10, 20):
         x = np.column_stack([block(k).nuisances, shapes(block(k))[:, faults]])
-        expected = left @ x.T @ block(k).missing, left @ x.T @ x @ right
+        expected = left @ x.T @ (block(k).missing - x @ right), left @ x.T @ x @ left / 2.0
         assert found[k - 10] == pytest.approx(expected, abs=1e-9)
 
 

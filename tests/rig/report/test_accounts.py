@@ -6,13 +6,14 @@ import pytest
 from estimator.accounts.nuisances import NUISANCES, NuisanceBelief
 from estimator.baselines.baseline import PATTERN_FILTERS, Baseline
 from estimator.baselines.baseline_file import content_of
+from estimator.evidence import AccountHistory
 from estimator.leaks.detection import OilAccountDetector
 from estimator.leaks.pattern import HealthyLevel
 from estimator.leaks.replaying import judged, samples_of
 from rig.plant import LEAKS, Model
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording, read_recording
-from rig.report.accounts import AccountHistory, account_history, recorded_run
+from rig.report.accounts import account_history, recorded_run
 from rig.runner.outcomes.outcome import TestOutcome
 from rig.runner.outcomes.recorded import account_detector_of
 

@@ -32,7 +32,7 @@ signal.signal(signal.SIGUSR1, _step_clock)
 signal.signal(signal.SIGUSR2, _hang)
 
 
-def _write_plain(outcome: object, directory: Path) -> Path:
+def _write_plain(outcome: object, directory: Path, kept: object = None) -> Path:
     page = directory / "report.html"
     page.write_text("<p>This run wrote no plots, because the chaos suite asked for none.</p>\n")
     return page

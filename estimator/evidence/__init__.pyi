@@ -1,0 +1,5 @@
+from .history import (
+    AccountHistory as AccountHistory,
+    CollectedAccounts as CollectedAccounts,
+    KeptAccounts as KeptAccounts,
+)
