@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from rig.plant import LEAKS, Parameters, SensorParameters
 
-from .columns import BULK_MODULUS, LEAK_LAW, BlockingLeak, disturbances, leak_columns
+from .columns import (
+    BLOCKING_COLUMNS,
+    BULK_MODULUS,
+    LEAK_LAW,
+    BlockingLeak,
+    disturbances,
+    leak_columns,
+)
 from .soaks import LEAST_BLOCKS, SOAK_S, Account, Levels, Soak, account_of
 
 Array = NDArray[np.float64]
@@ -66,6 +73,23 @@ class LeakFinding:
 
 
 @dataclass(frozen=True)
+class BlockingFinding:
+    """What a test tells of the leak of one shut blocking valve, within its data sheet.
+
+    Attributes:
+        chamber: the chamber in whose line it is, 1 or 2.
+        flow: estimated flow in m^3/s at the pressure difference of the data sheet.
+        lower: lower end of the 95 % interval, m^3/s; not below 0.
+        upper: its upper end; not above the data sheet's greatest leak.
+    """
+
+    chamber: int
+    flow: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
 class LeakTestResult:
     """What a test tells.
 
@@ -74,11 +98,13 @@ class LeakTestResult:
         findings: one for each place, in the order of `rig.plant.LEAKS`.
         misfit: scatter of what is left, in what is expected of the sensors; 1 where all is as
             expected. Above 1 the standard errors are larger by it.
+        blocking: what it tells of the blocking valves' own leaks.
     """
 
     levels: Levels
     findings: tuple[LeakFinding, ...]
     misfit: float
+    blocking: tuple[BlockingFinding, ...] = ()
 
 
 def fit_leaks(
@@ -144,7 +170,15 @@ def fit_leaks(
                 (THRESHOLD + FOUND_IN_95) * error, names[most],
             )
         )  # fmt: skip
-    return LeakTestResult(levels, tuple(findings), misfit)
+    valves = []
+    for i, each in enumerate(columns, start=3):
+        if each.name in BLOCKING_COLUMNS:
+            chamber = BLOCKING_COLUMNS.index(each.name) + 1
+            flow = each.expected + solved[i] * scale[i]
+            half = INTERVAL * sqrt(inverse[i, i]) * scale[i] * max(1.0, misfit)
+            inside = (min(max(v, 0.0), blocking.flow) for v in (flow, flow - half, flow + half))
+            valves.append(BlockingFinding(chamber, *inside))
+    return LeakTestResult(levels, tuple(findings), misfit, tuple(valves))
 
 
 def foreseen_limits(
