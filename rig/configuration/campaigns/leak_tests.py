@@ -5,7 +5,7 @@ from math import inf, isfinite
 from typing import Annotated, Final
 
 from control import Constant
-from estimator.leak_test import BlockingLeak, foreseen_limits, levels_of
+from estimator.leak_test import INTERVAL, SMALLEST, BlockingLeak, foreseen_limits, levels_of
 from faults import CampaignTest, LeakTestStep, Verdict
 from rig.configuration.reading import Located, Physical, Schema, read_mapping, show
 from rig.configuration.rigs import Rig
@@ -54,7 +54,7 @@ def read_leak_test(test: Located, rig: Rig | None) -> LeakTestStep | None:
             f"needs blocking valves, and the rig {rig.name} has none (`blocking_valves`)",
             "fit them and describe them in the rig file as config/rigs/locked.yaml does, or use a "
             "test with a motion, which finds larger leaks (docs/leak_test.md)",
-            "leak_test",
+            value="",
         )
     if file is None:
         return None
@@ -122,11 +122,10 @@ def step_warnings(test: CampaignTest, rig: Rig, assumed: Model, judged_by: str) 
     if step is None:
         return
     for name, size in zip(LEAKS, foreseen(rig, assumed), strict=True):
-        # A tight cylinder's interval ends at the standard error times 1.96 in the mean, and the
-        # smallest leak is 4.36 standard errors.
+        # In the mean the interval of a tight cylinder ends half its width above 0.
         for key, asked, reached in (
             ("could_see", step.could_see_m3_per_s, size),
-            ("at_most", step.at_most_m3_per_s, 1.96 / 4.36 * size),
+            ("at_most", step.at_most_m3_per_s, INTERVAL / SMALLEST * size),
         ):
             if asked < reached:
                 yield (
