@@ -4,6 +4,7 @@ from .campaign import (
     CampaignTest as CampaignTest,
     Condition as Condition,
     ControlFrom as ControlFrom,
+    LeakTestStep as LeakTestStep,
     OnFault as OnFault,
     SegmentEnd as SegmentEnd,
     SpringLoad as SpringLoad,

@@ -125,6 +125,23 @@ class SpringLoad:
 
 
 @dataclass(frozen=True)
+class LeakTestStep:
+    """What a test asks that locks the cylinder and measures its leaks, in place of a motion.
+
+    Attributes:
+        at_most_m3_per_s: what the upper end of the 95 % interval of each place's leak may be at
+            most, m^3/s; infinite for no limit.
+        could_see_m3_per_s: the leak that the test must have been able to see in each place, as 95
+            of 100 tests do, m^3/s; infinite if that does not matter.
+        judges_verdict: whether the verdict must be the expected one for the test to pass.
+    """
+
+    at_most_m3_per_s: float = inf
+    could_see_m3_per_s: float = inf
+    judges_verdict: bool = True
+
+
+@dataclass(frozen=True)
 class ControlFrom:
     """Another control of a running test.
 
@@ -179,6 +196,9 @@ class CampaignTest:
     """What ends segments of the test early, in their order; what does not come fails the test."""
     control_changes: tuple[ControlFrom, ...] = field(default=(), metadata={"unless_usual": True})
     """Other control settings that hold from times of the test on, in the order of these times."""
+    leak_test: LeakTestStep | None = field(default=None, metadata={"unless_usual": True})
+    """What is asked of a test that locks the cylinder; its setpoint is where the ram then stands.
+    None for a test that moves the ram."""
 
 
 @dataclass(frozen=True)

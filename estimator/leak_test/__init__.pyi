@@ -1,6 +1,10 @@
 from .columns import BlockingLeak as BlockingLeak
 from .fit import (
     FALSE_ALARMS as FALSE_ALARMS,
+    INTERVAL as INTERVAL,
+    SMALLEST as SMALLEST,
+    THRESHOLD as THRESHOLD,
+    BlockingFinding as BlockingFinding,
     LeakFinding as LeakFinding,
     LeakTestError as LeakTestError,
     LeakTestResult as LeakTestResult,

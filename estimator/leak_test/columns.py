@@ -56,6 +56,9 @@ difference of two readings, each rounded evenly to a count."""
 BULK_MODULUS: Final = 0.15
 """Tolerance of the bulk modulus, as everywhere (docs/detection.md)."""
 
+BLOCKING_COLUMNS: Final = tuple(f"leak of the blocking valve of chamber {each}" for each in (1, 2))
+"""Names of the columns of the blocking valves' own leaks, that of chamber 1 first."""
+
 _RELAXED_AT_S: Final = 100.0
 
 
@@ -135,7 +138,7 @@ def disturbances(
             SEAL_CREEP,
         )
         yield Column(
-            f"leak of the blocking valve of {name}",
+            BLOCKING_COLUMNS[chamber],
             tuple(_blocking(s, a, chamber, blocking) for s, a in pairs),
             blocking.flow / sqrt(12.0),
             0.5 * blocking.flow,

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from rig.plant import LEAKS, Parameters, SensorParameters
 
-from .columns import BULK_MODULUS, LEAK_LAW, BlockingLeak, disturbances, leak_columns
+from .columns import (
+    BLOCKING_COLUMNS,
+    BULK_MODULUS,
+    LEAK_LAW,
+    BlockingLeak,
+    disturbances,
+    leak_columns,
+)
 from .soaks import LEAST_BLOCKS, SOAK_S, Account, Levels, Soak, account_of
 
 Array = NDArray[np.float64]
@@ -19,10 +26,18 @@ FALSE_ALARMS: Final = 0.01
 THRESHOLD: Final = 2.713
 """Quantile of the standard normal distribution at 1 - `FALSE_ALARMS` / 3; a place has a third."""
 FOUND_IN_95: Final = 1.645
-"""Its quantile at 0.95: a leak by this many standard errors above the threshold is found in 95 of
-100 tests."""
+"""Its quantile at 0.95."""
 INTERVAL: Final = 1.96
 """Half the width of a 95 % interval, in standard errors."""
+_SCALED: Final = hypot(BULK_MODULUS, LEAK_LAW)
+"""Tolerance of a flow by what scales it, as a share of it."""
+_UNSCALED: Final = 1.0 - (FOUND_IN_95 * _SCALED) ** 2
+SMALLEST: Final = (
+    THRESHOLD + sqrt(THRESHOLD**2 - _UNSCALED * (THRESHOLD**2 - FOUND_IN_95**2))
+) / _UNSCALED
+"""The leak that 95 of 100 tests find, in standard errors s (5.15). The estimate of a leak of L s is
+normal with mean L s and variance s^2 (1 + `_SCALED`^2 L^2), and is above `THRESHOLD` in 95 of 100
+if L = `THRESHOLD` + `FOUND_IN_95` sqrt(1 + `_SCALED`^2 L^2), which is solved here for L."""
 
 _FREE_FLOW: Final = 1e-4
 """Tolerance of a leak before the test, m^3/s (6 L/min): so large that it has no influence."""
@@ -66,6 +81,23 @@ class LeakFinding:
 
 
 @dataclass(frozen=True)
+class BlockingFinding:
+    """What a test tells of the leak of one shut blocking valve, within its data sheet.
+
+    Attributes:
+        chamber: the chamber in whose line it is, 1 or 2.
+        flow: estimated flow in m^3/s at the pressure difference of the data sheet.
+        lower: lower end of the 95 % interval, m^3/s; not below 0.
+        upper: its upper end; not above the data sheet's greatest leak.
+    """
+
+    chamber: int
+    flow: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
 class LeakTestResult:
     """What a test tells.
 
@@ -74,11 +106,13 @@ class LeakTestResult:
         findings: one for each place, in the order of `rig.plant.LEAKS`.
         misfit: scatter of what is left, in what is expected of the sensors; 1 where all is as
             expected. Above 1 the standard errors are larger by it.
+        blocking: what it tells of the blocking valves' own leaks.
     """
 
     levels: Levels
     findings: tuple[LeakFinding, ...]
     misfit: float
+    blocking: tuple[BlockingFinding, ...] = ()
 
 
 def fit_leaks(
@@ -135,16 +169,25 @@ def fit_leaks(
     carried = -inverse @ (rows.T @ rows) + np.eye(scale.size)
     findings = []
     for i, name in enumerate(LEAKS):
-        flow, error = solved[i] * scale[i], sqrt(inverse[i, i]) * scale[i] * max(1.0, misfit)
+        flow = float(solved[i] * scale[i])
+        error = float(sqrt(inverse[i, i]) * scale[i] * max(1.0, misfit))
         half = INTERVAL * hypot(error, BULK_MODULUS * flow, LEAK_LAW * flow)
         most = 3 + int(np.argmax(np.abs(carried[i, 3 : len(names)])))
         findings.append(
             LeakFinding(
                 name, flow, error, flow - half, flow + half, flow > THRESHOLD * error,
-                (THRESHOLD + FOUND_IN_95) * error, names[most],
+                SMALLEST * error, names[most],
             )
         )  # fmt: skip
-    return LeakTestResult(levels, tuple(findings), misfit)
+    valves = []
+    for i, each in enumerate(columns, start=3):
+        if each.name in BLOCKING_COLUMNS:
+            chamber = BLOCKING_COLUMNS.index(each.name) + 1
+            flow = float(each.expected + solved[i] * scale[i])
+            half = float(INTERVAL * sqrt(inverse[i, i]) * scale[i] * max(1.0, misfit))
+            inside = (min(max(v, 0.0), blocking.flow) for v in (flow, flow - half, flow + half))
+            valves.append(BlockingFinding(chamber, *inside))
+    return LeakTestResult(levels, tuple(findings), misfit, tuple(valves))
 
 
 def foreseen_limits(

@@ -7,6 +7,7 @@ from .campaigns import (
     control_of as control_of,
     criterion_in_words as criterion_in_words,
     expected_error as expected_error,
+    foreseen as foreseen,
     gain_for as gain_for,
     is_mistaken as is_mistaken,
     limit_in_words as limit_in_words,

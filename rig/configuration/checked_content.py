@@ -42,6 +42,7 @@ def _test(plan: PlannedTest) -> dict[str, Any]:
         "following": None if plan.following is None else str(plan.following),
         "expect": str(test.expect),
         "faults": [str(fault) for fault in plan.faults],
+        "leak_test": [line.strip() for line in plan.leak_test],
         "limits": [limit_in_words(limit) for limit in test.limits],
         "warnings": list(plan.warnings),
     }

@@ -2,21 +2,12 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rig.plant import LITRE_PER_MINUTE
 from rig.report.templating import rendered
-from rig.runner.leak_test import LeakTest
+from rig.runner.leak_test import PLACES, LeakTest, leak_test_lines
 
 HEADINGS = ("place", "verdict", "L/min", "95 % interval", "could have seen", "limited by")
 """Headings of the table that `leak_rows` fills."""
-
-_PLACES = {
-    "external_leakage_1": "chamber 1, out",
-    "external_leakage_2": "chamber 2, out",
-    "internal_leakage": "across the piston",
-}
 
 
 def leak_rows(test: LeakTest) -> Iterator[tuple[str, ...]]:
@@ -26,7 +17,7 @@ def leak_rows(test: LeakTest) -> Iterator[tuple[str, ...]]:
             value / LITRE_PER_MINUTE for value in (each.flow, each.lower, each.upper, each.smallest)
         )
         yield (
-            _PLACES[each.name],
+            PLACES[each.name],
             "leak" if each.is_leak else "healthy",
             f"{flow:.5f}",
             f"{low:.5f} to {high:.5f}",
@@ -38,6 +29,7 @@ def leak_rows(test: LeakTest) -> Iterator[tuple[str, ...]]:
 def leak_sentences(test: LeakTest) -> tuple[str, ...]:
     """Return in sentences at which pressures the flows are stated, and how sure a verdict is."""
     levels = test.found.levels
+    *_, valves = leak_test_lines(test)
     foreseen = ", ".join(f"{value / LITRE_PER_MINUTE:.5f}" for value in test.foreseen)
     return (
         f"Flows out of a chamber are stated at {1e-6 * levels.pressure:.1f} MPa, that across the "
@@ -45,6 +37,7 @@ def leak_sentences(test: LeakTest) -> tuple[str, ...]:
         "One in a hundred tests of a tight cylinder accuses it in any place. What the test could "
         "have seen is the leak that 95 of 100 such tests name; computed before it: "
         f"{foreseen} L/min.",
+        f"Found of the {valves}.",
         f"It took {test.duration_s:.0f} s. What is left unexplained is {test.found.misfit:.1f} "
         "times what the sensors' noise is expected to leave.",
     )
@@ -52,15 +45,7 @@ def leak_sentences(test: LeakTest) -> tuple[str, ...]:
 
 def leak_test_page(test: LeakTest, started: str) -> str:
     """Return the HTML page of a leak test, which began at `started`, UTC, as text."""
-    soaks = [
-        (
-            f"{number}",
-            *(f"{1e-6 * value:.2f}" for value in _ends(soak.pressure_1)),
-            *(f"{1e-6 * value:.2f}" for value in _ends(soak.pressure_2)),
-            f"{1e6 * (soak.position[-1] - soak.position[0]):.0f}",
-        )
-        for number, soak in enumerate(test.soaks, start=1)
-    ]
+    soaks = soak_rows(test)
     return rendered(
         "leak_test.html.j2",
         rig=test.rig,
@@ -72,6 +57,13 @@ def leak_test_page(test: LeakTest, started: str) -> str:
     )
 
 
-def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the means of the first and the last quarter of a second."""
-    return float(values[:50].mean()), float(values[-50:].mean())
+def soak_rows(test: LeakTest) -> list[tuple[str, ...]]:
+    """Return the cells of a row for each soak: pressures at first and last, MPa, and way, um."""
+    return [
+        (
+            f"{number}",
+            *(f"{1e-6 * value:.2f}" for value in (*soak.pressure_1, *soak.pressure_2)),
+            f"{1e6 * soak.way:.0f}",
+        )
+        for number, soak in enumerate(test.ends, start=1)
+    ]

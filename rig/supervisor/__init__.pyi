@@ -1,6 +1,6 @@
 from .calibration import Strokes as Strokes, calibratable as calibratable, calibrate as calibrate
 from .checks import checks_for as checks_for, greatest_null_V as greatest_null_V
-from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig
+from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig, Stop as Stop
 from .guiding import basis_for as basis_for, guide_for as guide_for
 from .leases import (
     Keeper as Keeper,

@@ -44,6 +44,7 @@ from rig.supervisor.processes import (
 from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
 from .guiding import basis_for, guide_for
+from .locking import LockedRig
 from .moves import moves, preparing_moves
 from .states import Event, State
 
@@ -135,6 +136,16 @@ class Session:
         )
         self._test = HardwareTest(self.rig, wire, test, assumed)
         return self._test
+
+    def lockable(self, test: CampaignTest) -> LockedRig:
+        """Bring the ram to mid stroke, let it rest there, and return the rig, to be locked.
+
+        `test` says for how long it rests. The limits of earlier tests hold no longer.
+
+        Raises:
+            TripError: the rig tripped or was stopped, or does not follow.
+        """
+        return LockedRig(self.rig, test.settle_s)
 
     @contextmanager
     def writer(

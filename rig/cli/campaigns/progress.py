@@ -13,6 +13,7 @@ from estimator.leaks import Decision
 from faults import Campaign, CampaignTest, to_litres_per_minute
 from rig.cli.screen import Screen
 from rig.runner import CampaignOutcome, InjectedFault, Observer, Status, TestOutcome
+from rig.runner.leak_test import leak_test_lines
 from rig.runner.outcomes import chance, in_passing, onset_shown, reaction
 from rig.runner.run_folder import coefficient_unit
 
@@ -134,6 +135,8 @@ def cells_of(test: TestOutcome) -> tuple[str | Text, ...]:
     """Return the cells of a test's row in the table of verdicts, under `HEADINGS`."""
     decision = test.decision
     passing = [] if decision is None else in_passing(decision, test.found)
+    if test.leak_test is not None:
+        passing += leak_test_lines(test.leak_test)
     onset_s = onset_shown(decision)
     ended = test.status.value.replace("_", " ")
     if test.status == Status.FAILED and (decision is None or decision.verdict != test.expect):

@@ -16,7 +16,7 @@ from rig.cli.option_types import STREAMED
 from rig.cli.rig_failures import failures_reported
 from rig.cli.screen import Screen
 from rig.configuration import Rig, load_model, load_rig
-from rig.plant import LITRE_PER_MINUTE, Model
+from rig.plant import Model
 from rig.recording import replace_text
 from rig.report.leak_test import HEADINGS, leak_rows, leak_sentences, leak_test_page
 from rig.runner import StopFlag, stop_on_signals
@@ -25,7 +25,7 @@ from rig.runner.leak_test import (
     LeakTest,
     SimulatedLockable,
     StoppedError,
-    foreseen,
+    could_see,
     leak_test_figures,
     run_connected_leak_test,
     run_leak_test,
@@ -132,8 +132,7 @@ def _on_hardware(
 ) -> LeakTest:
     """Test a rig on hardware, which is seen and may be stopped on the live stream."""
     compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
-    smallest = ", ".join(f"{value / LITRE_PER_MINUTE:.5f}" for value in foreseen(rig, assumed))
-    screen.print(f"could see {smallest} L/min: chamber 1, chamber 2, across the piston")
+    screen.print(could_see(rig, assumed))
     streamed = session_streamed(settings, rig, directory, stop, "leak test", screen.print)
     with streamed as (say, onlooker):
 

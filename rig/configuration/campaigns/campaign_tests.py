@@ -34,6 +34,7 @@ from .awaited import awaited_files, read_awaited, read_until, until_files
 from .control_changes import ControlChangeFile, read_control_changes
 from .criteria import CriterionFile, OwnFigureFile, read_criteria, read_own_figures
 from .faults import FaultFile, read_faults
+from .leak_tests import KEYS, LEAK_TEST_S, LeakTestFile, place_of, read_leak_test
 from .limits import TestLimitFile, read_test_limits
 from .segments import Cycles, SegmentFile, SegmentLoopFile, Times, context_of, read_motion
 from .setpoints import DURATION, setpoint_files
@@ -75,6 +76,7 @@ class CampaignTestFile(Schema):
     control: Annotated[Any, Under(lambda: (options_schema(ControlSettings),))] = None
     control_changes: Annotated[Any, Under(lambda: (ControlChangeFile,), many=True)] = None
     matrix: Any = None
+    leak_test: Annotated[Any, Under(lambda: (LeakTestFile,))] = None
 
 
 class TestLoopFile(Schema):
@@ -148,6 +150,8 @@ def _turns(elements: Iterable[Located], turn: _Turn) -> Iterator[tuple[Located, 
 
 def _defaults_of(test: Located, defaults: Located | None) -> Located | None:
     """Return the defaults of a test, without those that its own keys take the place of."""
+    if defaults is not None and test.get("leak_test") is not None:
+        return defaults.with_value({key: e for key, e in defaults.items() if key in KEYS})
     own = {key for key in _IN_PLACE_OF if test.get(key) is not None}
     if defaults is None or not own:
         return defaults
@@ -179,13 +183,13 @@ class _TestReader:
 
     def read(self) -> Iterator[CampaignTest]:
         file = read_mapping(CampaignTestFile, self.item)
+        if self.item.get("leak_test") is not None:
+            yield from self._leak_tests(file)
+            return
         load = self._load()
         control = self._control()
         self._check_one_gain()
-        # The seed follows from the name, so that adding a test changes no other test's noise.
-        seed = zlib.crc32(str(file.name).encode()) >> 1 if file else 0
-        if file is not None and file.seed is not None:
-            seed = file.seed
+        seed = 0 if file is None else _seed_of(file)
         faults: tuple[Fault, ...] | None = None
         awaited = read_awaited(self.item.get("wait_for"), self.rig)
         own = read_own_figures(self.item.get("figures"), self.rig)
@@ -212,9 +216,8 @@ class _TestReader:
             start = self._start_position(file, setpoint)
             if start is None:
                 continue
-            is_single = repeats * self.turn.of == 1
             yield CampaignTest(
-                name=file.name if is_single else f"{file.name} #{number + 1}",
+                name=self._name_of(file, number),
                 test_name=file.name,
                 duration_s=motion.duration_s,
                 start_position_m=start,
@@ -236,6 +239,35 @@ class _TestReader:
                 segment_ends=motion.ends,
                 control_changes=changes,
             )
+
+    def _leak_tests(self, file: CampaignTestFile | None) -> Iterator[CampaignTest]:
+        """Yield a test that locks the cylinder, once for each repeat."""
+        step = read_leak_test(self.item, self.rig)
+        awaited = read_awaited(self.item.get("wait_for"), self.rig)
+        if file is None or step is None or self.rig is None:
+            return
+        place, seed = place_of(self.rig), _seed_of(file)
+        for index in range(file.repeats):
+            number = self.turn.number * file.repeats + index
+            yield CampaignTest(
+                name=self._name_of(file, number),
+                test_name=file.name,
+                duration_s=LEAK_TEST_S,
+                start_position_m=place.value,
+                settle_s=file.settle,
+                setpoint=place,
+                load=None,
+                faults=(),
+                expect=file.expect or Verdict.HEALTHY,
+                repeat=number + 1,
+                seed=seed + number,
+                wait_for=awaited,
+                leak_test=step,
+            )
+
+    def _name_of(self, file: CampaignTestFile, number: int) -> str:
+        """Return the name of the test's run with a number, from 0, of those of all its turns."""
+        return file.name if file.repeats * self.turn.of == 1 else f"{file.name} #{number + 1}"
 
     def _until(self) -> tuple[Until, float] | None:
         """Return what ends the test and its longest duration, s; None if it has no `until`."""
@@ -309,6 +341,14 @@ class _TestReader:
                 item.refuse(f"is outside the stroke of {stroke}", remedy, key="contact")
                 return None
         return SpringLoad(file.stiffness, file.contact)
+
+
+def _seed_of(file: CampaignTestFile) -> int:
+    """Return a test's own seed, or one that follows from its name.
+
+    So adding a test changes no other test's noise.
+    """
+    return zlib.crc32(str(file.name).encode()) >> 1 if file.seed is None else file.seed
 
 
 def _expected(faults: tuple[Fault, ...]) -> Verdict:

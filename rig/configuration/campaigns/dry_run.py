@@ -39,6 +39,7 @@ from .foreseen import (
     until_warnings,
 )
 from .judged_controls import control_warnings, unstable_controls
+from .leak_tests import planned_lines, step_warnings
 from .loop_of_test import motion_key
 
 _SEGMENTS_SHOWN: Final = 12
@@ -89,6 +90,7 @@ class PlannedTest:
         valve_speed_m_per_s: speed of an unloaded ram at the rig's largest command.
         faults: the faults of the test.
         following: how the ram is expected to follow its setpoint; None in open loop.
+        leak_test: what a test does that locks the cylinder, as lines; empty for a motion.
         warnings: what will not go as commanded, and what the detector cannot find or size, each
             with its remedy.
     """
@@ -101,6 +103,7 @@ class PlannedTest:
     faults: tuple[PlannedFault, ...]
     warnings: tuple[str, ...]
     following: Following | None = None
+    leak_test: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
         """Return the test as lines of text, the first of which begins with its name."""
@@ -110,6 +113,11 @@ class PlannedTest:
         if not isfinite(self.peak_speed_m_per_s):
             speed = "in jumps"
         motion = f"{low:.3f} to {high:.3f} m, {speed} (valve: {self.valve_speed_m_per_s:.2g} m/s)"
+        if test.leak_test is not None:
+            head = f"{test.name}: some {test.duration_s:g} s after {test.settle_s:g} s of settling"
+            waits = (f"  wait for {_condition(each)}" for each in test.wait_for)
+            warned = (f"  warning: {warning}" for warning in self.warnings)
+            return [head, *self.leak_test, *waits, *warned]
         if self.command_range_V is not None:
             least, most = self.command_range_V
             motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
@@ -198,12 +206,29 @@ def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     unstable = dict(unstable_controls(campaign, rig))
     plans = []
     for test in campaign.tests:
+        if test.leak_test is not None:
+            plans.append(_plan_leak_test(test, rig, campaign))
+            continue
         of_control = control_warnings(test, rig, campaign.model, warned)
         if test.name in unstable:
             of_control = (unstable[test.name], *of_control)
         following = _following(test, rig, campaign.model, known)
         plans.append(_plan(test, rig, campaign, following, of_control))
     return tuple(plans)
+
+
+def _plan_leak_test(test: CampaignTest, rig: Rig, campaign: Campaign) -> PlannedTest:
+    place, model = test.start_position_m, campaign.model
+    return PlannedTest(
+        test=test,
+        command_range_V=None,
+        position_range_m=(place, place),
+        peak_speed_m_per_s=0.0,
+        valve_speed_m_per_s=valve_speed(rig.plant.parameters, rig.limits.command_V),
+        faults=(),
+        warnings=tuple(step_warnings(test, rig, model, campaign.filter_name)),
+        leak_test=tuple(planned_lines(test, rig, model)),
+    )
 
 
 def _following(

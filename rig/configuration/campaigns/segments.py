@@ -34,6 +34,11 @@ _DEFAULT_S: Final = 60.0
 """Duration by which a setpoint is read whose own is wrong, so that its keys are checked."""
 
 
+_HINTS: Final = {
+    "leak_test": "the ram is locked in it: write a test of its own, - {name: ..., leak_test: {}}"
+}
+
+
 class SegmentFile(Schema):
     """Keys of a segment: a setpoint with duration, cycles or `until`; or `hold` or `wait_for`."""
 
@@ -181,7 +186,7 @@ class _Reader:
     def _read_segment(self, item: Located) -> None:
         problems = item.sources.problems
         before = problems.reported
-        file = read_mapping(SegmentFile, item)
+        file = read_mapping(SegmentFile, item, _HINTS)
         stretch = None
         until = self._until(item)
         if file is not None and problems.reported == before:

@@ -17,6 +17,7 @@ from rig.plant import LEAKS
 from rig.recording import replace_text
 from rig.report import wording
 from rig.report.calibrations import calibration_rows
+from rig.report.leak_test import HEADINGS, leak_rows, leak_sentences, soak_rows
 from rig.report.templating import rendered
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance, onset_shown, reaction
 from rig.runner.run_folder import REPORT
@@ -77,6 +78,10 @@ def render(outcome: CampaignOutcome, directory: Path, kept: KeptAccounts | None 
         smallest=smallest_rows(sections),
         intervals=any(row.chart["lower"] is not None for row in rows),
         command=_rerun(outcome),
+        leak_headings=HEADINGS,
+        leak_rows=leak_rows,
+        leak_sentences=leak_sentences,
+        soak_rows=soak_rows,
         calibrations=calibration_rows(outcome.calibrations, outcome.uncalibrated),
     )
 

@@ -13,6 +13,7 @@ from estimator.filters import FilterMemory
 from faults import CampaignTest, Verdict
 from rig.loop import Action, RungPassed
 from rig.plant import Model
+from rig.runner.leak_test import Lockable
 from rig.runner.outcomes import Array
 
 
@@ -161,6 +162,14 @@ class Bench(Protocol):
             test: the test.
             memory: the filter's memory before its first sample.
             assumed: the model that filter and interlock assume.
+        """
+
+    def lockable(self, test: CampaignTest) -> Lockable:
+        """Return the rig for a test that locks the cylinder, with its ram at rest at mid stroke.
+
+        Raises:
+            TripError: the rig tripped on the way there.
+            StopRequestedError: a stop of the campaign was requested.
         """
 
     def writer(

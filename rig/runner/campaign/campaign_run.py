@@ -18,6 +18,7 @@ from rig.heap import give_back
 from rig.io import DriverError, today
 from rig.loop import StopRequestedError, TripError
 from rig.runner.counters import RigCounter, counters_path
+from rig.runner.leak_test import could_see
 from rig.runner.outcomes import (
     EXIT_BAD_INPUT,
     EXIT_STOPPED,
@@ -215,6 +216,8 @@ def bench_of(
         compile_for(needs, SIMULATED, observer.rig_tells, stop)
         return SimulatedBench(rig, directory, observer.rig_tells)
     compile_for(needs, ON_HARDWARE, observer.rig_tells, stop)
+    if any(test.leak_test is not None for test in campaign.tests):
+        observer.rig_tells(could_see(rig, campaign.model))
     # Imported here because a simulation does not need the libraries of its drivers.
     from rig.supervisor import ConnectedRig, Session
 

@@ -41,6 +41,7 @@ from rig.runner.run_folder import log_error
 from .bench import Timed, Writer
 from .injection import Injection
 from .judging import Judge
+from .leak_step import LeakStep
 from .operator_requests import Request
 from .pacing import LIVE_TICKS, Lateness
 from .setting import Phase, Setting
@@ -81,9 +82,13 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
     # It calls from a thread of its own, because this one may hang while it cleans up.
     deadline = threading.Timer(CLEANUP_S, setting.cleans_up_too_long)
     deadline.daemon = True
-    running, status, message, cause = None, Status.ERROR, "", None
+    running: _RunningTest | LeakStep | None = None
+    status, message, cause = Status.ERROR, "", None
     try:
-        running = _RunningTest(setting, test, recording, deadline)
+        if test.leak_test is not None:
+            running = LeakStep(setting, test, deadline, _go_on)
+        else:
+            running = _RunningTest(setting, test, recording, deadline)
         status = running.run()
     except _InterruptedError as error:
         status, message = error.status, str(error)
@@ -122,6 +127,23 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
 def not_run(test: CampaignTest) -> TestOutcome:
     """Return the outcome of a test that has not been run."""
     return TestOutcome(test.name, str(test.expect), Status.NOT_RUN, test.seed, test.duration_s)
+
+
+def _go_on(setting: Setting) -> None:
+    """Raise an error if the present test is to be ended early.
+
+    Raises:
+        _InterruptedError: an operator has asked to skip or repeat the test, or a condition that
+            interrupts tests is not met.
+    """
+    interruption = setting.desk.interruption
+    if interruption is Request.SKIP:
+        raise _InterruptedError(Status.SKIPPED, "skipped by an operator")
+    if interruption is Request.RETRY:
+        raise _InterruptedError(Status.INTERRUPTED, "an operator has it run again")
+    setting.suspenders.look()
+    if setting.suspenders.interrupts:
+        raise _InterruptedError(Status.INTERRUPTED, "; ".join(setting.suspenders.reasons))
 
 
 class _RunningTest:
@@ -182,7 +204,7 @@ class _RunningTest:
             setting.pacer.wait_until(test.settle_s)
             if setting.stop.requested:
                 return Status.ABORTED
-            self._go_on()
+            _go_on(setting)
             setting.enters(Phase.INJECT)
             self._loop.inject()
             setting.enters(Phase.MAIN, self._recording)
@@ -227,23 +249,6 @@ class _RunningTest:
             with suppress(OSError):
                 self._setting.enters(Phase.CLEANUP)
             self._loop.safe_state()
-
-    def _go_on(self) -> None:
-        """Raise an error if the present test is to be ended early.
-
-        Raises:
-            _InterruptedError: an operator has asked to skip or repeat the test, or a condition that
-                interrupts tests is not met.
-        """
-        setting = self._setting
-        interruption = setting.desk.interruption
-        if interruption is Request.SKIP:
-            raise _InterruptedError(Status.SKIPPED, "skipped by an operator")
-        if interruption is Request.RETRY:
-            raise _InterruptedError(Status.INTERRUPTED, "an operator has it run again")
-        setting.suspenders.look()
-        if setting.suspenders.interrupts:
-            raise _InterruptedError(Status.INTERRUPTED, "; ".join(setting.suspenders.reasons))
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return a copy of an outcome with the test's results so far, such as the decision."""
@@ -307,7 +312,7 @@ class _RunningTest:
         self._event(0.0, "test_begin", self._test.name)
         try:
             while self._loop.ticks_left and not self._setting.stop.requested and not self._end.came:
-                self._go_on()
+                _go_on(self._setting)
                 self._run_batch()
                 self._change_control()
             if self._end.came:

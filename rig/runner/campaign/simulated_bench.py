@@ -32,6 +32,7 @@ from rig.loop import (
 )
 from rig.plant import TICK, Model
 from rig.recording import McapWriter, division_of
+from rig.runner.leak_test import SimulatedLockable
 from rig.runner.outcomes import Array
 from rig.supervisor import (
     News,
@@ -245,6 +246,11 @@ class SimulatedBench:
             loop, self.rig, test, assumed, self.directory, ladder, self.say, len(own)
         )
         return self.test
+
+    def lockable(self, test: CampaignTest) -> SimulatedLockable:
+        """Return a new simulated rig that is to be locked, its ram at mid stroke."""
+        self.test = None
+        return SimulatedLockable(self.rig, test.seed)
 
     def reading(self, channel: str) -> float | None:
         """Return the newest value of a channel in the latest test, in the channel's unit.

@@ -4,41 +4,35 @@ from collections.abc import Callable
 from pathlib import Path
 
 from estimator.filters import DEFAULT_FILTER
-from estimator.leak_test import BlockingLeak, Soak, foreseen_limits, levels_of
-from rig.configuration import Rig
-from rig.plant import TICK, Model, valve_conductance
-from rig.runner import StopFlag
-from rig.supervisor import PERIOD_TICKS, ConnectedRig, LockedRig, Onlooker, Session
+from estimator.leak_test import Soak
+from rig.configuration import Rig, foreseen
+from rig.plant import LITRE_PER_MINUTE, Model, valve_conductance
+from rig.supervisor import ConnectedRig, LockedRig, Onlooker, Session, Stop
 
 from .results import LeakTest
 from .sequence import run_leak_test
 
 
-def foreseen(rig: Rig, assumed: Model) -> tuple[float, ...]:
-    """Return the smallest leaks in m^3/s that 95 of 100 tests of a rig on hardware will find.
+def could_see(rig: Rig, assumed: Model) -> str:
+    """Return in words the smallest leaks that 95 of 100 tests of a rig on hardware will find.
 
-    They are in the order of `rig.plant.LEAKS`, for a ram at mid stroke. All that a test computes is
-    compiled by this, so that nothing is compiled while the rig is armed.
+    All that a test computes is compiled by this, so that nothing is compiled while the rig is
+    armed.
 
     Args:
         rig: a rig with blocking valves.
         assumed: what is assumed of it.
     """
-    valves, par = rig.blocking_valves, assumed.parameters
-    if valves is None:
-        raise ValueError(f"{rig.name} has no blocking valves")
-    valve_conductance(par)
-    blocking = BlockingLeak(valves.leak, valves.leak_pressure)
-    middle = 0.5 * (rig.limits.position_min_m + rig.limits.position_max_m)
-    rate_hz = 1.0 / (PERIOD_TICKS * TICK)
-    return foreseen_limits(levels_of(par), par, rig.sensors, blocking, middle, rate_hz)
+    valve_conductance(assumed.parameters)
+    smallest = (f"{value / LITRE_PER_MINUTE:.5f}" for value in foreseen(rig, assumed))
+    return f"could see {', '.join(smallest)} L/min: chamber 1, chamber 2, across the piston"
 
 
 def run_connected_leak_test(
     rig: Rig,
     assumed: Model,
     directory: Path,
-    stop: StopFlag,
+    stop: Stop,
     say: Callable[[str], None],
     onlooker: Onlooker,
     on_soak: Callable[[int, Soak], None],

@@ -23,7 +23,7 @@ from rig.configuration import Rig
 from rig.plant import Parameters, Reading, chamber_volumes, valve_conductance
 
 from .lockable import Lockable
-from .results import LeakTest
+from .results import LeakTest, ends_of
 
 BANDWIDTH: Final = 10.0
 """Bandwidth in rad/s of the pressure control: a pressure is reached in half a second, and twenty
@@ -89,7 +89,10 @@ def run_leak_test(
     position = float(soaks[0].position.mean())
     foreseen = foreseen_limits(levels, assumed, rig.sensors, blocking, position, rate_hz)
     found = fit_leaks(soaks, levels, assumed, rig.sensors, blocking)
-    return LeakTest(rig.name, found, foreseen, tuple(soaks), lockable.time_s)
+    ends = tuple(ends_of(soak) for soak in soaks)
+    return LeakTest(
+        rig.name, found, foreseen, ends, lockable.time_s, valves.leak, valves.leak_pressure
+    )
 
 
 class _Sequence:

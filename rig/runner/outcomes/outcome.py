@@ -11,6 +11,7 @@ from estimator.leaks import Decision, Found
 from faults import OnFault
 from rig.plant import LEAKS
 from rig.runner.counters import Counted
+from rig.runner.leak_test import LeakTest
 
 from .calibrations import CalibrationUsed
 from .figures import Figure
@@ -148,6 +149,8 @@ class TestOutcome:
         segments: the segments that were begun, with the times at which they took place.
         control_changes: changes of the control by operators while the test ran.
         limits_not_judged: the test's limits that were not judged, each with the reason.
+        leak_test: what came of a test that locked the cylinder; None of a test with a motion, or if
+            nothing came of it.
         fault_tripped: whether a confirmed fault tripped the rig, as `on_fault` asks; None in the
             journal of an earlier version, which does not tell.
     """
@@ -180,6 +183,7 @@ class TestOutcome:
     control_changes: tuple[ControlChanged, ...] = ()
     limits_not_judged: tuple[LimitNotJudged, ...] = ()
     fault_tripped: bool | None = None
+    leak_test: LeakTest | None = None
 
     @property
     def missed(self) -> tuple[CriterionResult, ...]:

@@ -82,11 +82,12 @@ class HealthyReferences:
         return sorted(range(len(tests)), key=lambda index: not self.is_reference(tests[index]))
 
     def is_reference(self, test: CampaignTest) -> bool:
-        """Return whether other tests may learn from a test: it has no faults and expects none.
+        """Return whether other tests may learn from a test: it moves, has no faults, expects none.
 
         With the default filter or the campaign's own baseline the result is always False.
         """
-        return self._learns and not test.faults and test.expect == Verdict.HEALTHY
+        moves = self._learns and test.leak_test is None
+        return moves and not test.faults and test.expect == Verdict.HEALTHY
 
     def add(self, test: CampaignTest, innovations: Array) -> None:
         """Keep a healthy test's innovations, unless they are fewer than 4000 or not all finite.

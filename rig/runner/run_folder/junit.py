@@ -8,6 +8,7 @@ from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 from junitparser.junitparser import FinalResult
 
 from rig.recording import replacing
+from rig.runner.leak_test import leak_test_lines
 from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, in_passing, litres_per_minute
 
 _NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -35,7 +36,10 @@ def _case(campaign: str, test: TestOutcome) -> TestCase:
     found = _result(test)
     if found is not None:
         case.result = [found]
-    if test.decision is not None and (lines := in_passing(test.decision, test.found)):
+    lines = [] if test.decision is None else in_passing(test.decision, test.found)
+    if test.leak_test is not None:
+        lines += leak_test_lines(test.leak_test)
+    if lines:
         case.system_out = _text("\n".join(lines))
     return case
 

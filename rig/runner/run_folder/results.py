@@ -10,6 +10,7 @@ from estimator.leaks import Decision, Found
 from faults import to_litres_per_minute
 from rig.plant import LEAKS
 from rig.recording import replacing
+from rig.runner.leak_test import leak_test_figures
 from rig.runner.outcomes import (
     CampaignOutcome,
     InjectedFault,
@@ -68,6 +69,7 @@ def _test(test: TestOutcome) -> dict[str, Any]:
             "segments",
             "control_changes",
         ),
+        **({} if test.leak_test is None else {"leak_test": leak_test_figures(test.leak_test)}),
     }
 
 
