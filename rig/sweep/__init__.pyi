@@ -31,6 +31,7 @@ from .study import (
     Roc as Roc,
     Share as Share,
     Study as Study,
+    power_curve as power_curve,
     study_of as study_of,
     verdict_order as verdict_order,
 )

@@ -38,7 +38,7 @@ class Span(NamedTuple):
 
 
 Spans = Mapping[str, Span]
-"""The range of sizes of each place that still gets leaks."""
+"""The range of sizes of each place that still gets leaks, of a batch of an adaptive sweep."""
 
 
 @dataclass(frozen=True)
@@ -197,13 +197,13 @@ def _leaks(
     faults = np.full(count, HEALTHY, dtype=f"<U{max(map(len, LEAKS))}")
     if leaks is not None:
         leaky = streams.uniform("healthy") >= leaks.healthy
-        spans = dict.fromkeys(leaks.places, Span(0.0, 1.0)) if spans is None else spans
-        places = list(spans)
+        places = list(leaks.places if spans is None else spans)
         at = (streams.uniform("place") * len(places)).astype(np.intp)
         faults = np.where(leaky, np.array(places)[at], faults)
-        low, high = np.array(list(spans.values()))[at].T
-        size = leaks.size.at(low + (high - low) * streams.uniform("leak"))
-        size = np.where(leaky, size, np.nan)
+        parts = streams.uniform("leak")
+        if spans is not None:
+            parts = _spread(parts, np.where(leaky, at, -1), np.array(list(spans.values())))
+        size = np.where(leaky, leaks.size.at(parts), np.nan)
         if leaks.profile:
             last = len(leaks.profile)
             size = np.where(leaky, streams.drawn(f"leak level {last}", leaks.size), np.nan)
@@ -220,6 +220,24 @@ def _leaks(
         "coefficient": Column(size, "m^3/(s Pa^0.5)", "of the leak injected"),
     }
     return coefficients, onset_s, faults, shown
+
+
+def _spread(parts: Array, place: NDArray[np.intp], spans: Array) -> Array:
+    """Return parts of the distribution of sizes that are spread evenly over the span of each place.
+
+    The span of a place is divided into as many equal pieces as it has leaks, and each leak is drawn
+    from one of them, in order of the cases.
+
+    Args:
+        parts: random numbers from 0 to 1, (n,).
+        place: index of the place of each case's leak; -1 for a healthy case, (n,).
+        spans: lower and upper end of each place's span, (places, 2).
+    """
+    spread = parts.copy()
+    for index, (low, high) in enumerate(spans):
+        at = np.flatnonzero(place == index)
+        spread[at] = low + (high - low) * (np.arange(at.size) + parts[at]) / max(at.size, 1)
+    return spread
 
 
 def _profile(

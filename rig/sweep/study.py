@@ -211,7 +211,7 @@ def study_of(table: pa.Table) -> Study:
         confusion={name: Counter(sorted(verdicts[faults == name].tolist())) for name in names},
         false_alarms=_share(column["false_alarm"][healthy]),
         right={name: _share(right[faults == name]) for name in names},
-        power={name: _power(flow[at], right[at]) for name, at in parts.items()},
+        power={name: power_curve(flow[at], right[at]) for name, at in parts.items()},
         roc={name: _roc(score[healthy], score[at]) for name, at in parts.items() if healthy.any()},
         latency_s=_latency(column["latency_s"]),
         sizing=_sizing(column, right & ~healthy),
@@ -243,7 +243,13 @@ def _latency(latency_s: Array) -> tuple[float, float] | None:
     return middle, late
 
 
-def _power(flow: Array, right: NDArray[np.bool_]) -> PowerCurve:
+def power_curve(flow: Array, right: NDArray[np.bool_]) -> PowerCurve:
+    """Return the power curve of some leaks, with a logistic curve if one can be fitted.
+
+    Args:
+        flow: flow of each leak, m^3/s, (n,); those that are not positive or not known are left out.
+        right: whether each was named right, (n,).
+    """
     known = np.isfinite(flow) & (flow > 0.0)
     flow, right = flow[known], right[known]
     if not flow.size:

@@ -19,9 +19,9 @@ from .monotone import Crossing, crossing
 Array = NDArray[np.float64]
 
 WIDENED: Final = 0.25
-"""Part of the interval's width by which sizes are drawn beyond either end of the interval. Without
-such draws an end that chance has put too far in would never be put right: with 0 the intervals of
-`python -m tools.studies.adaptive_drawing` hold the true size in fewer than 90 of 100 sweeps."""
+"""Part of the interval's width by which sizes are drawn beyond either end of the interval. Draws there
+put an end right that chance has put too far in. Of a quarter, half and once the width, a quarter
+was the least with which the intervals held the true size as often as they should (decision 51)."""
 
 
 def positions(law: Distribution, sizes: Array) -> Array:
@@ -49,9 +49,9 @@ def next_span(found: Crossing) -> Span:
     """Return the range to draw from next, for where the wanted size is known to lie.
 
     Args:
-        found: the interval of the wanted size, as parts of the distribution of sizes.
+        found: where the wanted size lies, as parts of the distribution of sizes.
     """
-    low, high = max(found.low, 0.0), min(found.high, 1.0)
+    low, high = max(found.near_low, 0.0), min(found.near_high, 1.0)
     beyond = WIDENED * (high - low)
     return Span(max(low - beyond, 0.0), min(high + beyond, 1.0))
 
