@@ -73,9 +73,11 @@ from .rigs import (
 from .sweeps import (
     HEALTHY as HEALTHY,
     LATENCY as LATENCY,
+    AdaptiveSizes as AdaptiveSizes,
     Distribution as Distribution,
     Sweep as Sweep,
     SweepFilter as SweepFilter,
+    SweptLeaks as SweptLeaks,
     SweptMotion as SweptMotion,
     asked_column as asked_column,
     figures_judged_twice as figures_judged_twice,

@@ -1,3 +1,4 @@
+from .adaptive import power_curves as power_curves
 from .asked_study import (
     AskedStudy as AskedStudy,
     CriterionStudy as CriterionStudy,
@@ -20,14 +21,17 @@ from .running import (
     Runner as Runner,
     Timing as Timing,
     chunks_of as chunks_of,
+    is_complete as is_complete,
     run_sweep as run_sweep,
 )
 from .study import (
     LEAST_CASES as LEAST_CASES,
+    POWER as POWER,
     PowerCurve as PowerCurve,
     Roc as Roc,
     Share as Share,
     Study as Study,
+    power_curve as power_curve,
     study_of as study_of,
     verdict_order as verdict_order,
 )

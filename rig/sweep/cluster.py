@@ -5,9 +5,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from .drawing import Cases
 from .group import Setting, SweepError
-from .local import Stopped
+from .local import Chunks, Stopped
 from .run_cases import Judged, run_chunk
 
 _QUEUED: Final = 3
@@ -16,6 +15,9 @@ _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 _LOOK_S: Final = 2.0
 """Time between two counts of the cluster's workers, s."""
+_MESSAGES_KEPT: Final = 20
+"""Number of sent messages that Dask's client keeps to diagnose itself. A message has the cases of a
+chunk, and by Dask's default of 1000 messages nearly all cases of a sweep would stay in memory."""
 
 
 class ClusterError(ValueError):
@@ -37,12 +39,14 @@ def connect(address: str) -> Any:
         ClusterError: the extra `dask` is not installed, or no scheduler answers at the address.
     """
     try:
+        from dask import config
         from distributed import Client
     except ImportError:
         line = "--cluster: distributed is not installed; pip install hydraulic-rig[dask]"
         raise ClusterError(line) from None
     try:
-        return Client(address, timeout=_CONNECT_S, set_as_default=False)
+        with config.set({"distributed.admin.low-level-log-length": _MESSAGES_KEPT}):
+            return Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         why = " ".join(str(error).split()) or type(error).__name__
         line = f"--cluster {address}: no scheduler answers ({why}); start `dask scheduler` there"
@@ -50,7 +54,7 @@ def connect(address: str) -> Any:
 
 
 def run_cluster(
-    chunks: Iterator[Cases],
+    chunks: Chunks,
     setting: Setting,
     client: Any,
     stopped: Stopped,

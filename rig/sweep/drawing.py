@@ -1,14 +1,15 @@
-"""Draws the random quantities of cases, from the sweep's seed and the case's number alone.
+"""Draws the random quantities of cases from the sweep's seed and the case's number.
 
 Each quantity has a stream of random numbers of its own, seeded by its name, of which case n takes
 the n-th number. So a case does not depend on the chunk in which it is run, and a change of one
 quantity leaves all others as they were: two sweeps that differ only in the filter judge the same
-rigs, leaks and noise.
+rigs, leaks and noise. Where leaks are drawn adaptively, places and sizes of leaks follow from the
+results of earlier cases besides.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,21 @@ Array = NDArray[np.float64]
 
 _AT_ONCE_S: Final = 1e-9
 """Ramps in s that are not longer than this jump; times that are nearer are the same."""
+
+
+class Span(NamedTuple):
+    """The range from which the sizes of a place's leaks are drawn.
+
+    The ends are parts, from 0 to 1, of the distribution in the sweep's file: 0 is its smallest
+    size, and half of what it draws lies below 0.5.
+    """
+
+    low: float
+    high: float
+
+
+Spans = Mapping[str, Span]
+"""The range of sizes of each place that still gets leaks, of a batch of an adaptive sweep."""
 
 
 @dataclass(frozen=True)
@@ -110,13 +126,20 @@ class Cases:
         return np.lexsort((self.numbers, slips, self.motions.kind, place))
 
 
-def draw(sweep: Sweep, first: int, count: int) -> Cases:
-    """Return `count` cases of a sweep from number `first` on, with 0 as number of the chunk."""
+def draw(sweep: Sweep, first: int, count: int, spans: Spans | None = None) -> Cases:
+    """Return `count` cases of a sweep from number `first` on, with 0 as number of the chunk.
+
+    Args:
+        sweep: the sweep.
+        first: number of the first case.
+        count: number of cases.
+        spans: places and sizes of the leaks of an adaptive sweep; None for all places and sizes.
+    """
     streams = Streams(sweep.seed, first, count)
     parameters, columns = _parameters(sweep, streams)
     noise = streams.drawn("noise", sweep.noise)
     columns["noise"] = Column(noise, "", "factor on the deviation of every transducer")
-    coefficients, onset_s, faults, shown = _leaks(sweep, streams)
+    coefficients, onset_s, faults, shown = _leaks(sweep, streams, spans)
     profile, levels = _profile(sweep, streams, shown)
     motions, described = drawn_motions(sweep.motions, streams, sweep.duration_s)
     numbers = np.arange(first, first + count, dtype=np.int64)
@@ -162,7 +185,7 @@ def _parameters(sweep: Sweep, streams: Streams) -> tuple[Array, dict[str, Column
 
 
 def _leaks(
-    sweep: Sweep, streams: Streams
+    sweep: Sweep, streams: Streams, spans: Spans | None
 ) -> tuple[Array, Array, NDArray[np.str_], dict[str, Column]]:
     """Return the leaks of all cases: coefficients (3, n), onsets (n,), names (n,), and columns.
 
@@ -174,14 +197,19 @@ def _leaks(
     faults = np.full(count, HEALTHY, dtype=f"<U{max(map(len, LEAKS))}")
     if leaks is not None:
         leaky = streams.uniform("healthy") >= leaks.healthy
-        at = (streams.uniform("place") * len(leaks.places)).astype(np.intp)
-        faults = np.where(leaky, np.array(leaks.places)[at], faults)
-        size = np.where(leaky, streams.drawn("leak", leaks.size), np.nan)
+        places = list(leaks.places if spans is None else spans)
+        at = (streams.uniform("place") * len(places)).astype(np.intp)
+        faults = np.where(leaky, np.array(places)[at], faults)
+        parts = streams.uniform("leak")
+        if spans is not None:
+            parts = _spread(parts, np.where(leaky, at, -1), np.array(list(spans.values())))
+        size = np.where(leaky, leaks.size.at(parts), np.nan)
         if leaks.profile:
             last = len(leaks.profile)
             size = np.where(leaky, streams.drawn(f"leak level {last}", leaks.size), np.nan)
         if leaks.pressure is not None:
-            size = size / np.sqrt(np.array(leaks.pressure)[at])
+            drops = dict(zip(leaks.places, leaks.pressure, strict=True))
+            size = size / np.sqrt(np.array([drops[place] for place in places])[at])
         begin = "leak at 1" if leaks.profile else "onset"
         onset_s = np.where(leaky, streams.drawn(begin, leaks.onset), np.nan)
         for row, name in enumerate(LEAKS):
@@ -192,6 +220,24 @@ def _leaks(
         "coefficient": Column(size, "m^3/(s Pa^0.5)", "of the leak injected"),
     }
     return coefficients, onset_s, faults, shown
+
+
+def _spread(parts: Array, place: NDArray[np.intp], spans: Array) -> Array:
+    """Return parts of the distribution of sizes that are spread evenly over the span of each place.
+
+    The span of a place is divided into as many equal pieces as it has leaks, and each leak is drawn
+    from one of them, in order of the cases.
+
+    Args:
+        parts: random numbers from 0 to 1, (n,).
+        place: index of the place of each case's leak; -1 for a healthy case, (n,).
+        spans: lower and upper end of each place's span, (places, 2).
+    """
+    spread = parts.copy()
+    for index, (low, high) in enumerate(spans):
+        at = np.flatnonzero(place == index)
+        spread[at] = low + (high - low) * (np.arange(at.size) + parts[at]) / max(at.size, 1)
+    return spread
 
 
 def _profile(

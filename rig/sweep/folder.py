@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Final
@@ -114,6 +114,11 @@ class SweepFolder:
             else:
                 part.unlink(missing_ok=True)
         return found
+
+    def rows(self) -> Iterator[pa.Table]:
+        """Yield the rows of each chunk that is finished; none once the folder has its table."""
+        if not (self.path / TABLE).exists():
+            yield from map(read_part, self._parts())
 
     def keep(self, chunk: int, rows: pa.Table) -> None:
         """Write the rows of a chunk to the folder; they are on disk when this returns.

@@ -15,6 +15,8 @@ from .group import Setting, SweepError
 from .run_cases import Judged, run_chunk
 
 Stopped = Callable[[], bool]
+Chunks = Iterator[Cases | None]
+"""Chunks of cases to run; None where the next chunk follows from results that are not there yet."""
 
 _MOST_DEATHS: Final = 3
 """How often processes may die while a chunk is run before the sweep is given up for that chunk."""
@@ -23,7 +25,7 @@ _QUEUED: Final = 2
 _POLL_S: Final = 0.2
 
 
-def run_here(chunks: Iterator[Cases], setting: Setting, stopped: Stopped) -> Iterator[Judged]:
+def run_here(chunks: Chunks, setting: Setting, stopped: Stopped) -> Iterator[Judged]:
     """Run chunks of cases one after another in this process, and yield the result of each.
 
     Args:
@@ -37,12 +39,11 @@ def run_here(chunks: Iterator[Cases], setting: Setting, stopped: Stopped) -> Ite
     for cases in chunks:
         if stopped():
             return
-        yield run_chunk(setting, cases)
+        if cases is not None:
+            yield run_chunk(setting, cases)
 
 
-def run_pool(
-    chunks: Iterator[Cases], setting: Setting, jobs: int, stopped: Stopped
-) -> Iterator[Judged]:
+def run_pool(chunks: Chunks, setting: Setting, jobs: int, stopped: Stopped) -> Iterator[Judged]:
     """Run chunks of cases on a pool of processes, and yield each chunk's result once it is there.
 
     So the results may come in another order than the chunks. If a process dies, the chunks that

@@ -9,21 +9,26 @@ from typing import Any, Final
 from rig.configuration import Sweep
 from rig.lanes import LANES
 
+from .adaptive import AdaptiveDrawing
 from .asked import columns_told
 from .drawing import Cases, draw
 from .folder import SweepFolder
 from .group import Setting, SweepError, setting_of
-from .local import Stopped
+from .local import Chunks, Stopped
 from .run_cases import Judged, sources
 from .table import rows_of
 
-Runner = Callable[[Iterator[Cases], Setting, Stopped], Iterator[Judged]]
-"""A function that runs chunks, here or elsewhere, and yields each result as soon as it ends."""
+Runner = Callable[[Chunks, Setting, Stopped], Iterator[Judged]]
+"""A function that runs chunks, here or elsewhere, and yields each result as soon as it ends.
+
+While it gets None for a chunk, it waits for results of chunks under way, and then asks again.
+"""
 
 _CHUNK_RIG_S: Final = 1000.0
 """Simulated time of all cases of a chunk, s, if that is at least a group of lanes. It takes a
 process some tenths of a second, which are lost by a kill."""
 _MOST_CHUNKS: Final = 2000
+_END: Final = object()
 _SHELF: Final = 1024
 """Number of cases that are drawn at once, and sorted so that similar cases run side by side."""
 
@@ -95,11 +100,15 @@ def chunk_size(sweep: Sweep) -> int:
     """Return how many cases a chunk of a sweep has, a multiple of the number of lanes."""
     groups = max(1, round(_CHUNK_RIG_S / (sweep.duration_s * LANES)))
     groups = max(groups, ceil(sweep.cases / (_MOST_CHUNKS * LANES)))
-    return groups * LANES
+    size = groups * LANES
+    return size if sweep.adaptive is None else min(size, sweep.adaptive.batch)
 
 
 def chunks_of(sweep: Sweep) -> dict[int, int]:
-    """Return the number of cases of each chunk of a sweep, by the chunk's number."""
+    """Return the number of cases of each chunk of a sweep, by the chunk's number.
+
+    An adaptive sweep may be over before its last chunks.
+    """
     size = chunk_size(sweep)
     counts = (
         min(size, count - begin) for _, count in _shelves(sweep) for begin in range(0, count, size)
@@ -110,10 +119,11 @@ def chunks_of(sweep: Sweep) -> dict[int, int]:
 def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
     """Yield the number of the first case, and how many cases, of each lot that is drawn at once.
 
-    A lot has whole chunks, except that the last one ends with the sweep.
+    A lot has whole chunks, except that the last one ends with the sweep; of an adaptive sweep it is
+    a batch, whose last chunk ends with it.
     """
     size = chunk_size(sweep)
-    shelf = size * ceil(_SHELF / size)
+    shelf = size * ceil(_SHELF / size) if sweep.adaptive is None else sweep.adaptive.batch
     for first in range(0, sweep.cases, shelf):
         yield first, min(shelf, sweep.cases - first)
 
@@ -123,17 +133,67 @@ def drawn_chunks(sweep: Sweep, wanted: Collection[int]) -> Iterator[Cases]:
 
     The cases that are drawn at once are sorted first, so that a chunk has similar cases.
     """
+    for first, count, chunks in _lots(sweep, wanted):
+        yield from _divided(draw(sweep, first, count), chunks, chunk_size(sweep), wanted)
+
+
+def adaptive_chunks(sweep: Sweep, wanted: Collection[int], drawing: AdaptiveDrawing) -> Chunks:
+    """Yield chunks of an adaptive sweep as `drawn_chunks` does, up to where all places are done.
+
+    None is yielded again and again while the next chunk follows from results that are not known.
+
+    Args:
+        sweep: the sweep.
+        wanted: numbers of the chunks.
+        drawing: decides the batches from the results that it is given.
+    """
+    for first, count, chunks in _lots(sweep, wanted):
+        while (spans := drawing.spans(first)) is None:
+            yield None
+        if not spans:
+            return
+        yield from _divided(draw(sweep, first, count, spans), chunks, chunk_size(sweep), wanted)
+
+
+def _lots(sweep: Sweep, wanted: Collection[int]) -> Iterator[tuple[int, int, range]]:
+    """Yield first case, number of cases, and chunks of each lot that has a wanted chunk."""
     size, chunk = chunk_size(sweep), 0
     for first, count in _shelves(sweep):
         chunks = range(chunk, chunk + ceil(count / size))
         chunk = chunks.stop
-        if not any(each in wanted for each in chunks):
-            continue
-        cases = draw(sweep, first, count)
-        order = cases.alike()
-        for at, each in enumerate(chunks):
-            if each in wanted:
-                yield cases.of(order[at * size : (at + 1) * size], each)
+        if any(each in wanted for each in chunks):
+            yield first, count, chunks
+
+
+def _divided(lot: Cases, chunks: range, size: int, wanted: Collection[int]) -> Iterator[Cases]:
+    """Yield the wanted chunks of a lot of cases, each of which has similar cases."""
+    order = lot.alike()
+    for at, chunk in enumerate(chunks):
+        if chunk in wanted:
+            yield lot.of(order[at * size : (at + 1) * size], chunk)
+
+
+def adaptive_drawing(sweep: Sweep, folder: SweepFolder) -> AdaptiveDrawing | None:
+    """Return what decides the batches of an adaptive sweep, with the results in its folder.
+
+    It is None for any other sweep.
+    """
+    if sweep.adaptive is None:
+        return None
+    drawing = AdaptiveDrawing(sweep)
+    for rows in folder.rows():
+        drawing.add(rows)
+    return drawing
+
+
+def is_complete(sweep: Sweep, folder: SweepFolder) -> bool:
+    """Return whether the folder has all cases that the sweep needs."""
+    chunks = chunks_of(sweep)
+    left = chunks.keys() - folder.done(chunks).keys()
+    drawing = adaptive_drawing(sweep, folder)
+    if drawing is None or not left:
+        return not left
+    return next(adaptive_chunks(sweep, left, drawing), _END) is _END
 
 
 def run_sweep(
@@ -160,13 +220,19 @@ def run_sweep(
     started, timing = time.perf_counter(), Timing()
     all_chunks = chunks_of(sweep)
     done = folder.done(all_chunks)
+    drawing = adaptive_drawing(sweep, folder)
     left = all_chunks.keys() - done.keys()
     advanced(sum(done.values()))
     drawn: dict[int, Cases] = {}
 
-    def chunks() -> Iterator[Cases]:
-        for cases in drawn_chunks(sweep, left):
-            drawn[cases.chunk] = cases
+    def chunks() -> Chunks:
+        if drawing is None:
+            found: Chunks = drawn_chunks(sweep, left)
+        else:
+            found = adaptive_chunks(sweep, left, drawing)
+        for cases in found:
+            if cases is not None:
+                drawn[cases.chunk] = cases
             yield cases
 
     setting = setting_of(sweep)
@@ -179,7 +245,10 @@ def run_sweep(
                 "same on all machines"
             )
         cases = drawn.pop(judged.chunk)
-        folder.keep(judged.chunk, rows_of(cases, dict(judged.figures), asked))
+        rows = rows_of(cases, dict(judged.figures), asked)
+        folder.keep(judged.chunk, rows)
+        if drawing is not None:
+            drawing.add(rows)
         timing.add(judged, cases.numbers.size, cases.numbers.size * sweep.duration_s, received_s)
         timing.elapsed_s = time.perf_counter() - started
         advanced(cases.numbers.size)

@@ -81,17 +81,23 @@ class PowerBin:
 class PowerCurve:
     """The share of leaks that are named right, as a function of their flow.
 
-    Leaks whose true flow is not positive or not known are left out.
+    Leaks whose flow is not positive or not known are left out. The flow is the mean one of the
+    case; in an adaptive sweep it is the one that was drawn, and no logistic curve is fitted.
 
     Attributes:
         bins: the leaks in bins of flow, smallest flow first, without empty bins.
         intercept, slope: coefficients of a logistic curve in ln(flow in m^3/s); None if no curve
             can be fitted.
-        limit_m3_per_s: flow at which the curve reaches a share of 95 %; None without a curve that
+        share: the wanted share.
+        limit_m3_per_s: flow at which the curve reaches the wanted share; None without a curve that
             rises, or if that flow is outside of the leaks' flows.
         interval_m3_per_s: 95 % interval of this flow; None without it.
         missed_m3_per_s: largest flow of a leak that was not named right; None if all were.
         named_m3_per_s: smallest flow of a leak that was named right; None if none was.
+        at_least_m3_per_s, at_most_m3_per_s: the one end of the limit's interval that is known of an
+            adaptive sweep whose interval leads beyond the flows that were drawn; else None.
+        steps: flows in m^3/s and the most likely share at each that grows with the flow; empty
+            unless the sweep is adaptive.
     """
 
     bins: tuple[PowerBin, ...]
@@ -101,6 +107,10 @@ class PowerCurve:
     interval_m3_per_s: tuple[float, float] | None = None
     missed_m3_per_s: float | None = None
     named_m3_per_s: float | None = None
+    share: float = POWER
+    at_least_m3_per_s: float | None = None
+    at_most_m3_per_s: float | None = None
+    steps: tuple[tuple[float, float], ...] = ()
 
     @property
     def cases(self) -> int:
@@ -201,7 +211,7 @@ def study_of(table: pa.Table) -> Study:
         confusion={name: Counter(sorted(verdicts[faults == name].tolist())) for name in names},
         false_alarms=_share(column["false_alarm"][healthy]),
         right={name: _share(right[faults == name]) for name in names},
-        power={name: _power(flow[at], right[at]) for name, at in parts.items()},
+        power={name: power_curve(flow[at], right[at]) for name, at in parts.items()},
         roc={name: _roc(score[healthy], score[at]) for name, at in parts.items() if healthy.any()},
         latency_s=_latency(column["latency_s"]),
         sizing=_sizing(column, right & ~healthy),
@@ -233,24 +243,43 @@ def _latency(latency_s: Array) -> tuple[float, float] | None:
     return middle, late
 
 
-def _power(flow: Array, right: NDArray[np.bool_]) -> PowerCurve:
+def power_curve(flow: Array, right: NDArray[np.bool_]) -> PowerCurve:
+    """Return the power curve of some leaks, with a logistic curve if one can be fitted.
+
+    Args:
+        flow: flow of each leak, m^3/s, (n,); those that are not positive or not known are left out.
+        right: whether each was named right, (n,).
+    """
     known = np.isfinite(flow) & (flow > 0.0)
     flow, right = flow[known], right[known]
     if not flow.size:
         return PowerCurve(())
-    first = np.floor(np.log10(flow.min()) * _BINS_PER_DECADE)
-    last = np.floor(np.log10(flow.max()) * _BINS_PER_DECADE)
-    edges = 10.0 ** (np.arange(first, last + 2.0) / _BINS_PER_DECADE)
-    bins = (
-        PowerBin(float(low), float(high), _share(right[(flow >= low) & (flow < high)]))
-        for low, high in pairwise(edges)
-    )
     curve = PowerCurve(
-        tuple(each for each in bins if each.right.of),
+        power_bins(flow, right),
         missed_m3_per_s=None if right.all() else float(flow[~right].max()),
         named_m3_per_s=float(flow[right].min()) if right.any() else None,
     )
     return _with_limit(curve, np.log(flow), right)
+
+
+def power_bins(
+    flow: Array, right: NDArray[np.bool_], per_decade: int = _BINS_PER_DECADE
+) -> tuple[PowerBin, ...]:
+    """Return leaks in bins of flow, smallest flow first, without empty bins.
+
+    Args:
+        flow: flow of each leak, above 0, m^3/s, (n,).
+        right: whether each was named right, (n,).
+        per_decade: number of bins of a decade of flow.
+    """
+    first = np.floor(np.log10(flow.min()) * per_decade)
+    last = np.floor(np.log10(flow.max()) * per_decade)
+    edges = 10.0 ** (np.arange(first, last + 2.0) / per_decade)
+    bins = (
+        PowerBin(float(low), float(high), _share(right[(flow >= low) & (flow < high)]))
+        for low, high in pairwise(edges)
+    )
+    return tuple(each for each in bins if each.right.of)
 
 
 def _with_limit(curve: PowerCurve, size: Array, right: NDArray[np.bool_]) -> PowerCurve:

@@ -5,6 +5,7 @@ import os
 import shlex
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import chain, repeat
@@ -29,6 +30,7 @@ from rig.sweep import (
     SweepFolder,
     Timing,
     chunks_of,
+    is_complete,
     read_identity,
     run_sweep,
     unfinished_folder,
@@ -92,13 +94,14 @@ def command(
     with stop_on_signals(stop), ExitStack() as stack:
         runner = _runner(jobs or os.cpu_count() or 1, cluster, stack, say)
         folder = stack.enter_context(SweepFolder(path, loaded, resume=resume))
-        say(f"{loaded.name}: {loaded.cases} cases of {loaded.duration_s:g} s, judged by "
+        most = "at most " if loaded.adaptive else ""
+        say(f"{loaded.name}: {most}{loaded.cases} cases of {loaded.duration_s:g} s, judged by "
             f"{loaded.filter_name}, in {path}")  # fmt: skip
         try:
             with ending(EXIT_CRASHED, SweepError, before="rig: "):
                 timing = _run(loaded, folder, runner, stop, screen)
-            done = sum(folder.done(chunks_of(loaded)).values())
-            if done < loaded.cases:
+            if not is_complete(loaded, folder):
+                done = sum(folder.done(chunks_of(loaded)).values())
                 again = shlex.join(["rig", "sweep", str(path), "--resume"])
                 say(f"stopped by {stop.reason}: {done} of {loaded.cases} cases are done; {again}")
                 return EXIT_STOPPED
@@ -150,10 +153,12 @@ def _finish(
     Return the exit code: 0, or `EXIT_CRASHED` if the page could not be made.
     """
     from rig.report.sweep import asked_lines, lines_of
-    from rig.sweep import study_of, study_of_asked
+    from rig.sweep import power_curves, study_of, study_of_asked
 
     table = folder.finish()
     study, asked = study_of(table), study_of_asked(sweep, table)
+    if sweep.adaptive is not None:
+        study = replace(study, power=power_curves(sweep, table))
     summary = {
         "name": sweep.name,
         "filter": sweep.filter_name,

@@ -14,7 +14,9 @@ from .sweep import (
 from .sweep_plan import (
     HEALTHY as HEALTHY,
     LATENCY as LATENCY,
+    AdaptiveSizes as AdaptiveSizes,
     Sweep as Sweep,
     SweepFilter as SweepFilter,
+    SweptLeaks as SweptLeaks,
     SweptMotion as SweptMotion,
 )

@@ -48,6 +48,7 @@ from .drawn_fields import DrawnEffects, DrawnParameters
 from .expecting import following_lines
 from .sweep_motions import MotionContext, motion_files, read_motions
 from .sweep_plan import Sweep, SweepFilter
+from .swept_adaptive import LEAST_LEAKS
 from .swept_asked import asking_of
 from .swept_leaks import LeaksFile, read_leaks
 
@@ -103,7 +104,8 @@ def read_sweep(root: Located) -> Sweep | None:
     drawn.check_together()
     duration_s = _USUAL_S if file is None else file.duration
     learning_s = LEARNING_S if filter_name == "thesis-7" else None
-    leaks = read_leaks(root.get("leaks"), None if file is None else duration_s, learning_s, rig)
+    given_s, cases = (None, None) if file is None else (file.duration, file.cases)
+    leaks = read_leaks(root.get("leaks"), given_s, learning_s, rig, cases)
     control = read_control(root.get("control"), rig.control if rig is not None else None)
     asking = asking_of(root, rig, filter_name, duration_s)
     context = MotionContext(rig, control, duration_s, 0 if file is None else file.seed, asking)
@@ -249,10 +251,11 @@ class _Parameters(ParameterReader):
 def sweep_lines(sweep: Sweep) -> Iterator[str]:
     """Yield the lines by which `rig check` describes a sweep."""
     yield f"  {sweep.description}"
+    most = "at most " if sweep.adaptive else ""
     yield (
-        f"  {sweep.cases} cases of {show(sweep.duration_s, 's')} on rigs like {sweep.rig.name}, "
-        f"judged by {sweep.filter_name} with the model {sweep.model.name}; "
-        f"{sweep.rig_s / 3600.0:.4g} rig-hours"
+        f"  {most}{sweep.cases} cases of {show(sweep.duration_s, 's')} on rigs like "
+        f"{sweep.rig.name}, judged by {sweep.filter_name} with the model {sweep.model.name}; "
+        f"{most}{sweep.rig_s / 3600.0:.4g} rig-hours"
     )
     drawn = [field for field, law in sweep.parameters.items() if law.is_drawn]
     drawn += ["noise"] if sweep.noise.is_drawn else []
@@ -266,6 +269,7 @@ def sweep_lines(sweep: Sweep) -> Iterator[str]:
     else:
         levels = f"; {len(leaks.profile)} levels one after the other" if leaks.profile else ""
         yield f"  leaks: {', '.join(leaks.places)}; {100.0 * leaks.healthy:g} % healthy{levels}"
+    yield from _adaptive_lines(sweep)
     total = sum(motion.share for motion in sweep.motions)
     shares = (f"{motion.name} {100.0 * motion.share / total:.3g} %" for motion in sweep.motions)
     yield f"  motions: {', '.join(shares)}"
@@ -275,6 +279,30 @@ def sweep_lines(sweep: Sweep) -> Iterator[str]:
         yield f"  readings corrected by the {calibration}"
     for doubt in corrected_twice(sweep.rig.calibrations, sweep.model):
         yield f"  warning: {doubt}"
+
+
+def _adaptive_lines(sweep: Sweep) -> Iterator[str]:
+    """Yield the lines that tell how an adaptive sweep draws its leaks; none for another sweep."""
+    leaks, adaptive = sweep.leaks, sweep.adaptive
+    if leaks is None or adaptive is None:
+        return
+    low, high = (show(flow, "m^3/s") for flow in leaks.size.support)
+    found = f"{100.0 * adaptive.found:g}"
+    yield (
+        f"  adaptive: the first {adaptive.batch} cases have leaks from {low} to {high}; after each "
+        f"{adaptive.batch} cases the draws come nearer to the flow that is named in {found} of 100"
+    )
+    if adaptive.interval:
+        yield (
+            f"  a place is done once the upper end of that flow's 95 % interval is at most "
+            f"{100.0 * adaptive.interval:g} % above the lower end"
+        )
+    leaky = adaptive.batch * (1.0 - leaks.healthy) / len(leaks.places)
+    if leaky < LEAST_LEAKS:
+        yield (
+            f"  warning: a batch has {leaky:.3g} leaks of each place; with fewer than "
+            f"{LEAST_LEAKS} the draws move by what a few leaks show; raise `batch`"
+        )
 
 
 def _asked_lines(sweep: Sweep) -> Iterator[str]:

@@ -80,6 +80,22 @@ class SweptLevel:
 
 
 @dataclass(frozen=True)
+class AdaptiveSizes:
+    """How the sizes of leaks are drawn near the size of which a share is found.
+
+    Attributes:
+        found: the share of leaks that are named right at the size that is looked for.
+        interval: a place is done once the upper end of the size's 95 % interval is at most this
+            part above the lower end; 0 if the sweep runs all its cases.
+        batch: number of cases whose sizes follow from the results of all cases before them.
+    """
+
+    found: float
+    interval: float
+    batch: int
+
+
+@dataclass(frozen=True)
 class SweptLeaks:
     """The leaks of a sweep's cases.
 
@@ -94,6 +110,8 @@ class SweptLeaks:
         profile: the levels of a leak that changes with time, in their order; empty for a leak that
             has its size from its onset on. `size` is that of the last level, and `onset` the time
             of the first.
+        adaptive: how sizes are drawn near the one of which a share is found; None if all are drawn
+            from `size`.
     """
 
     healthy: float
@@ -102,6 +120,7 @@ class SweptLeaks:
     pressure: tuple[float, ...] | None
     onset: Distribution
     profile: tuple[SweptLevel, ...] = field(default=(), metadata=UNLESS_USUAL)
+    adaptive: AdaptiveSizes | None = field(default=None, metadata=UNLESS_USUAL)
 
 
 @dataclass(frozen=True)
@@ -116,7 +135,7 @@ class Sweep:
         false_alarms_per_day: rate of false alarms that the detector aims at.
         duration_s: duration of a case.
         longest_step_s: longest step in s of the plant's integration (`rig.plant.integrator`).
-        cases: number of cases.
+        cases: number of cases; with `leaks.adaptive`, the greatest number.
         seed: seed from which all cases are drawn.
         parameters: field of `rig.plant.parameters` -> the distribution that it is drawn from.
         followers: field -> another field to which it keeps its proportion.
@@ -197,6 +216,11 @@ class Sweep:
                 **chosen,
             }
         )
+
+    @property
+    def adaptive(self) -> AdaptiveSizes | None:
+        """How sizes of leaks are drawn near the one of which a share is found; None if not so."""
+        return None if self.leaks is None else self.leaks.adaptive
 
     @property
     def ticks(self) -> int:

@@ -21,6 +21,7 @@ from rig.plant import TICK, LeakName
 
 from .distributions import Distribution, Drawn, Random, resolved
 from .sweep_plan import SweptLeaks, SweptLevel
+from .swept_adaptive import AdaptiveFile, read_adaptive
 
 INTERNAL_PRESSURE: Final = 2.5e6
 """Pressure difference in Pa that friction makes between the chambers of a moving ram.
@@ -45,6 +46,7 @@ class LeaksFile(Schema):
     pressure: Annotated[float | None, Physical("Pa", 1e3, 3.5e7, TYPICAL_PRESSURE)] = None
     onset: Annotated[Any, Random(_SECONDS)] = None
     profile: Annotated[Any, Under(lambda: (LevelFile,), many=True)] = None
+    adaptive: Annotated[Any, Under(lambda: (AdaptiveFile,))] = None
 
 
 class LevelFile(Schema):
@@ -64,7 +66,11 @@ _HINTS: Final = {
 
 
 def read_leaks(
-    item: Located | None, duration_s: float | None, learning_s: float | None, rig: Rig | None
+    item: Located | None,
+    duration_s: float | None,
+    learning_s: float | None,
+    rig: Rig | None,
+    cases: int | None = None,
 ) -> SweptLeaks | None:
     """Return the leaks of a sweep; None if all cases are healthy or if they cannot be used.
 
@@ -76,6 +82,7 @@ def read_leaks(
         learning_s: time from the begin of a case in which the filter learns what is healthy, so
             that no leak may begin in it, s; None for a filter that does not.
         rig: the rig, whose bypasses make the leaks; None if it is unusable.
+        cases: number of cases of the sweep; None if it is not known.
     """
     if item is None or item.value == "none":
         return None
@@ -83,7 +90,7 @@ def read_leaks(
     if file is None:
         return None
     _check_places(item, file, rig)
-    sized = ("flow", "coefficient", "onset", "profile")
+    sized = ("flow", "coefficient", "onset", "profile", "adaptive")
     if file.healthy == 1.0 and all(item.get(key) is None for key in sized):
         return None
     if item.get("profile") is not None:
@@ -92,6 +99,7 @@ def read_leaks(
                 limit = "is given beside a profile, whose levels have their own"
                 item.refuse(limit, "move it into the profile", key=key)
         levels, key = _profile(item.find("profile"))
+        read_adaptive(item.get("adaptive"), None, file.healthy, cases)
         if not levels:
             return None
         size, onset, profile = levels[-1].size, levels[0].at, levels
@@ -99,8 +107,11 @@ def read_leaks(
         last_s = levels[-1].at.support[1] + levels[-1].ramp.support[1]
         _check_times(last, onset.support[0], last_s, duration_s, None)
         _check_times(first, onset.support[0], onset.support[1], duration_s, learning_s)
+        adaptive = None
     else:
         found = _size(item, file)
+        flow = found[1] if found is not None and found[0] == "flow" else None
+        adaptive = read_adaptive(item.get("adaptive"), flow, file.healthy, cases)
         if item.get("onset") is None:
             item.refuse("has no begin", "give `onset: 20 s`, or a profile", "", name="leaks")
             return None
@@ -120,6 +131,7 @@ def read_leaks(
         pressures if key == "flow" else None,
         onset,
         profile,
+        adaptive,
     )
 
 

@@ -9,10 +9,10 @@ import pyarrow as pa
 from rig.configuration import HEALTHY, Sweep
 from rig.plant import LITRE_PER_MINUTE
 from rig.report.templating import number, numbers, rendered
-from rig.sweep import AskedStudy, PowerCurve, Roc, Study, columns_of, unit_of, verdict_order
+from rig.sweep import POWER, AskedStudy, PowerCurve, Roc, Study, columns_of, unit_of, verdict_order
 
 from .asked_words import criteria_in_words, figures_in_words, limits_in_words, motions_in_words
-from .words import limit_in_words, of_share, place_in_words
+from .words import limit_in_words, of_share, place_in_words, times_in_100
 
 _DIGITS: Final = 4
 _ROC_POINTS: Final = 400
@@ -38,6 +38,7 @@ def sweep_page(sweep: Sweep, table: pa.Table, study: Study, asked: AskedStudy | 
         study=study,
         rig_hours=f"{sweep.rig_s / 3600.0:.3g}",
         right=[(place_in_words(name), of_share(each)) for name, each in study.right.items()],
+        wanted=times_in_100(sweep.adaptive.found if sweep.adaptive else POWER),
         limits=[(place_in_words(name), limit_in_words(each)) for name, each in study.power.items()],
         areas=[(place_in_words(name), f"{each.area:.3f}") for name, each in study.roc.items()],
         named=sum(each.count for name, each in study.right.items() if name != HEALTHY),
@@ -102,6 +103,7 @@ def _power(curve: PowerCurve) -> dict[str, Any]:
         "text": [f"{each.count} of {each.of}" for each in rights],
         "curve": None,
         "limit": None,
+        "wanted": 100.0 * curve.share,
     }
     if curve.intercept is not None and curve.slope is not None and curve.bins:
         flow = np.geomspace(curve.bins[0].low, curve.bins[-1].high, _CURVE_POINTS)
@@ -109,6 +111,12 @@ def _power(curve: PowerCurve) -> dict[str, Any]:
         found["curve"] = {
             "flow": numbers(flow / LITRE_PER_MINUTE, _DIGITS),
             "part": numbers(100.0 * chance, _DIGITS),
+        }
+    if curve.steps:
+        flows, shares = zip(*curve.steps, strict=True)
+        found["curve"] = {
+            "flow": numbers([flow / LITRE_PER_MINUTE for flow in flows], _DIGITS),
+            "part": numbers([100.0 * share for share in shares], _DIGITS),
         }
     if curve.limit_m3_per_s is not None:
         found["limit"] = number(curve.limit_m3_per_s / LITRE_PER_MINUTE, _DIGITS)

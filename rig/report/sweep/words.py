@@ -20,13 +20,19 @@ def of_share(share: Share) -> str:
 
 
 def limit_in_words(curve: PowerCurve) -> str:
-    """Return as text the flow from which on 95 of 100 leaks are named, with its 95 % interval.
+    """Return as text the flow from which on the wanted share of leaks is named, with its interval.
 
     If no such flow was estimated, the text says what is known instead.
     """
+    # Adaptive sweeps come to intervals that two digits would not tell.
+    digits = 3 if curve.steps else 2
     if curve.limit_m3_per_s is not None and curve.interval_m3_per_s is not None:
-        low, high = (in_flow(end) for end in curve.interval_m3_per_s)
-        return f"{in_flow(curve.limit_m3_per_s)} ({low} to {high})"
+        low, high = (in_flow(end, digits) for end in curve.interval_m3_per_s)
+        return f"{in_flow(curve.limit_m3_per_s, digits)} ({low} to {high})"
+    if curve.at_most_m3_per_s is not None:
+        return f"not known: {in_flow(curve.at_most_m3_per_s, 3)} or less"
+    if curve.at_least_m3_per_s is not None:
+        return f"not known: {in_flow(curve.at_least_m3_per_s, 3)} or more"
     missed, named = curve.missed_m3_per_s, curve.named_m3_per_s
     if missed is None and named is None:
         return "no leak with a flow"
@@ -40,6 +46,11 @@ def limit_in_words(curve: PowerCurve) -> str:
     if curve.cases < LEAST_CASES:
         return f"not known: {curve.cases} cases are too few"
     return "not known: beyond the flows that were drawn"
+
+
+def times_in_100(share: float) -> str:
+    """Return a share as text: "95 times in 100"."""
+    return f"{100.0 * share:.3g} times in 100"
 
 
 def _rate(rate: float | None) -> str:
@@ -70,7 +81,9 @@ def lines_of(filter_name: str, study: Study, timing: Timing) -> Iterator[str]:
     if study.false_alarms.of:
         yield f"  healthy cases accused at some time: {of_share(study.false_alarms)}"
     for place, curve in study.power.items():
-        yield f"  named 95 times in 100, of {place_in_words(place)}, from: {limit_in_words(curve)}"
+        wanted, of = times_in_100(curve.share), place_in_words(place)
+        line = f"  named {wanted}, of {of}, from: {limit_in_words(curve)}"
+        yield f"{line}, by {curve.cases} cases" if curve.steps else line
     if study.latency_s is not None:
         yield f"  latency: median {study.latency_s[0]:.1f} s, 95 % {study.latency_s[1]:.1f} s"
     rates = timing.plain()["rig_seconds_per_second"]

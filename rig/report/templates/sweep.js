@@ -33,25 +33,28 @@
     };
 
     const power = [];
+    // Without a curve of all leaks, as of an adaptive sweep, each place is shown at once.
+    const shown = (place) => (place === "all" || !("all" in figures.power) ? true : "legendonly");
+    const wanted = Math.max(0, ...Object.values(figures.power).map((curve) => curve.wanted));
     for (const [place, curve] of Object.entries(figures.power)) {
       const shade = colour(roles[place] || "accent");
       power.push({
         type: "scatter", mode: "markers", name: words(place), legendgroup: place, x: curve.flow, y: curve.part,
         text: curve.text, hovertemplate: `%{x:.3~g} L/min: %{text} (%{y:.0f} %)<extra>${words(place)}</extra>`,
-        marker: { color: shade, size: 7 }, visible: place === "all" ? true : "legendonly",
+        marker: { color: shade, size: 7 }, visible: shown(place),
         error_y: { type: "data", array: curve.above, arrayminus: curve.below, color: shade, thickness: 1 },
       });
       if (curve.curve) {
         power.push({
           type: "scatter", mode: "lines", legendgroup: place, showlegend: false, hoverinfo: "skip",
           x: curve.curve.flow, y: curve.curve.part, line: { color: shade, width: 1.5 },
-          visible: place === "all" ? true : "legendonly",
+          visible: shown(place),
         });
       }
     }
     plot("power", power, {
       xaxis: flowAxis("leak flow, L/min"), yaxis: axis("named right, %", { range: [-3, 103] }),
-      shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 95, y1: 95, line: { color: colour("quiet"), dash: "dash", width: 1 } }],
+      shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: wanted, y1: wanted, line: { color: colour("quiet"), dash: "dash", width: 1 } }],
     });
 
     const roc = Object.entries(figures.roc).map(([place, curve]) => ({

@@ -21,7 +21,7 @@ from rig.sweep.cluster import ClusterError, connect, run_cluster
 from rig.sweep.drawing import Cases
 from rig.sweep.folder import SweepFolder
 from rig.sweep.group import Setting, SweepError
-from rig.sweep.local import run_here, run_pool
+from rig.sweep.local import Chunks, run_here, run_pool
 from rig.sweep.run_cases import Judged
 from rig.sweep.running import Runner, Timing, chunk_size, run_sweep
 from rig.sweep.table import unit_of
@@ -99,16 +99,14 @@ def test_an_interrupted_sweep_goes_on_and_repeats_nothing(
 ) -> None:
     ran: list[int] = []
 
-    def until_the_third(
-        chunks: Iterator[Cases], setting: Setting, stopped: object
-    ) -> Iterator[Judged]:
+    def until_the_third(chunks: Chunks, setting: Setting, stopped: object) -> Iterator[Judged]:
         for judged in run_here(chunks, setting, lambda: False):
             if len(ran) == 2:
                 raise Interruption
             ran.append(judged.chunk)
             yield judged
 
-    def the_rest(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
+    def the_rest(chunks: Chunks, setting: Setting, stopped: object) -> Iterator[Judged]:
         for judged in run_here(chunks, setting, lambda: False):
             ran.append(judged.chunk)
             yield judged
@@ -155,7 +153,7 @@ def test_a_folder_is_not_shared_and_nothing_foreign_is_replaced(
 def test_the_order_in_which_chunks_are_ready_does_not_matter(
     sweep: Sweep, table: bytes, tmp_path: Path
 ) -> None:
-    def backwards(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
+    def backwards(chunks: Chunks, setting: Setting, stopped: object) -> Iterator[Judged]:
         yield from reversed(list(run_here(chunks, setting, lambda: False)))
 
     run(sweep, tmp_path / "run", backwards)
@@ -168,9 +166,7 @@ def test_processes_make_the_same_table_though_one_is_killed(
 ) -> None:
     killed: list[int] = []
 
-    def with_a_death(
-        chunks: Iterator[Cases], setting: Setting, stopped: object
-    ) -> Iterator[Judged]:
+    def with_a_death(chunks: Chunks, setting: Setting, stopped: object) -> Iterator[Judged]:
         for judged in run_pool(chunks, setting, jobs, lambda: False):
             if not killed:
                 killed.append(int(judged.worker.rpartition(":")[2]))
@@ -265,9 +261,7 @@ def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
     with connect(address) as client:
         client.wait_for_workers(2, timeout=COMPILE_S)
 
-        def with_a_death(
-            chunks: Iterator[Cases], setting: Setting, stopped: object
-        ) -> Iterator[Judged]:
+        def with_a_death(chunks: Chunks, setting: Setting, stopped: object) -> Iterator[Judged]:
             for judged in run_cluster(chunks, setting, client, lambda: False, print):
                 if not killed:
                     killed.append(int(judged.worker.rpartition(":")[2]))
@@ -289,8 +283,9 @@ def test_a_cluster_that_is_not_there_is_bad_input(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.long
 def test_a_worker_with_another_version_is_refused(sweep: Sweep, tmp_path: Path) -> None:
-    def elsewhere(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
+    def elsewhere(chunks: Chunks, setting: Setting, stopped: object) -> Iterator[Judged]:
         cases = next(chunks)
+        assert cases is not None
         yield Judged(cases.chunk, {}, 0.0, 0.0, "0123", "far:1")
 
     with pytest.raises(SweepError, match="far:1 runs another version"):
