@@ -16,7 +16,7 @@ FLOW = ROOT / LITRE_PER_MINUTE
 def growing(count: int, seed: int, fault: int, rate: float) -> LeakTest:
     """Return a test of a leak that grows by so many L/min a block from a fifth of the run on.
 
-    It is looked for at every fourth block.
+    It is looked for at every sixteenth block.
     """
     test = LeakTest(1.0)
     for k, block in enumerate(blocks(count, seed)):
@@ -24,7 +24,7 @@ def growing(count: int, seed: int, fault: int, rate: float) -> LeakTest:
         coefficient = flow * LITRE_PER_MINUTE / (ROOT if fault < 2 else 0.6 * ROOT)
         block.missing[:] += coefficient * block.faults[:, fault]
         test.add(block)
-        if k % 4 == 3:
+        if k % 16 == 15:
             test.search()
     return test
 
