@@ -17,8 +17,7 @@ import pytest
 import yaml
 from playwright.sync_api import Browser, Error, Page, Playwright, expect, sync_playwright
 
-from tests.rig.console.conftest import LONGEST
-from tools.chaos.lab import JOG, Lab, lab_in
+from tools.chaos.lab import JOG, Lab, lab_in, patient
 from tools.chaos.stage import COMPILE_S, TEST, free_ports
 from tools.pages.readme_picture import browser as chromium
 
@@ -56,9 +55,7 @@ def lab_of_the_patient(folder: Path, patch: pytest.MonkeyPatch) -> Iterator[Lab]
     patch.setenv("XDG_STATE_HOME", str(folder / "state"))
     with lab_in(folder) as lab:
         rig = yaml.safe_load((folder / "rig.yaml").read_text())
-        for section, longest in LONGEST.items():
-            (rig if section == "loop" else rig["drivers"])[section] |= longest
-        (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+        (folder / "rig.yaml").write_text(yaml.safe_dump(patient(rig)))
         lab.stage.ask(do="inject", fault="pump_watchdog_dead")
         yield lab
 

@@ -16,6 +16,7 @@ import pytest
 import yaml
 from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 
+from tools.chaos.lab import patient
 from tools.chaos.stage import PATIENCE_S, Stage
 from tools.pages.readme_picture import browser as chromium
 
@@ -50,21 +51,6 @@ TESTS = (
         ],
     },
 )
-
-
-LONGEST = {
-    # The loop uses another processor than a loop of the chaos suite that runs at the same time.
-    "loop": {
-        "cpu": 0, "stale_limit": "10 s", "slow_stale_limit": "60 s", "loop_silence": "60 s",
-        "field_silence": "60 s", "supervisor_silence": "60 s", "recorder_silence": "600 s",
-    },
-    "daq": {"watchdog": "1 s", "timeout": "60 s"},
-    "bypass": {"timeout": "2 s", "watchdog": "60 s", "margin": "60 s"},
-    "drive": {"silence": "60 s", "open_timeout": "60 s", "step_timeout": "60 s", "watchdog": "0 s"},
-    "pump": {"silence": "60 s", "load_timeout": "60 s"},
-    "meters": {"stale": "10 s"},
-}  # fmt: skip
-"""The longest time limits that a rig file may have, by section of the file."""
 
 
 @pytest.fixture(scope="module")
@@ -195,10 +181,7 @@ def stage(state: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sta
 def _be_patient(folder: Path) -> None:
     """Set long time limits in the rig's files, so that a browser on this machine trips no rig."""
     rig = yaml.safe_load((folder / "rig.yaml").read_text())
-    for section, longest in LONGEST.items():
-        part = rig if section == "loop" else rig["drivers"]
-        part[section] |= longest
-    (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+    (folder / "rig.yaml").write_text(yaml.safe_dump(patient(rig)))
     stream = yaml.safe_load((folder / "stream.yaml").read_text())
     # After four missing heartbeats, the console shows the rig as dead and disables its buttons.
     (folder / "stream.yaml").write_text(yaml.safe_dump(stream | {"heartbeat": "10 s"}))
