@@ -9,7 +9,7 @@ from . import campaign, filters, lanes, plant
 
 
 def main() -> None:
-    """Run these four benchmarks with their defaults, and compare with a checkout if one is given."""
+    """Run these four benchmarks with their defaults; compare with a checkout if one is given."""
     given, sys.argv = sys.argv, sys.argv[:1]
     for benchmark in (filters, plant, campaign, lanes):
         benchmark.main()
