@@ -56,8 +56,8 @@ imports: $(INSTALLED_DEV)
 rooms: $(INSTALLED_DEV)
 	@$(BIN)/python -m tools.rooms
 
-bench: $(INSTALLED_DEV) ## measure filter, plant, campaign, lanes and start-up against their references
-	@$(BIN)/python -m tools.bench
+bench: $(INSTALLED_DEV) ## measure filter, plant, campaign, lanes and start-up against their references; AGAINST=../before compares campaigns
+	@$(BIN)/python -m tools.bench $(if $(AGAINST),--against $(AGAINST))
 
 bench-loop: $(INSTALLED_DEV) ## measure the loop against cyclictest: idle, with the whole chain, and beside readers of the stream
 	@$(BIN)/python -m tools.bench.loop
