@@ -19,7 +19,7 @@ from .monotone import Crossing, crossing
 Array = NDArray[np.float64]
 
 WIDENED: Final = 0.25
-"""Part of the interval's width by which sizes are drawn beyond either end of the interval. Draws there
+"""Part of the interval's width by which sizes are drawn beyond either end of it. Draws there
 put an end right that chance has put too far in. Of a quarter, half and once the width, a quarter
 was the least with which the intervals held the true size as often as they should (decision 51)."""
 
