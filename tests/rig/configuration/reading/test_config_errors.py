@@ -127,6 +127,7 @@ def test_a_file_that_is_no_yaml_mapping_is_an_error_with_a_place(
     assert all(problem.line >= 1 for problem in caught.value.problems)
 
 
+@pytest.mark.long
 def test_a_short_file_that_unfolds_without_end_is_refused(tmp_path: Path) -> None:
     levels = "".join(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]\n" for i in range(1, 9))
     path = tmp_path / "bomb.yaml"

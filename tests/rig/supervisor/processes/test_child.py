@@ -9,33 +9,9 @@ import pytest
 
 from rig.loop.board import Board
 from rig.supervisor.processes.child import Child, ChildError, News, NoAnswerError
+from tests.rig.supervisor.processes import talking_part
 
 PATIENCE_S = 60.0
-
-
-def unreadable() -> object:
-    """Fail, as the unpickling of a foreign object does."""
-    raise LookupError("no such class")
-
-
-class Strange:
-    """An object that can be sent, and not be read."""
-
-    def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
-        return unreadable, ()
-
-
-def main() -> None:
-    """Be a process of the session: say news twice, something strange, and what was asked."""
-    from rig.supervisor.processes.child import child_ends
-
-    _, pipe = child_ends()
-    for text in ("first", "second"):
-        pipe.send(News(0, "part", text))
-    asked = pipe.recv()
-    pipe.send(Strange() if asked == "strange" else asked)
-    pipe.send(pipe.recv())
-    pipe.recv()
 
 
 @pytest.fixture
@@ -46,7 +22,7 @@ def board() -> Iterator[Board]:
 
 
 def begun(board: Board, folder: Path, hear: Callable[[News], None]) -> Child:
-    return Child("part", __name__, board, folder / "log", hear)
+    return Child("part", talking_part.__name__, board, folder / "log", hear)
 
 
 def test_news_that_nobody_can_take_cost_no_answer(board: Board, tmp_path: Path) -> None:
