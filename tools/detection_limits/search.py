@@ -36,8 +36,9 @@ def motions(ticks: int) -> Iterator[tuple[str, Array]]:
         for frequency in FREQUENCIES_HZ:
             phase = frequency * time_s
             if 2.0 * np.pi * amplitude * frequency <= FASTEST:
-                yield f"sine {amplitude} m, {frequency} Hz", MIDDLE + amplitude * np.sin(
-                    2.0 * np.pi * phase
+                yield (
+                    f"sine {amplitude} m, {frequency} Hz",
+                    MIDDLE + amplitude * np.sin(2.0 * np.pi * phase),
                 )
             if 4.0 * amplitude * frequency <= FASTEST and frequency <= 0.5:
                 triangle = 1.0 - 4.0 * np.abs((phase + 0.75) % 1.0 - 0.5)

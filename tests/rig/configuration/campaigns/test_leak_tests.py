@@ -1,4 +1,4 @@
-"""Tests of a campaign file that lock the cylinder: their keys, their place, and what is foreseen."""
+"""Tests of a campaign file that lock the cylinder: their keys, and what is foreseen of them."""
 
 from pathlib import Path
 
@@ -17,26 +17,26 @@ tests:
 """
 
 
-def tests_of(folder: Path, test: str, rig: str = "locked") -> tuple[CampaignTest, ...]:
+def read(folder: Path, test: str, rig: str = "locked") -> tuple[CampaignTest, ...]:
     path = folder / "locked.yaml"
     path.write_text(CAMPAIGN.format(rig=rig, test=test))
     return load_campaign(path)[0].tests
 
 
 def test_a_leak_test_takes_no_default_that_is_about_a_motion(tmp_path: Path) -> None:
-    (test,) = tests_of(tmp_path, "name: a, leak_test: {}")
+    (test,) = read(tmp_path, "name: a, leak_test: {}")
     assert test.leak_test == LeakTestStep()
     assert (test.expect, test.faults, str(test.on_fault)) == (Verdict.HEALTHY, (), "ignore")
 
 
 def test_a_size_decides_in_place_of_the_verdict_unless_one_is_expected(tmp_path: Path) -> None:
     sized = "name: a, repeats: 2, leak_test: {at_most: 0.002 L/min}"
-    first, second = tests_of(tmp_path, sized)
+    first, second = read(tmp_path, sized)
     assert first.leak_test == LeakTestStep(
         at_most_m3_per_s=0.002 * LITRE_PER_MINUTE, judges_verdict=False
     )
     assert (first.name, second.name, second.seed) == ("a #1", "a #2", first.seed + 1)
-    (both,) = tests_of(tmp_path, "name: a, expect: healthy, leak_test: {at_most: 0.002 L/min}")
+    (both,) = read(tmp_path, "name: a, expect: healthy, leak_test: {at_most: 0.002 L/min}")
     assert both.leak_test is not None
     assert both.leak_test.judges_verdict
 
@@ -54,14 +54,14 @@ MISTAKES = {
 @pytest.mark.parametrize("test", MISTAKES)
 def test_a_mistake_is_reported_with_its_line_and_remedy(tmp_path: Path, test: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        tests_of(tmp_path, test)
+        read(tmp_path, test)
     assert "locked.yaml:6" in str(caught.value)
     assert MISTAKES[test] in str(caught.value)
 
 
 def test_a_rig_without_blocking_valves_is_refused_with_the_remedy(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="needs blocking valves.*config/rigs/locked.yaml"):
-        tests_of(tmp_path, "name: a, leak_test: {}", rig="simulated")
+    with pytest.raises(ConfigError, match=r"needs blocking valves.*config/rigs/locked\.yaml"):
+        read(tmp_path, "name: a, leak_test: {}", rig="simulated")
 
 
 def test_the_dry_run_says_what_the_test_will_see_and_what_it_cannot(tmp_path: Path) -> None:
