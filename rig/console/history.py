@@ -133,11 +133,16 @@ class Level:
         )
 
 
+def _empty_levels(curves: int) -> tuple[Level, ...]:
+    return tuple(Level(step, reach, curves) for step, reach in LEVELS)
+
+
 class History:
     """The history of one rig's curves, against the wall clock of this machine.
 
     Values are kept by their extremes, so that a peak of one sample is seen over eight hours too.
-    Samples may be taken twice: the extremes do not change by that.
+    Samples may be taken twice: the extremes do not change by that. When the clock is set back, what
+    is held is dropped.
 
     Args:
         names: names of the curves.
@@ -145,7 +150,7 @@ class History:
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.names = names
-        self._levels = tuple(Level(step, reach, len(names)) for step, reach in LEVELS)
+        self._levels = _empty_levels(len(names))
         self._row_0_s: float | None = None
 
     def take(self, taken: Taken, now_s: float) -> None:
@@ -160,6 +165,9 @@ class History:
         by_row_s = taken.rows[-1] * taken.period_s
         if self._row_0_s is None or abs(self._row_0_s + by_row_s - now_s) > RESET_S:
             self._row_0_s = now_s - by_row_s
+        if now_s < self.newest_s - RESET_S:
+            # The clock was set back: what is held has times that come again, and is not mixed up.
+            self._levels = _empty_levels(len(self.names))
         times_s = np.asarray(self._row_0_s + taken.rows * taken.period_s, np.float64)
         for level in self._levels:
             level.take(times_s, taken.curves, taken.curves)

@@ -94,6 +94,7 @@ class Launched:
         started_ns: wall clock at its start, ns since 1970.
         exit_code: exit code of the process; None while it runs.
         asked: whether the run has accepted a stop.
+        stopped: whether somebody has stopped it, by asking or by interrupting it.
     """
 
     name: str
@@ -104,6 +105,7 @@ class Launched:
     started_ns: int = field(default_factory=time.time_ns)
     exit_code: int | None = None
     asked: bool = False
+    stopped: bool = False
 
 
 def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
@@ -315,6 +317,7 @@ class Launcher:
         running = self.present()
         if running is None:
             return ""
+        running.stopped = True
         if not running.asked and _takes_a_stop(running.folder, said, by):
             running.asked = True
             return ASKED

@@ -27,29 +27,40 @@ _SAMPLE_S: Final = 2.0
 
 
 def idle(lab: Lab, minutes: float) -> Series:
-    """Let the lab's station stand idle for so long; return the samples of its processes."""
+    """Let the lab's station stand idle for so long; return the samples of its processes.
+
+    Raises:
+        RuntimeError: the station or one of its parts ended, so that there is no slope of it.
+    """
     station = lab.station()
+    parts = parts_of(station.pid)
     folder = lab.stage.folder / "runs"
     series: Series = defaultdict(lambda: ([], []))
     began_s = time.monotonic()
     while (now_s := time.monotonic() - began_s) < 60.0 * minutes:
         if station.poll() is not None:
             raise RuntimeError(f"the station ended with exit code {station.returncode}")
-        for part, pid in {"supervisor": station.pid, **parts_of(station.pid)}.items():
-            try:
-                memory, opened = memory_mb(pid), len(os.listdir(f"/proc/{pid}/fd"))
-            except (FileNotFoundError, ProcessLookupError):
-                # A part that ended is seen by the station's log, which is shown in the end.
-                continue
+        if parts_of(station.pid) != parts:
+            raise RuntimeError(f"a part of the station ended: {lab.log[-1]['text']}")
+        for part, pid in {"supervisor": station.pid, **parts}.items():
+            memory, opened = memory_mb(pid), len(os.listdir(f"/proc/{pid}/fd"))
             for resource, value in ((MEMORY, memory), (DESCRIPTORS, float(opened))):
                 times_s, values = series[part, resource.name]
                 times_s.append(now_s)
                 values.append(value)
         times_s, values = series["folder", DISK.name]
         times_s.append(now_s)
-        values.append(1e-6 * sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()))
+        values.append(1e-6 * sum(map(_size, folder.rglob("*"))))
         time.sleep(_SAMPLE_S)
     return series
+
+
+def _size(path: Path) -> int:
+    """Return a file's size in bytes; 0 of a folder, and of a file that is gone meanwhile."""
+    try:
+        return path.stat().st_size if path.is_file() else 0
+    except FileNotFoundError:
+        return 0
 
 
 def told(series: Series, hours: float) -> tuple[list[str], bool]:

@@ -5,6 +5,7 @@ That goes on only while somebody wants it: a console that is started anew starts
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -53,8 +54,14 @@ class Queue:
         """What is waited for, in words; empty while nothing is."""
         self._awaited_rig = ""
         """The rig that is waited for, as something else drives it."""
+        self._awaited_begun: Any = None
+        """When what is waited for began, as its stream says it."""
         self._starting = threading.Lock()
         """This lock is held while a campaign is started."""
+        self._deciding = threading.Lock()
+        """This lock is held while it is decided whether the queue is worked off."""
+        self._halts = 0
+        """How often something was stopped or went wrong, so that a start knows what came amid."""
 
     def offer(self) -> None:
         """Note in the file which campaigns this console offers; a problem is shown on the page."""
@@ -78,25 +85,34 @@ class Queue:
         """Have the queue worked off from now on.
 
         Raises:
-            QueueError: nothing is queued, or the file cannot be used.
+            QueueError: nothing is queued, the file cannot be used, or somebody has stopped while it
+                was read.
         """
+        halts = self._halts
         self._held = self.file.read()
         if not self._held.entries:
             raise QueueError("nothing is queued; add a campaign first")
         running = self._launcher.present()
         # Whoever starts the queue knows of a run that was stopped: its exit code is no news.
-        self._excused = running if running is not None and running.asked else None
+        self._excused = running if running is not None and running.stopped else None
         self._running, self._awaited, self._awaited_rig = None, "", ""
-        self._by, self._why = by, ""
+        with self._deciding:
+            if self._halts != halts:
+                raise QueueError("somebody has stopped meanwhile; start the queue again")
+            self._by, self._why = by, ""
 
     def halt(self, why: str) -> None:
         """Start nothing more. What runs goes on.
 
         A start that is being made is waited for, for `HALT_S` at most, so that whoever stops
-        everything finds the run that was started.
+        everything finds the run that was started. One that takes longer stops its run itself.
         """
-        if self._by:
-            self._by, self._why = "", why
+        with self._deciding:
+            self._halts += 1
+            halts = bool(self._by)
+            if halts:
+                self._by, self._why = "", why
+        if halts:
             self._say(f"the queue halts: {why}")
         if self._starting.acquire(timeout=HALT_S):
             self._starting.release()
@@ -152,6 +168,7 @@ class Queue:
             return
         if rig in self._client.living() and self._status(rig) != "idle":
             self._awaited_rig = rig
+            self._awaited_begun = self._client.snapshot(rig).campaign.get("begun_ns")
             self._awaited = f"waits for {rig}, which something else drives"
             return
         if self._awaited_rig == rig:
@@ -169,10 +186,13 @@ class Queue:
                 self._launcher.start(entry.campaign, by)
                 self._running = self._launcher.present()
                 self._say(f"{entry.campaign}, queued by {entry.by}, is started from the queue")
+                if not self._by:  # a stop that found no run yet, as the disk hung, holds for it
+                    self._launcher.stop(self._why)
                 self._held = self.file.remove(entry.number)
             except LaunchRefused as refusal:
-                self._held = self.file.begin(entry.number, False)
                 problem = f"{entry.campaign} was not started: {refusal}"
+                with suppress(QueueError):
+                    self._held = self.file.begin(entry.number, False)
             except QueueError as error:
                 problem = str(error)
             else:
@@ -186,7 +206,10 @@ class Queue:
         """Return how what drove a rig ended, if somebody should look at it; "" if all is well."""
         if self._status(rig) == "running":
             return f"what drove {rig} has fallen silent"
-        code = self._client.snapshot(rig).campaign.get("exit_code")
+        campaign = self._client.snapshot(rig).campaign
+        if campaign.get("begun_ns") != self._awaited_begun:
+            return f"how what drove {rig} ended was not seen"
+        code = campaign.get("exit_code")
         if code in (None, *GOES_ON):
             return ""
         return f"what drove {rig} ended with exit code {code}"

@@ -41,6 +41,7 @@ from .health import trip
 CYCLE_S: Final = 0.01
 """Period in s at which moves, orders and drivers are looked after; drivers have their own rates."""
 
+_TRIPS: Final = (Word.LOOP_TRIP, Word.FIELD_TRIP, Word.SUPERVISOR_TRIP)
 _NULL_FIRST_S: Final = 0.2
 """Time in s for which a trip waits for the valve's null; then the bypasses are shut in any case."""
 
@@ -335,7 +336,7 @@ class FieldProcess:
         was stopped then, and the supervisor trips and makes its drivers safe after the same time.
         """
         words, settings, now = self._words, self._settings, time.monotonic_ns()
-        if any(words[word] for word in (Word.LOOP_TRIP, Word.FIELD_TRIP, Word.SUPERVISOR_TRIP)):
+        if any(words[word] for word in _TRIPS):
             return True
         for word, silence_s, cause in (
             (Word.LOOP_BEAT, settings.loop_silence, Cause.LOOP_LOST),
@@ -372,7 +373,8 @@ class FieldProcess:
         return {served.driver.name: served.failure for served in self._served if served.failure}
 
     def _wait_for_null(self) -> None:
-        if not self._words[Word.LOOP_TRIP] and not self._words[Word.SUPERVISOR_TRIP]:
+        # The loop takes over also the trip of this process, with its next tick.
+        if not any(self._words[word] for word in _TRIPS):
             return
         until = time.monotonic() + _NULL_FIRST_S
         while not self._words[Word.VALVE_NULL_AT] and time.monotonic() < until:

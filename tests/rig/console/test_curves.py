@@ -200,3 +200,12 @@ def test_who_is_logged_in_is_sent_a_stretch(site: Site) -> None:
     assert head["names"] == ["load_kN"]
     assert head["count"] <= 100
     assert int(reply.headers["content-length"]) == 2 * 4 * head["count"]
+
+
+def test_what_was_kept_before_the_clock_was_set_back_is_not_mixed_with_what_comes() -> None:
+    history = History(("load_kN",))
+    rows = np.arange(1000)
+    history.take(Taken(rows, 0.01, np.full((1, 1000), 2.0)), 10_000.0)
+    history.take(Taken(rows + 1000, 0.01, np.full((1, 1000), 1.0)), 9_995.0)
+    kept = history.stretch(10_000.0, 20.0)
+    assert np.nanmax(kept.high) == 1.0

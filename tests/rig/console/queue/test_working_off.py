@@ -9,7 +9,7 @@ import pytest
 from rig.accounts import Role, why_not
 from rig.console.launcher import Launcher, LaunchRefused, Offer, Served
 from rig.console.orders import QUEUE, STOP, Order, Orders
-from rig.console.queue import Queue, QueueFile
+from rig.console.queue import Queue, QueueError, QueueFile, working_off
 from rig.console.visitors import ControlHolder, Visitor
 
 from ..fakes import RUNNING, FakeClient
@@ -26,17 +26,19 @@ class FakeLauncher(Launcher):
         self.begun: list[tuple[str, str]] = []
         self.running: Any = None
         self.refusal = ""
+        self.stops: list[str] = []
 
     def start(self, name: str, by: str) -> None:
         if self.refusal:
             raise LaunchRefused(self.refusal)
         self.begun.append((name, by))
-        self.running = SimpleNamespace(name=name, exit_code=None, asked=False)
+        self.running = SimpleNamespace(name=name, exit_code=None, asked=False, stopped=False)
 
     def present(self) -> Any:
         return self.running if self.running and self.running.exit_code is None else None
 
     def stop(self, said: str, by: str = "") -> str:
+        self.stops.append(said)
         return ""
 
 
@@ -125,7 +127,7 @@ def test_whoever_stops_halts_the_queue_as_well_even_while_its_start_is_written(
 def test_a_run_that_was_stopped_before_the_queue_was_started_does_not_halt_it(
     bench: Bench,
 ) -> None:
-    bench.launcher.running = SimpleNamespace(name="old", exit_code=None, asked=True)
+    bench.launcher.running = SimpleNamespace(name="old", exit_code=None, asked=True, stopped=True)
     bench.order("queue start")
     bench.orders.work_off_queue()
     assert bench.queue.content()["why"] == "waits for the end of old"
@@ -182,3 +184,64 @@ def test_who_has_not_control_or_not_the_role_changes_nothing(bench: Bench) -> No
     assert bench.waiting == ["a", "b"]
     assert bench.order("queue move", "1", "away") == "an entry is moved earlier, later or first"
     assert bench.order("queue remove", "x") == "name the entry by its number"
+
+
+def test_a_stop_that_comes_while_the_queue_s_start_reads_its_file_holds(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = bench.queue.file.read
+
+    def stopped_amid() -> Any:
+        held = read()
+        monkeypatch.setattr(bench.queue.file, "read", read)
+        bench.order(STOP, who=BO)
+        return held
+
+    monkeypatch.setattr(bench.queue.file, "read", stopped_amid)
+    assert "somebody has stopped meanwhile" in bench.order("queue start")
+    bench.orders.work_off_queue()
+    assert bench.launcher.begun == []
+
+
+def test_a_stop_that_finds_no_run_yet_as_the_disk_hangs_stops_the_one_that_comes(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(working_off, "HALT_S", 0.0)
+    start = bench.launcher.start
+
+    def stopped_amid(name: str, by: str) -> None:
+        bench.order(STOP, who=BO)
+        start(name, by)
+
+    monkeypatch.setattr(bench.launcher, "start", stopped_amid)
+    bench.order("queue start")
+    bench.launcher.stops.clear()
+    bench.orders.work_off_queue()
+    assert bench.launcher.stops[-1] == "Bo has stopped bench"
+
+
+def test_what_ended_unseen_halts_it(bench: Bench) -> None:
+    bench.order("queue start")
+    bench.client.become("bench", alive=True, campaign={"status": "running", "begun_ns": 1})
+    bench.orders.work_off_queue()
+    bench.client.become("bench", alive=True, campaign={"status": "idle", "begun_ns": 2})
+    bench.orders.work_off_queue()
+    assert bench.launcher.begun == []
+    assert bench.queue.content()["why"] == "how what drove bench ended was not seen"
+
+
+def test_why_a_start_was_refused_is_told_also_where_the_file_cannot_be_written_any_more(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = bench.queue.file.begin
+
+    def undone(number: int, is_begun: bool) -> Any:
+        if not is_begun:
+            raise QueueError("the disk is full")
+        return begin(number, is_begun)
+
+    monkeypatch.setattr(bench.queue.file, "begin", undone)
+    bench.launcher.refusal = "the folder cannot be made"
+    bench.order("queue start")
+    bench.orders.work_off_queue()
+    assert bench.queue.content()["why"] == "a was not started: the folder cannot be made"

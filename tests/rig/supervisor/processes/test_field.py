@@ -19,6 +19,7 @@ from rig.io.signals import SLOW_INPUTS
 from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
+from rig.supervisor.processes import field as field_module
 from rig.supervisor.processes.child import News
 from rig.supervisor.processes.driven import Driven
 from rig.supervisor.processes.field import (
@@ -198,6 +199,18 @@ def test_after_any_trip_the_bypasses_are_shut_and_then_the_pump_is_unloaded(
     site.until(lambda: site.board.words[Word.PUMP_UNLOADED_AT])
     assert [entry[0] for entry in site.log if entry[1] == "safe"][:2] == ["bypass", "pump"]
     assert 0 < site.board.words[Word.BYPASS_SHUT_AT] <= site.board.words[Word.PUMP_UNLOADED_AT]
+
+
+@pytest.mark.parametrize("word", [Word.LOOP_TRIP, Word.SUPERVISOR_TRIP, Word.FIELD_TRIP])
+def test_after_any_trip_no_driver_is_made_safe_before_the_servovalve_is_at_null(
+    site: Site, monkeypatch: pytest.MonkeyPatch, word: Word
+) -> None:
+    monkeypatch.setattr(field_module, "_NULL_FIRST_S", PATIENCE_S)
+    site.board.words[word] = Cause.ESTOP_OPEN
+    time.sleep(0.05)
+    assert "safe" not in [entry[1] for entry in site.log]
+    site.board.words[Word.VALVE_NULL_AT] = time.monotonic_ns()
+    site.until(lambda: site.board.words[Word.PUMP_UNLOADED_AT])
 
 
 def test_what_a_driver_says_once_of_itself_is_reported_though_it_was_made_safe_meanwhile(
