@@ -3,7 +3,7 @@
 import gc
 import os
 from collections.abc import Generator
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -103,7 +103,9 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
     read it. In a fresh checkout, each would otherwise compile all test files to bytecode.
     """
     lock = session.config.stash.get(COLLECTING, None)
-    alone = nullcontext() if lock is None else only_one(lock, PATIENCE_S)
+    alone: AbstractContextManager[None] = (
+        nullcontext() if lock is None else only_one(lock, PATIENCE_S)
+    )
     with alone, without_looking_for_garbage():
         collected = yield
     gc.freeze()
