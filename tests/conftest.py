@@ -3,7 +3,6 @@
 import gc
 import os
 from collections.abc import Generator
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -13,58 +12,36 @@ from hypothesis import settings
 from rig.compile_cache import use_compile_cache
 
 from . import compiling_sessions
-from .compiling_once import (
-    PATIENCE_S,
-    compile_apart,
-    compile_once,
-    only_one,
-    without_looking_for_garbage,
-)
+from .compiling_once import compile_apart, compile_once, without_looking_for_garbage
 
 HERE = Path(__file__).parent
-COLLECTING = pytest.StashKey[Path]()
-"""Where the file is whose lock a worker holds while it collects the tests."""
 LONGEST = (
-    "estimator/leak_lanes/test_lane_detectors.py",
-    "estimator/leaks/test_growth.py",
-    "estimator/leaks/test_detection.py",
     "rig/console/test_in_chromium.py",
+    "estimator/gap/prediction/test_another_plant.py",
     "rig/supervisor/processes/test_publisher.py",
-    "rig/supervisor/processes/test_loop_process.py",
-    "rig/cli/models/test_sweep.py",
-    "estimator/leak_lanes/test_growing.py",
-    "rig/cli/campaigns/test_run.py",
-    "estimator/gap/servo/test_unfit_recordings.py",
+    "estimator/gap/verdict/test_keeping.py",
+    "estimator/gap/prediction/test_another_period.py",
     "rig/console/test_started.py",
-    "test_docs.py",
-    "rig/runner/experiments/test_gap_closing.py",
-    "rig/runner/campaign/test_wire_replay.py",
-    "chaos/test_kill_and_resume.py",
-    "test_layout.py",
-    "estimator/filters/test_registry.py",
-    "estimator/leaks/test_leak_statistic.py",
-    "estimator/leaks/test_growing.py",
-    "rig/runner/experiments/test_tuning.py",
-    "rig/supervisor/test_another_master.py",
-    "rig/runner/run_folder/test_resuming.py",
-    "rig/runner/experiments/test_friction_experiment.py",
-    "rig/loop/interlocks/test_plausibility.py",
-    "rig/configuration/reading/test_config_errors.py",
-    "rig/report/test_accounts.py",
-    "rig/io/test_conformance.py",
-    "rig/loop/wire/test_cycle.py",
-    "rig/cli/live/test_monitor.py",
     "rig/runner/campaign/test_compiling.py",
+    "rig/cli/models/test_sweep.py",
+    "rig/supervisor/processes/test_loop_process.py",
+    "rig/runner/campaign/test_wire_replay.py",
+    "rig/cli/campaigns/test_run.py",
     "rig/console/test_rig_state.py",
     "rig/console/test_page.py",
+    "rig/runner/experiments/test_gap_closing.py",
+    "chaos/test_kill_and_resume.py",
+    "estimator/leaks/test_detection.py",
+    "estimator/leaks/test_leak_statistic.py",
+    "estimator/filters/test_registry.py",
+    "rig/io/test_conformance.py",
     "rig/stream/test_shipped_profiles.py",
     "rig/io/bypass_valves/test_driver.py",
+    "test_docs.py",
 )
-"""Test files that take five seconds or more.
+"""Test files that take ten seconds or more.
 
 Workers begin with them, so that no worker still runs one of them when the others have finished.
-The first three need nothing of what sessions with rigs run. While they run, that is compiled
-(`compiling_sessions.py`); a rig that is started earlier costs processor time while it waits.
 """
 
 
@@ -92,19 +69,12 @@ def pytest_configure(config: pytest.Config) -> None:
     compile_once(Path(folder) / "locks")
     if all_tests:
         compile_apart(int(worker.removeprefix("gw")))
-        config.stash[COLLECTING] = Path(folder) / "locks" / "collecting"
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
-    """Collect all tests without garbage collection, and keep their objects out of later ones.
-
-    Workers collect one after the other: the first writes the bytecode of all tests, and the others
-    read it. In a fresh checkout, each would otherwise compile all test files to bytecode.
-    """
-    lock = session.config.stash.get(COLLECTING, None)
-    alone = nullcontext() if lock is None else only_one(lock, PATIENCE_S)
-    with alone, without_looking_for_garbage():
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect all tests without garbage collection, and keep their objects out of later ones."""
+    with without_looking_for_garbage():
         collected = yield
     gc.freeze()
     return collected

@@ -170,7 +170,7 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def stage(state: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     """Yield an emulated rig on which a campaign runs, whose first leak is open."""
     folder = tmp_path_factory.mktemp("stage")
-    with Stage(folder, tests=TESTS, plain_report=True) as stage:
+    with Stage(folder, tests=TESTS) as stage:
         _be_patient(folder)
         # No rig file sets the pump's watchdog, and a browser beside the rig may exceed it.
         stage.ask(do="inject", fault="pump_watchdog_dead")
