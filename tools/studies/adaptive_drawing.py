@@ -154,7 +154,8 @@ def row_of(name: str, sweeps: int, seed: int) -> tuple[str, ...]:
     chance = FORMS[name]
     true = true_size(chance)
     cells = [name]
-    widths, cases = [], []
+    widths: list[float] = []
+    cases: list[int] = []
     for count, interval in ((400, 0.0), (_MOST, INTERVAL)):
         held, widths, cases = 0, [], []
         for number in range(sweeps):

@@ -2,15 +2,24 @@
 
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
+from numba.core.runtime.nrt import rtsys
 
-from rig.configuration.rigs.rig import load_rig
+from estimator.filters.registry import start_memory
+from faults.campaign import CampaignTest, OnFault
+from rig.configuration.rigs.rig import Rig, load_rig
+from rig.loop.decided import DECIDED, Decided
+from rig.plant import Model
 from rig.runner import StopFlag
 from rig.runner.campaign.compiled_pieces import Needs
 from rig.runner.campaign.compiling import ON_HARDWARE, _mark, compile_for
+from rig.runner.campaign.simulated_bench import loop_of
 
 SINE = "{type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}"
 LEAK = "[{type: external_leakage_1, at: 8 s, flow: 0.8 L/min, pressure: 6.9 MPa}]"
@@ -184,3 +193,32 @@ def test_the_simulated_loop_compiles_nothing_that_its_parts_have_compiled(name: 
     assert "rig.loop.cycle.simulated_ticks" in within
     # Where no channel is concerned, the compiler takes the constant for a type of its own.
     assert {function.rpartition(".")[2] for function in within & before} <= {"_stop"}
+
+
+@pytest.fixture
+def allocations() -> Iterator[Callable[[], int]]:
+    """Count what compiled code has allocated."""
+    _nrt_python.memsys_enable_stats()
+    yield lambda: int(rtsys.get_allocation_stats().alloc)
+    _nrt_python.memsys_disable_stats()
+
+
+@pytest.mark.parametrize("on_fault", [OnFault.IGNORE, OnFault.TOLERATE, OnFault.HOLD])
+def test_a_hundred_times_the_ticks_allocate_no_more(
+    on_fault: OnFault,
+    rig: Rig,
+    leaking: Callable[..., CampaignTest],
+    allocations: Callable[[], int],
+) -> None:
+    test = leaking(on_fault=on_fault)
+    loop = loop_of(rig, test, start_memory("product", Model(), rig.sensors), Model())
+    confirmed = np.zeros(len(DECIDED))
+    confirmed[Decided.CONFIRMED], confirmed[Decided.PRESENT] = 1.0, 5e-9
+    loop.decided(confirmed)
+    loop.advance(10)
+    counted = []
+    for ticks in (10, 1000):
+        before = allocations()
+        loop.advance(ticks)
+        counted.append(allocations() - before)
+    assert counted[0] == counted[1]

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import cast
 
 import pytest
 
@@ -11,7 +10,7 @@ from faults import Campaign, CampaignTest
 from rig.configuration import Rig, load_campaign
 from rig.control_socket import ask
 from rig.report.campaign import write_report
-from rig.runner import CampaignOutcome, Observer, Status, run_campaign
+from rig.runner import Observer, Status, run_campaign
 from rig.runner.campaign.simulated_bench import SimulatedBench
 from rig.runner.campaign.stopping import StopFlag
 from rig.runner.leak_test import SimulatedLockable
@@ -68,7 +67,7 @@ def test_leaks_intervals_and_the_valves_own_leak_are_in_all_results(
     assert low < 0.0015 < high
     assert found["blocking_valves"]["chamber_1"]["leak_L_per_min"] < 1e-4
     assert "chamber 2, out: leak, 0.00" in (tmp_path / "out/junit.xml").read_text()
-    page = write_report(cast("CampaignOutcome", outcome), tmp_path / "out").read_text()
+    page = write_report(outcome, tmp_path / "out").read_text()
     assert "Leaks of the locked cylinder" in page
     assert outcome_of(json.loads(json.dumps(record_of(test)))) == test
 

@@ -40,7 +40,8 @@ outcomes = st.lists(st.booleans(), min_size=1, max_size=9).map(np.array)
 def test_the_interval_is_that_of_the_likelihood_ratio(
     found: NDArray[np.bool_], share: float
 ) -> None:
-    sizes, values = np.arange(found.size) + 1.0, found.astype(np.float64)
+    sizes: Array = np.arange(1.0, found.size + 1.0)
+    values = found.astype(np.float64)
     best = likelihood(values, best_share(values))
     kept = []
     for at in range(found.size + 1):
