@@ -31,7 +31,7 @@ PUBLISHED: Final = (
 """Smallest leaks that others found, all on real rigs: source, leak in L/min, and share detected.
 None is known to state its false alarms in a form that can be compared."""
 LOCKED: Final = [
-    "**leak test** of a locked cylinder, with blocking valves",
+    "**leak test** of a locked cylinder with blocking valves, simulated",
     "0.001 in every place",
     "299 to 300 of 300",
     "none of 300 tests",
