@@ -71,8 +71,9 @@ class LearntLeakTest(LeakTest):
 
         It is that of the learnt tail for the regime of the last block. The noise by which blocks
         are weighed is learnt with care, so that the statistic of a healthy rig goes less far than
-        noise would: the limit may be below that for noise alone (`noise_limit`). With a baseline of
-        an earlier version (`Tail.regimes`) it is not.
+        noise would: the limit may be below that for noise alone (`noise_limit`), and that hours of
+        a rig differ brings it no higher. With a baseline of an earlier version (`Tail.regimes`) it
+        is not below.
 
         Args:
             freedom: degrees of freedom of the estimated noise variance.
@@ -83,7 +84,7 @@ class LearntLeakTest(LeakTest):
         tail = self._noise.tail
         if not tail.regimes:
             return max(self._noise_limit(freedom, part), tail.limit(part * self._rate()))
-        return tail.limit(part * self._rate(), self._regime)
+        return tail.limit(part * self._rate(), self._regime, self._noise_limit(freedom, part))
 
     def change_limit(self) -> float:
         """Return what the root of a change's gain must exceed: not less than noise alone reaches.
