@@ -97,7 +97,7 @@ class FakeRig:
 
 @pytest.fixture
 def rig(monkeypatch: pytest.MonkeyPatch) -> FakeRig:
-    resting = SimpleNamespace(rest=lambda duration_s: None)
+    resting = SimpleNamespace(rest=lambda duration_s: None, shut_bypasses=lambda: None)
     monkeypatch.setattr(locking, "Strokes", lambda rig: resting)
     return FakeRig()
 

@@ -109,7 +109,7 @@ def test_another_rig_can_be_named_and_the_report_shows_to_run_it_again_on_the_sa
 def test_a_report_that_cannot_be_made_costs_no_results(
     invoke: Invoke, campaign_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(outcome: CampaignOutcome, directory: Path) -> Path:
+    def fail(outcome: CampaignOutcome, directory: Path, kept: object) -> Path:
         raise RuntimeError("no ink")
 
     monkeypatch.setattr(rig.report, "write_report", fail)
@@ -124,7 +124,7 @@ def test_a_report_that_cannot_be_made_costs_no_results(
 def test_a_report_for_which_there_is_no_space_is_told_with_the_way_to_write_it_later(
     invoke: Invoke, campaign_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(outcome: CampaignOutcome, directory: Path) -> Path:
+    def fail(outcome: CampaignOutcome, directory: Path, kept: object) -> Path:
         raise OSError(errno.ENOSPC, "No space left on device", str(directory / "report.html"))
 
     monkeypatch.setattr(rig.report, "write_report", fail)

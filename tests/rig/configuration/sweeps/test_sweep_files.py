@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, strategies as st
 
 from control import ControlSettings
@@ -251,11 +252,16 @@ def test_a_normal_quantity_has_its_mean_and_deviation() -> None:
 
 def test_the_sweeps_of_the_sweeps_page_read(tmp_path: Path) -> None:
     page = (Path(__file__).parents[4] / "docs" / "sweeps.md").read_text()
-    example, night = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    example, adaptive, night = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "mine.yaml").write_text(example)
     sweep = load_sweep(tmp_path / "mine.yaml")
     assert len(sweep.motions) == 7
     assert sweep.motions[-1].quantity == "command"
+    near = yaml.safe_load(example) | yaml.safe_load(adaptive)
+    (tmp_path / "near.yaml").write_text(yaml.safe_dump(near))
+    leaks = load_sweep(tmp_path / "near.yaml").leaks
+    assert leaks is not None
+    assert leaks.adaptive is not None
     (tmp_path / "night.yaml").write_text(night)
     asked = load_sweep(tmp_path / "night.yaml")
     assert asked.leaks is not None
