@@ -262,7 +262,7 @@ async function stop() {
   button.classList.remove("pressed");
   by("stop-word").textContent = "Stop";
   stopTold = answer.accepted
-    ? ["warn", `${on}Stop obeyed`, `at ${clock(Date.now())}. The ram is brought to rest; then valve null, bypass shut, pump unloaded.${answer.reason ? ` (${answer.reason})` : ""}`]
+    ? ["warn", `${on}Stop obeyed`, `at ${clock(Date.now())}. Whatever moves is brought to rest; then valve null, bypass shut, pump unloaded.${answer.reason ? ` (${answer.reason})` : ""}`]
     : ["bad", `${on}Stop not confirmed`, `${answer.reason}. If the rig moves, press the emergency stop at the rig.`];
   alive();
   setTimeout(() => { stopTold = null; alive(); }, answer.accepted ? 20000 : 60000);

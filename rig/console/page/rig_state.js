@@ -33,7 +33,8 @@ const handsOver = (campaign) => ["warn", "Changing hands", `The station leaves t
 function failedStart({ common, sections }) {
   const last = common.launch?.last;
   const campaign = sections.campaign;
-  if (!last?.exit_code || last.folder === campaign?.directory) return null;
+  // One that went on in the folder of the run that is shown has begun anew, unless it failed before.
+  if (!last?.exit_code) return null;
   return last.started_ms >= (campaign?.begun_ms ?? 0) ? last : null;
 }
 

@@ -186,6 +186,13 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         ),
         "bad", "leaks did not start", "daq: nobody answers; switch it on.", {"start"},
     ),
+    "failed going on in the folder that is shown": (
+        launched(
+            {"exit_code": 3, "ending": "exit code 3, tripped or stopped"},
+            ended("tripped", "", exit_code=3, reason="a trip", health=TRIPPED, directory="leaks-2"),
+        ),
+        "bad", "leaks did not start", "exit code 3, tripped or stopped.", {"start"},
+    ),
     "all passed": (
         ended("passed", "passed", exit_code=0), "good", "Ended, all passed",
         "2 tests came out as expected.", {"start"},
