@@ -159,6 +159,20 @@ def test_the_wheel_holds_the_face_of_every_package(wheel_files: list[str]) -> No
     assert faces <= set(wheel_files)
 
 
+def test_no_face_gives_something_the_name_of_a_module_beside_it() -> None:
+    # Once that module is imported, it would stand in the other's place.
+    hidden = [
+        f"{face.relative_to(ROOT)}: {given.name}"
+        for package in PRODUCT
+        for face in (ROOT / package).rglob("__init__.pyi")
+        for node in ast.parse(face.read_text()).body
+        if isinstance(node, ast.ImportFrom) and node.module
+        for given in node.names
+        if any((face.parent / name).exists() for name in (given.name, f"{given.name}.py"))
+    ]
+    assert hidden == []
+
+
 @pytest.mark.parametrize("package", ["rig.stream", "rig.recording", "rig.console"])
 def test_a_package_that_needs_no_compiler_loads_none_whichever_module_is_used(package: str) -> None:
     folder = ROOT.joinpath(*package.split("."))

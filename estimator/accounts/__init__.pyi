@@ -8,7 +8,7 @@ from .crossings import (
     noise_limit as noise_limit,
     student_quantile as student_quantile,
 )
-from .fit_sums import compile_fits as compile_fits
+from .fit_sums import compile_fits as compile_fits, normal_equations as normal_equations
 from .flow import (
     BLOCK_S as BLOCK_S,
     BLOCK_TICKS as BLOCK_TICKS,

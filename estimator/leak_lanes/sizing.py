@@ -13,9 +13,9 @@ from estimator.accounts import (
     MOST_LASTING,
     MOST_LEVERAGE,
     NUISANCE_COUNT,
-    NULL_SHIFT,
     SHIFT,
     Places,
+    normal_equations,
 )
 from estimator.leaks import GREAT_FLOW, SETTLING_BLOCKS, WITNESSES
 from rig.jit import njit
@@ -23,9 +23,6 @@ from rig.jit import njit
 from .scoring import factor, invert_factor
 
 _N: Final = NUISANCE_COUNT
-_M: Final = SHIFT + 1
-_FF, _FY = Places.SQUARES, Places.PRODUCTS
-_LL, _LF, _LY = Places.FAULT_SQUARES, Places.FAULT_CROSSED, Places.FAULT_PRODUCTS
 _SIZE, _SECONDS, _BLOCKS = Places.SIZES, Places.SECONDS, Places.BLOCKS
 _LEAST_PIVOT: Final = 1e-13
 """Least diagonal element of the Cholesky factor of a normal matrix that is scaled to ones on its
@@ -35,16 +32,6 @@ diagonal. A smaller one means that the columns depend on one another up to round
 @njit(cache=True, error_model="numpy", nogil=True)
 def _since(total, before, mark, place):
     return total[place] - before[mark, place] if mark < before.shape[0] else 0.0
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _counted(total, before, mark, place, stretches):
-    """Return a packed sum from a mark on, without the stretches that are passed over."""
-    found = _since(total, before, mark, place)
-    for s in range(stretches.shape[0]):
-        found -= _since(total, before, max(mark, stretches[s, 0]), place)
-        found += _since(total, before, max(mark, stretches[s, 1]), place)
-    return found
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -62,29 +49,7 @@ def _joint_fit(total, before, faults, marks, variance, stretches, inverse, fitte
         fitted: is filled with the sizes of nuisances and faults, (n + f,).
     """
     size = _N + faults.size
-    normal, right = np.empty((size, size)), np.empty(size)
-    for a in range(_N):
-        right[a] = _counted(total, before, 0, _FY + a, stretches)
-        for b in range(_N):
-            normal[a, b] = total[_FF + a * _N + b]
-            for s in range(stretches.shape[0]):
-                place = _FF + a * _N + b
-                first, last = stretches[s, 0], stretches[s, 1]
-                normal[a, b] -= _since(total, before, first, place)
-                normal[a, b] += _since(total, before, last, place)
-        normal[a, a] += variance
-    for c in range(faults.size):
-        i, mark = faults[c], marks[c]
-        right[_N + c] = _counted(total, before, mark, _LY + i, stretches)
-        for a in range(_N):
-            found = _counted(total, before, mark, _LF + i * _N + a, stretches)
-            normal[_N + c, a] = normal[a, _N + c] = found
-        for d in range(faults.size):
-            both = max(mark, marks[d])
-            place = _LL + i * _M + faults[d]
-            normal[_N + c, _N + d] = _counted(total, before, both, place, stretches)
-        if i == SHIFT:
-            normal[_N + c, _N + c] += variance / (NULL_SHIFT * NULL_SHIFT)
+    normal, right = normal_equations(total, before, faults, marks, stretches, variance)
     scale = np.empty(size)
     for a in range(size):
         if not normal[a, a] > 0.0:

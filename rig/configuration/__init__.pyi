@@ -1,4 +1,5 @@
 from .campaigns import (
+    LEAK_TEST_HZ as LEAK_TEST_HZ,
     Entry as Entry,
     Expected as Expected,
     Missed as Missed,
@@ -7,7 +8,7 @@ from .campaigns import (
     control_of as control_of,
     criterion_in_words as criterion_in_words,
     expected_error as expected_error,
-    foreseen as foreseen,
+    foreseen_leaks as foreseen_leaks,
     gain_for as gain_for,
     is_mistaken as is_mistaken,
     limit_in_words as limit_in_words,

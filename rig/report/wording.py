@@ -184,7 +184,8 @@ def story(test: TestOutcome) -> str:
     sentences += [f"T{str(each)[1:]}." for each in test.limits_not_judged[:_LIMITS_SHOWN]]
     if changed := "; ".join(str(each) for each in test.control_changes):
         sentences.append(f"Control changed {changed}.")
-    if is_after(test.duration_s, test.recorded_s):
+    # How long a leak test takes is not known to the second beforehand.
+    if is_after(test.duration_s, test.recorded_s) and test.leak_test is None:
         early = any(each.ended_early for each in test.segments)
         most = " at most, as segments ended early" if early and not test.message else ""
         ended = f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s"

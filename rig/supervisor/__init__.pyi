@@ -8,7 +8,7 @@ from .leases import (
     why_busy as why_busy,
     word_of_station as word_of_station,
 )
-from .locking import PERIOD_TICKS as PERIOD_TICKS, LockedRig as LockedRig
+from .locking import MOST_COMMAND_V as MOST_COMMAND_V, LockedRig as LockedRig
 from .manual import (
     HELP as HELP,
     Inbox as Inbox,

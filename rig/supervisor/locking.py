@@ -14,6 +14,7 @@ import numpy as np
 
 from control import PLAIN
 from rig.channels import BLOCKING, READINGS
+from rig.configuration import LEAK_TEST_HZ
 from rig.io import ChannelLimit
 from rig.loop import (
     LEAST_AHEAD_TICKS,
@@ -43,8 +44,8 @@ WAY_M: Final = 10e-3
 way by 2 mm: 0.2 L by 0.6 %, which is 8 MPa, over 6.3 cm^2 of piston. As one chamber is filled after
 the other, the ram makes 3 mm in a whole test, and twice that if this computer is so busy that
 commands come late. A ram whose valve lets go is there within a quarter of a second."""
-PERIOD_TICKS: Final = 20
-"""Ticks from one command to the next, as in manual mode."""
+PERIOD_TICKS: Final = round(1.0 / (LEAK_TEST_HZ * TICK))
+"""Ticks from one command to the next."""
 AHEAD_TICKS: Final = (LEAST_AHEAD_TICKS + 15, 60, 120)
 """Ticks from the loop's place to the first that a command changes. They are few, since the pressure
 control waits for them; a command that comes too late, as on a busy computer, is sent once more each

@@ -54,7 +54,7 @@ _LOOK_S: Final = 0.25
 _MB: Final = 1e6
 _SHOWN: Final = 5
 """Number of rows in which the memory is shown as the cases advance."""
-_PRODUCT_RATE: Final = 700.0
+_PRODUCT_RATE: Final = 250.0
 """Simulated seconds per second of a processor by `product`, as docs/sweeps.md states them."""
 _PRODUCT_S: Final = 40.0
 """Duration of a case of the shipped sweep `detector`, s."""

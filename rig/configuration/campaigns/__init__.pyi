@@ -26,7 +26,7 @@ from .judged_controls import (
     is_mistaken as is_mistaken,
     unstable_controls as unstable_controls,
 )
-from .leak_tests import foreseen as foreseen
+from .leak_tests import LEAK_TEST_HZ as LEAK_TEST_HZ, foreseen_leaks as foreseen_leaks
 from .limits import TestLimitFile as TestLimitFile, read_test_limits as read_test_limits
 from .loop_of_test import (
     control_for as control_for,

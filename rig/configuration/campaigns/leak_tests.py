@@ -15,8 +15,8 @@ LEAK_TEST_S: Final = 35.0
 """How long a leak test takes, s: three soaks of 7 s, and valves and pressures before each."""
 KEYS: Final = ("name", "leak_test", "expect", "settle", "wait_for", "repeats", "seed", "matrix")
 """Keys of a test that locks the cylinder; all others are about a motion."""
-SAMPLES_HZ: Final = 50.0
-"""Samples a second on hardware. The limits that are foreseen hardly depend on it."""
+LEAK_TEST_HZ: Final = 50.0
+"""Samples a second on hardware, as in manual mode. What is foreseen hardly depends on it."""
 
 _FLOW: Final = Physical("m^3/s", 0.0001 * LITRE_PER_MINUTE, LITRE_PER_MINUTE)
 """A tenth of the least leak that such a test finds, to more than it can judge, which is the leak
@@ -70,7 +70,7 @@ def place_of(rig: Rig) -> Constant:
     return Constant(0.5 * (rig.limits.position_min_m + rig.limits.position_max_m))
 
 
-def foreseen(rig: Rig, assumed: Model) -> tuple[float, ...]:
+def foreseen_leaks(rig: Rig, assumed: Model) -> tuple[float, ...]:
     """Return the smallest leaks in m^3/s that 95 of 100 tests of a rig will find.
 
     They are in the order of `rig.plant.LEAKS`, for a ram at mid stroke.
@@ -83,7 +83,7 @@ def foreseen(rig: Rig, assumed: Model) -> tuple[float, ...]:
     if valves is None:
         raise ValueError(f"{rig.name} has no blocking valves")
     blocking, middle = BlockingLeak(valves.leak, valves.leak_pressure), place_of(rig).value
-    return foreseen_limits(levels_of(par), par, rig.sensors, blocking, middle, SAMPLES_HZ)
+    return foreseen_limits(levels_of(par), par, rig.sensors, blocking, middle, LEAK_TEST_HZ)
 
 
 def planned_lines(test: CampaignTest, rig: Rig, assumed: Model) -> Iterator[str]:
@@ -96,7 +96,7 @@ def planned_lines(test: CampaignTest, rig: Rig, assumed: Model) -> Iterator[str]
         f"{show(levels.pressure, 'Pa')}, {show(levels.low, 'Pa')} and {show(levels.pressure, 'Pa')}"
     )
     yield f"  blocking valves leak at most {show(valves.leak, 'm^3/s')} by their data sheet"
-    limits = (show(size, "m^3/s") for size in foreseen(rig, assumed))
+    limits = (show(size, "m^3/s") for size in foreseen_leaks(rig, assumed))
     yield f"  could see {', '.join(map(' '.join, zip(LEAKS, limits, strict=True)))}"
     if step.judges_verdict:
         yield f"  expect {test.expect}"
@@ -121,7 +121,7 @@ def step_warnings(test: CampaignTest, rig: Rig, assumed: Model, judged_by: str) 
     step = test.leak_test
     if step is None:
         return
-    size, name = max(zip(foreseen(rig, assumed), LEAKS, strict=True))
+    size, name = max(zip(foreseen_leaks(rig, assumed), LEAKS, strict=True))
     # In the mean the interval of a tight cylinder ends half its width above 0.
     for key, asked, reached in (
         ("could_see", step.could_see_m3_per_s, size),

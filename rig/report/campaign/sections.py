@@ -221,7 +221,8 @@ def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tu
     """
     if test.recording is None:
         missing = "There is no recording of this test."
-        return None, () if test.status is Status.NOT_RUN else (missing,)
+        has_none = test.status is Status.NOT_RUN or test.leak_test is not None
+        return None, () if has_none else (missing,)
     path = directory / test.recording
     try:
         return with_estimates(read_recording(path, required=("time_s",))), ()

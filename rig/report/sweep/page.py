@@ -36,7 +36,8 @@ def sweep_page(sweep: Sweep, table: pa.Table, study: Study, asked: AskedStudy | 
         "sweep.js",
         sweep=sweep,
         study=study,
-        rig_hours=f"{sweep.rig_s / 3600.0:.3g}",
+        # An adaptive sweep may be over before its last case.
+        rig_hours=f"{table.num_rows * sweep.duration_s / 3600.0:.3g}",
         right=[(place_in_words(name), of_share(each)) for name, each in study.right.items()],
         wanted=times_in_100(sweep.adaptive.found if sweep.adaptive else POWER),
         limits=[(place_in_words(name), limit_in_words(each)) for name, each in study.power.items()],

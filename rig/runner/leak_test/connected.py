@@ -5,7 +5,7 @@ from pathlib import Path
 
 from estimator.filters import DEFAULT_FILTER
 from estimator.leak_test import Soak
-from rig.configuration import Rig, foreseen
+from rig.configuration import Rig, foreseen_leaks
 from rig.plant import LITRE_PER_MINUTE, Model, valve_conductance
 from rig.supervisor import ConnectedRig, LockedRig, Onlooker, Session, Stop
 
@@ -24,7 +24,7 @@ def could_see(rig: Rig, assumed: Model) -> str:
         assumed: what is assumed of it.
     """
     valve_conductance(assumed.parameters)
-    smallest = (f"{value / LITRE_PER_MINUTE:.5f}" for value in foreseen(rig, assumed))
+    smallest = (f"{value / LITRE_PER_MINUTE:.5f}" for value in foreseen_leaks(rig, assumed))
     return f"could see {', '.join(smallest)} L/min: chamber 1, chamber 2, across the piston"
 
 

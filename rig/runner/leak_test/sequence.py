@@ -21,6 +21,7 @@ from estimator.leak_test import (
 )
 from rig.configuration import Rig
 from rig.plant import Parameters, Reading, chamber_volumes, valve_conductance
+from rig.supervisor import MOST_COMMAND_V
 
 from .lockable import Lockable
 from .results import LeakTest, ends_of
@@ -28,9 +29,6 @@ from .results import LeakTest, ends_of
 BANDWIDTH: Final = 10.0
 """Bandwidth in rad/s of the pressure control: a pressure is reached in half a second, and twenty
 samples of 5 ms pass in a time constant, so that the delay of a sample does no harm."""
-MOST_COMMAND: Final = 0.5
-"""Greatest command in V while a pressure is regulated. Were a blocking valve to let go, the ram
-would move with some 40 mm/s, as slowly as in commissioning."""
 SOAK_COMMAND: Final = 0.3
 """Command in V during a soak: it connects one port of the servovalve to the supply and the other
 to the return, beyond any shift of its null, so that the pressures behind the blocking valves are
@@ -167,7 +165,7 @@ class _Sequence:
             gain = BANDWIDTH * volume / (par.bulk_modulus * flow)
             pressure = (reading.pressure_1, reading.pressure_2)[chamber]
             side = 1.0 if chamber == 0 else -1.0
-            command = side * min(max(gain * (target - pressure), -MOST_COMMAND), MOST_COMMAND)
+            command = side * min(max(gain * (target - pressure), -MOST_COMMAND_V), MOST_COMMAND_V)
 
     def _exchange(self, command: float) -> Reading:
         who = self._is_stopped()

@@ -69,6 +69,8 @@ def test_leaks_intervals_and_the_valves_own_leak_are_in_all_results(
     assert "chamber 2, out: leak, 0.00" in (tmp_path / "out/junit.xml").read_text()
     page = write_report(outcome, tmp_path / "out").read_text()
     assert "Leaks of the locked cylinder" in page
+    assert "There is no recording" not in page
+    assert "The test ended after" not in page
     assert outcome_of(json.loads(json.dumps(record_of(test)))) == test
 
 
