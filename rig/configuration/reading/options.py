@@ -7,7 +7,7 @@ within which limits.
 
 from collections.abc import Callable
 from dataclasses import MISSING, Field, fields, is_dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
@@ -68,6 +68,7 @@ def read_options(options: type[T], item: Located | None) -> T | None:
     return None
 
 
+@cache
 def options_schema(options: type) -> type[Schema]:
     """Return the class of the keys by which an object of the class `options` is written."""
     definitions: Any = {

@@ -10,8 +10,9 @@ from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from .kept_factors import Pair, kept_factors
 from .problems import nearest
-from .unit_registry import unit_registry
+from .unit_registry import DEFINITIONS, unit_registry
 
 if TYPE_CHECKING:
     import pint
@@ -108,6 +109,25 @@ def unit_factor(unit: str, si_unit: str) -> Decimal:
     """
     if unit == si_unit:
         return Decimal(1)
+    pair = (unit, si_unit)
+    kept = _usual_factors() if unit in dimension(si_unit).units else {}
+    return kept[pair] if pair in kept else _factor(unit, si_unit)
+
+
+@cache
+def _usual_factors() -> dict[Pair, Decimal]:
+    """Return the factors of the units that people use; none of them if they cannot be kept."""
+    pairs = [
+        (unit, si_unit)
+        for si_unit, each in DIMENSIONS.items()
+        for unit in each.units
+        if unit != si_unit
+    ]
+    return kept_factors(pairs, DEFINITIONS, _factor)
+
+
+def _factor(unit: str, si_unit: str) -> Decimal:
+    """Work out `unit_factor` by pint."""
     wanted = dimension(si_unit)
     expected = f"write {wanted.name}, such as {wanted.example}"
     parsed = _parse_unit(unit, si_unit)

@@ -6,12 +6,20 @@ from decimal import Decimal
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from rig.compile_cache import cache_home
 
 if TYPE_CHECKING:
     import pint
+
+DEFINITIONS: Final = (
+    # By default pint converts 1 Hz to 1 rad/s, which would make a 100 Hz valve a 16 Hz one.
+    "hertz = 2 * pi * radian / second = Hz",
+    # pint has the US gallon of 231 cubic inches, but no name for the unit of American flow meters.
+    "gallon_per_minute = gallon / minute = gpm",
+)
+"""Units that pint lacks, or has in another meaning."""
 
 
 @cache
@@ -22,10 +30,8 @@ def unit_registry() -> "pint.UnitRegistry[Any]":
 
     folder = cache_home() / f"hydraulic-rig-units/{pint.__version__}"
     registry = _kept(folder) or _made(None)
-    # By default pint converts 1 Hz to 1 rad/s, which would make a 100 Hz valve a 16 Hz one.
-    registry.define("hertz = 2 * pi * radian / second = Hz")
-    # pint has the US gallon of 231 cubic inches, but no name for the unit of American flow meters.
-    registry.define("gallon_per_minute = gallon / minute = gpm")
+    for definition in DEFINITIONS:
+        registry.define(definition)
     return registry
 
 
