@@ -20,9 +20,11 @@ Pair = tuple[str, str]
 
 
 def kept_factors(
-    pairs: Sequence[Pair], definitions: Sequence[str], factor: Callable[[str, str], Decimal]
-) -> dict[Pair, Decimal]:
+    pairs: Sequence[Pair], definitions: Sequence[str], factor: Callable[[str, str], Decimal | None]
+) -> dict[Pair, Decimal | None]:
     """Return how many SI units the unit of each pair is, from a file in the user's cache directory.
+
+    It is None for a pair of which the unit measures something else than the SI unit.
 
     If the file is missing or damaged, the factors are worked out and the file is written anew. The
     result is empty if that cannot be written: working out all factors takes each process longer
@@ -31,17 +33,22 @@ def kept_factors(
     Args:
         pairs: the usual units, each with its SI unit.
         definitions: what the factors depend on besides pint's own definitions.
-        factor: works out the factor of a pair.
+        factor: works out the factor of a pair, or None.
     """
     key = repr((version("pint"), definitions, pairs))
     path = cache_home() / f"hydraulic-rig-units/factors-{sha256(key.encode()).hexdigest()[:16]}"
     kept = _read(path)
     if len(kept) != len(pairs):
-        kept = _written(path, lambda: [str(factor(*pair)) for pair in pairs])
-    return {pair: Decimal(text) for pair, text in zip(pairs, kept, strict=False)}
+        kept = _written(path, lambda: [_text(factor(*pair)) for pair in pairs])
+    texts = zip(pairs, kept, strict=False)
+    return {pair: None if text is None else Decimal(text) for pair, text in texts}
 
 
-def _read(path: Path) -> list[str]:
+def _text(factor: Decimal | None) -> str | None:
+    return None if factor is None else str(factor)
+
+
+def _read(path: Path) -> list[str | None]:
     """Return the numbers that a file keeps; none if it is missing or its digest is not theirs."""
     try:
         digest, _, text = path.read_text("ascii").partition("\n")
@@ -50,7 +57,7 @@ def _read(path: Path) -> list[str]:
     return json.loads(text) if digest == _digest(text) else []
 
 
-def _written(path: Path, numbers: Callable[[], list[str]]) -> list[str]:
+def _written(path: Path, numbers: Callable[[], list[str | None]]) -> list[str | None]:
     """Return the numbers after they were written to the file; none if it cannot be written."""
     new = ""
     try:

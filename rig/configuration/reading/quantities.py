@@ -67,6 +67,7 @@ def dimension(si_unit: str) -> Dimension:
     return DIMENSIONS.get(si_unit, plain)
 
 
+_USUAL: Final = frozenset(unit for each in DIMENSIONS.values() for unit in each.units)
 _NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*?)\s*", re.S)
 _UNIT: Final = re.compile(r"[A-Za-zµμ°%·²³\s\d.*/^()+-]{0,60}")
 _ROOT: Final = re.compile(r"sqrt\s*(\([^()]*\))")
@@ -110,36 +111,45 @@ def unit_factor(unit: str, si_unit: str) -> Decimal:
     if unit == si_unit:
         return Decimal(1)
     pair = (unit, si_unit)
-    kept = _usual_factors() if unit in dimension(si_unit).units else {}
-    return kept[pair] if pair in kept else _factor(unit, si_unit)
+    usual = _usual_factors() if unit in _USUAL and si_unit in DIMENSIONS else {}
+    factor = usual[pair] if pair in usual else _factor(unit, si_unit)
+    if factor is None:
+        wanted = dimension(si_unit)
+        raise WrongDimensionError(f"is not {wanted.name}", _expected(wanted))
+    return factor
 
 
 @cache
-def _usual_factors() -> dict[Pair, Decimal]:
-    """Return the factors of the units that people use; none of them if they cannot be kept."""
-    pairs = [
-        (unit, si_unit)
-        for si_unit, each in DIMENSIONS.items()
-        for unit in each.units
-        if unit != si_unit
-    ]
+def _usual_factors() -> dict[Pair, Decimal | None]:
+    """Return how many of each SI unit each usual unit is; nothing if that cannot be kept.
+
+    It is None where the unit measures something else.
+    """
+    pairs = [(unit, si_unit) for si_unit in DIMENSIONS for unit in sorted(_USUAL)]
     return kept_factors(pairs, DEFINITIONS, _factor)
 
 
-def _factor(unit: str, si_unit: str) -> Decimal:
-    """Work out `unit_factor` by pint."""
-    wanted = dimension(si_unit)
-    expected = f"write {wanted.name}, such as {wanted.example}"
+def _factor(unit: str, si_unit: str) -> Decimal | None:
+    """Work out by pint how many `si_unit` one `unit` is; None if it measures something else.
+
+    Raises:
+        QuantityError: the unit is unknown.
+    """
     parsed = _parse_unit(unit, si_unit)
     target = unit_registry().parse_units(si_unit)
     same = parsed.dimensionality == target.dimensionality
     if not same or bool(_ANGLE.search(unit)) != bool(_ANGLE.search(si_unit)):
-        raise WrongDimensionError(f"is not {wanted.name}", expected)
+        return None
     try:
         factor = unit_registry().convert(Decimal(1), parsed, target)
     except (ArithmeticError, ValueError) as error:
+        expected = _expected(dimension(si_unit))
         raise QuantityError(f"has an unusable unit {unit!r}", expected) from error
     return Decimal(factor)
+
+
+def _expected(wanted: Dimension) -> str:
+    return f"write {wanted.name}, such as {wanted.example}"
 
 
 def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
