@@ -10,7 +10,7 @@ import importlib
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
@@ -96,6 +96,30 @@ def only_one(path: Path, patience_s: float) -> Iterator[None]:
         with suppress(OSError):
             fcntl.flock(opened, fcntl.LOCK_UN)
         os.close(opened)
+
+
+@contextmanager
+def after_the_first(path: Path, patience_s: float) -> Iterator[None]:
+    """Enter this context at once in the first process that comes, in others once it has left it.
+
+    The others are in it together. A process that has waited for `patience_s` enters it too.
+    """
+    with ExitStack() as held:
+        with suppress(OSError):
+            file = held.enter_context(path.open("w"))
+            _lock_first(file.fileno(), time.monotonic() + patience_s)
+        yield
+
+
+def _lock_first(opened: int, end: float) -> None:
+    """Lock an open file for this process alone, or else, when that is free, for all who wait."""
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        while time.monotonic() < end:
+            with suppress(BlockingIOError):
+                return fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            time.sleep(_LOOK_S)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import gc
 import os
 from collections.abc import Generator
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,13 @@ from hypothesis import settings
 from rig.compile_cache import use_compile_cache
 
 from . import compiling_sessions
-from .compiling_once import compile_apart, compile_once, without_looking_for_garbage
+from .compiling_once import (
+    PATIENCE_S,
+    after_the_first,
+    compile_apart,
+    compile_once,
+    without_looking_for_garbage,
+)
 
 HERE = Path(__file__).parent
 LONGEST = (
@@ -72,9 +79,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
-    """Collect all tests without garbage collection, and keep their objects out of later ones."""
-    with without_looking_for_garbage():
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Collect all tests without garbage collection, and keep their objects out of later ones.
+
+    Of the workers one collects first: it makes the bytecode that the others then only read.
+    """
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    with without_looking_for_garbage(), ExitStack() as turn:
+        if folder and hasattr(session.config, "workerinput"):
+            turn.enter_context(after_the_first(Path(folder) / "locks" / "collecting", PATIENCE_S))
         collected = yield
     gc.freeze()
     return collected

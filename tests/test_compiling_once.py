@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .compiling_once import only_one
+from .compiling_once import after_the_first, only_one
 
 ROOT = Path(__file__).parents[1]
 COMPILING = """
@@ -84,6 +84,26 @@ def test_who_waits_goes_on_as_soon_as_the_other_is_done(tmp_path: Path) -> None:
         fcntl.flock(other, fcntl.LOCK_UN)
         waiting.join(60.0)
     assert went_on.is_set()
+
+
+def test_after_the_first_all_others_go_on_together(tmp_path: Path) -> None:
+    path, together = tmp_path / "lock", threading.Barrier(2, timeout=60.0)
+
+    def follow() -> None:
+        with after_the_first(path, 60.0):
+            together.wait()
+
+    others = [threading.Thread(target=follow) for _ in range(2)]
+    with after_the_first(path, 60.0):
+        for other in others:
+            other.start()
+        others[0].join(0.1)
+        assert together.n_waiting == 0
+    for other in others:
+        other.join(60.0)
+    assert not together.broken
+    with after_the_first(path, 60.0), after_the_first(path, 0.05):
+        pass
 
 
 def test_a_worker_that_hangs_while_it_compiles_is_not_waited_for_for_ever(tmp_path: Path) -> None:
