@@ -23,32 +23,41 @@ from .compiling_once import (
 
 HERE = Path(__file__).parent
 LONGEST = (
-    "rig/console/test_in_chromium.py",
     "estimator/gap/prediction/test_another_plant.py",
-    "rig/supervisor/processes/test_publisher.py",
-    "estimator/gap/verdict/test_keeping.py",
-    "estimator/gap/prediction/test_another_period.py",
-    "rig/console/test_started.py",
-    "rig/runner/campaign/test_compiling.py",
-    "rig/cli/models/test_sweep.py",
-    "rig/supervisor/processes/test_loop_process.py",
-    "rig/runner/campaign/test_wire_replay.py",
-    "rig/cli/campaigns/test_run.py",
-    "rig/console/test_rig_state.py",
-    "rig/console/test_page.py",
-    "rig/runner/experiments/test_gap_closing.py",
-    "chaos/test_kill_and_resume.py",
+    "estimator/leak_lanes/test_lane_detectors.py",
     "estimator/leaks/test_detection.py",
-    "estimator/leaks/test_leak_statistic.py",
+    "rig/console/test_in_chromium.py",
+    "rig/supervisor/processes/test_loop_process.py",
+    "estimator/leak_lanes/test_growing.py",
+    "rig/cli/campaigns/test_run.py",
+    "estimator/gap/prediction/test_another_period.py",
+    "estimator/gap/verdict/test_keeping.py",
+    "rig/runner/experiments/test_gap_closing.py",
+    "rig/supervisor/processes/test_publisher.py",
+    "rig/console/test_rig_state.py",
+    "estimator/gap/servo/test_unfit_recordings.py",
+    "chaos/test_kill_and_resume.py",
+    "rig/console/test_started.py",
+    "rig/console/test_page.py",
+    "test_layout.py",
+    "rig/runner/experiments/test_tuning.py",
+    "rig/runner/experiments/test_friction_experiment.py",
     "estimator/filters/test_registry.py",
+    "rig/cli/models/test_sweep.py",
+    "rig/runner/campaign/test_compiling.py",
+    "rig/loop/wire/test_cycle.py",
+    "rig/cli/campaigns/test_schedule.py",
+    "rig/runner/campaign/test_wire_replay.py",
+    "estimator/leaks/test_leak_statistic.py",
     "rig/io/test_conformance.py",
     "rig/stream/test_shipped_profiles.py",
     "rig/io/bypass_valves/test_driver.py",
     "test_docs.py",
 )
-"""Test files that take ten seconds or more.
+"""Test files that take longest, or that begin to compile what others need.
 
-Workers begin with them, so that no worker still runs one of them when the others have finished.
+Workers begin with them, so that no worker still runs one of them when the others have finished. The
+first three need no session on a rig, whose code is compiled beside them.
 """
 
 
