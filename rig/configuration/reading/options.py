@@ -49,7 +49,8 @@ def read_options(options: type[T], item: Located | None) -> T | None:
     problems = item.sources.problems
     before = problems.reported
     known = options_of(options)
-    file = read_mapping(options_schema(options), item)
+    kind: type = options
+    file = read_mapping(options_schema(kind), item)
     # model_dump is not used here, as it would turn dataclasses into dicts.
     values = {key: getattr(file, key) for key in known} if file is not None else {}
     for name, option in known.items():
