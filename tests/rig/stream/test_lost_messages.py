@@ -30,7 +30,10 @@ class Lossy(StreamSender):
     def samples(self, first_row: int) -> None:
         rows = np.arange(first_row, first_row + 10)
         values = rows[:, np.newaxis].astype(np.float32)
-        self.send("samples", Samples(1, first_row, 1, 0, rows * 1e-3, values).content())
+        self.send(
+            "samples",
+            Samples(1, first_row, 1, 0, np.asarray(rows * 1e-3, np.float64), values).content(),
+        )
 
     def heartbeat(self) -> None:
         content = {"heartbeat_s": 0.5, "sequences": dict(self.sequences), "rows": 0, "up_s": 1.0}

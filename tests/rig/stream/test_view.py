@@ -301,8 +301,8 @@ def test_samples_of_channels_that_are_not_known_yet_are_left_out_and_asked_for(
     publisher.send("channels", CHANNELS, lost=True)
     publisher.samples(0, at_ns=S)
     assert len(view.window(10.0).row) == 0
-    assert view.to_ask_again() == ({"channels", "samples"}, S)
-    assert view.to_ask_again()[0] == set()
+    assert view.to_ask_again() == (frozenset({"channels", "samples"}), S)
+    assert view.to_ask_again()[0] == frozenset()
     publisher.sequences.clear()
     view.take_past("channels", publisher.message("channels", CHANNELS), S)
     publisher.samples(10, at_ns=S)
@@ -318,11 +318,11 @@ def test_of_what_was_lost_only_what_does_not_come_anew_is_asked_for(
         publisher.send(kind, {}, at_ns=2 * S)
         publisher.send(kind, {}, lost=True)
     publisher.heartbeat(at_ns=3 * S)
-    assert view.to_ask_again() == ({"state"}, 2 * S)
+    assert view.to_ask_again() == (frozenset({"state"}), 2 * S)
     publisher.samples(10, lost=True)
     publisher.samples(20, at_ns=4 * S)
     publisher.samples(40, at_ns=5 * S)  # of rows that were never sent there is nothing to ask for
-    assert view.to_ask_again() == ({"samples"}, 3 * S)
+    assert view.to_ask_again() == (frozenset({"samples"}), 3 * S)
 
 
 def test_a_heartbeat_without_its_numbers_is_refused(view: RigView, publisher: Publisher) -> None:
