@@ -18,6 +18,13 @@ DROP_WAIT_US: Final = 1000
 
 A slow reader can delay the others by this time.
 """
+BLOCK_WAIT_US: Final = 1_000_000
+"""Time in us after which a reader that takes no answers is disconnected; it may connect again.
+
+Answers are given one after the other, so that it delays those to others by this time.
+"""
+ROUTED_WAIT_US: Final = BLOCK_WAIT_US // 2
+"""The same of a router, which must give a reader up before a rig gives up the router."""
 QUEUED_BATCHES: Final = 16
 """Batches of 64 KiB that may wait for a reader's connection, the most that Zenoh allows.
 
@@ -69,6 +76,8 @@ def publisher_session(settings: StreamSettings) -> zenoh.Session:
     content["listen/timeout_ms"] = -1 if _is_shared(settings) else 0
     content["listen/retry"] = RETRY_MS
     content["transport/unicast/max_sessions"] = MOST_SESSIONS
+    wait_us = ROUTED_WAIT_US if settings.mode == "router" else BLOCK_WAIT_US
+    content["transport/link/tx/queue/congestion_control/block/wait_before_close"] = wait_us
     return _opened(content)
 
 

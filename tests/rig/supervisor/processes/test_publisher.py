@@ -295,14 +295,20 @@ def test_more_than_a_publisher_takes_reaches_nobody(bench: Bench, client: Stream
     assert client.snapshot().restarts == 0
 
 
+def status(process: "subprocess.Popen[bytes]") -> str:
+    return Path(f"/proc/{process.pid}/status").read_text()
+
+
 def test_stalled_readers_cost_the_others_nothing(bench: Bench, client: StreamClient) -> None:
     program = (
-        "import sys, zenoh, json\n"
+        "import os, signal, sys\n"
         "from rig.stream.settings import Endpoint, StreamSettings\n"
         "from rig.stream.sessions import publisher_session, subscriber_session\n"
         "s = subscriber_session(StreamSettings(), (Endpoint.parse(sys.argv[1]),))\n"
         "s.declare_subscriber('rig/*/v1/*', lambda sample: None)\n"
-        "print('here', flush=True)\nsys.stdin.read()\n"
+        "print('here', flush=True)\nsys.stdin.readline()\n"
+        "for _ in range(20): s.get('rig/bench/v1/event', lambda reply: None)\n"
+        "os.kill(os.getpid(), signal.SIGSTOP)\n"
     )
     stalled = [
         subprocess.Popen(
@@ -327,6 +333,16 @@ def test_stalled_readers_cost_the_others_nothing(bench: Bench, client: StreamCli
         # A machine that stalls may drop samples for this reader, too; it asks for them again.
         until(lambda: len(client.history(60.0).row) == 1000)
         assert "rows" not in client.snapshot().missing
+        # One that asks and takes no answers delays the others by a second, of Zenoh's usual five.
+        asker = stalled[0]
+        asker.send_signal(signal.SIGCONT)
+        assert asker.stdin is not None
+        asker.stdin.write(b"\n")
+        asker.stdin.flush()
+        until(lambda: asker.poll() is None and "T (stopped)" in status(asker), "it to stall")
+        assert client._session is not None
+        answers = client._session.get("rig/bench/v1/heartbeat", timeout=3.5)
+        assert any(answer.ok for answer in answers)
     finally:
         for process in stalled:
             process.kill()
