@@ -162,8 +162,10 @@ class StreamClient:
         self._closing.set()
         self._taking.join()
         if self._session is not None:
-            self._tokens.undeclare()
-            self._session.close()
+            # Others that are stalled may keep Zenoh from closing in its time; nothing is lost then.
+            with suppress(zenoh.ZError):
+                self._tokens.undeclare()
+                self._session.close()
         # A thread that is still inside Zenoh when the program ends would crash it.
         for thread in self._asking:
             thread.join()

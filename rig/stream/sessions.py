@@ -33,7 +33,10 @@ A router or reader that does not run for a tenth of a second then loses nothing 
 LARGEST_RECEIVED: Final = 64 * 1024
 """Most bytes of a message that a publisher receives, as it only gets commands and questions."""
 REACH_MS: Final = 2000
-"""Time in ms within which a router must be reached."""
+"""Time in ms within which a router, or any other end that a session knows of, must be reached.
+
+A session that is closed first waits for those that it is about to reach, stalled ones included.
+"""
 MOST_SESSIONS: Final = 512
 
 _STREAM: Final = f"{PREFIX}/*/v{VERSION}/*"
@@ -144,6 +147,8 @@ def _common(settings: StreamSettings) -> dict[str, Any]:
         "connect/exit_on_failure": False,
         "connect/timeout_ms": REACH_MS if settings.mode == "client" else -1,
         "connect/retry": RETRY_MS,
+        "transport/unicast/open_timeout": REACH_MS,
+        "transport/unicast/accept_timeout": REACH_MS,
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
         "open/return_conditions/connect_scouted": False,

@@ -20,6 +20,7 @@ import zenoh
 
 from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
+from rig.stream import sessions
 from rig.stream.client import Answer, StreamClient
 from rig.stream.commands import LARGEST_COMMAND, Command, Credentials, Sender, seal
 from rig.stream.messages import command_key
@@ -299,7 +300,9 @@ def status(process: "subprocess.Popen[bytes]") -> str:
     return Path(f"/proc/{process.pid}/status").read_text()
 
 
-def test_stalled_readers_cost_the_others_nothing(bench: Bench, client: StreamClient) -> None:
+def test_stalled_readers_cost_the_others_nothing(
+    bench: Bench, client: StreamClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
     program = (
         "import os, signal, sys\n"
         "from rig.stream.settings import Endpoint, StreamSettings\n"
@@ -343,6 +346,10 @@ def test_stalled_readers_cost_the_others_nothing(bench: Bench, client: StreamCli
         assert client._session is not None
         answers = client._session.get("rig/bench/v1/heartbeat", timeout=3.5)
         assert any(answer.ok for answer in answers)
+        # Who comes and goes meanwhile is not kept waiting for the others, nor told of an error.
+        monkeypatch.setattr(sessions, "REACH_MS", 200)
+        with StreamClient(bench.settings) as passing:
+            passing.wait_for_rig(PATIENCE_S)
     finally:
         for process in stalled:
             process.kill()
