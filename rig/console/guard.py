@@ -125,6 +125,8 @@ class Guard:
             return 403, f"a request from another site ({', '.join(origin)[:80]})"
         if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD", "POST"):
             return 405, f"the method {scope['method'][:20]}"
+        if not scope["query_string"].isascii():
+            return 400, "a query that is not ASCII"
         length = given.get("content-length", "")
         if length.isdecimal() and int(length) > LARGEST_BODY:
             return 413, f"a body of {length} bytes, more than {LARGEST_BODY}"

@@ -90,7 +90,7 @@ class Word(IntEnum):
     PUBLISHER_BEAT = 26
     """Publisher of the live stream: time at which its last turn ended."""
     PUBLISHED = 27
-    """Publisher: number of the row that it reads next, where a restarted publisher goes on."""
+    """Publisher: number of the first row that it has not sent, where a restarted one goes on."""
     CHANGE = 28
     """Supervisor: number of the change of control that the loop must have taken."""
     CHANGED = 29

@@ -18,6 +18,7 @@ from .commands import (
     own_key as own_key,
     state_folder as state_folder,
 )
+from .known import Life as Life, Snapshot as Snapshot, Window as Window
 from .messages import (
     LASTING as LASTING,
     Samples as Samples,
@@ -45,5 +46,4 @@ from .settings import (
     StreamSettings as StreamSettings,
     Tls as Tls,
 )
-from .view import Life as Life, Snapshot as Snapshot, Window as Window
 from .voice import Voice as Voice, said as said, voice_of as voice_of

@@ -33,6 +33,11 @@ class Batches:
         self._first_row = 0
         self._newest_ns = 0
 
+    @property
+    def waiting(self) -> int:
+        """Number of rows that were added and fill no batch yet."""
+        return len(self._rows)
+
     def set_columns(self, names: Sequence[str], units: Sequence[str], test: int) -> bool:
         """Set the columns of the rows that follow; return whether the channels have changed.
 

@@ -13,10 +13,12 @@ client goes on.
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
 from typing import Any, Final
 
 import msgpack
@@ -25,6 +27,7 @@ import zenoh
 from rig.surviving import Surviving
 
 from .commands import Credentials, Sender, asked_digest, credentials_of
+from .known import Snapshot, Window
 from .messages import (
     KEPT,
     LARGEST_MESSAGE,
@@ -39,15 +42,27 @@ from .messages import (
 from .sessions import UnreachableError, check_files, subscriber_session
 from .settings import CommandName, Endpoint, Operator, StreamSettings
 from .steady_clock import SteadyClock
-from .view import RigView, Snapshot, Window
+from .view import RigView
 from .voice import MAC, reader_s_voice_of
 
 ANSWER_S: Final = 5.0
 QUEUED: Final = 4096
 """Most messages that may wait to be processed; if there are more, the oldest are dropped."""
 POLL_S: Final = 0.005
+LOOK_S: Final = 0.05
+"""Time in s between two looks whether messages were lost."""
 AGAIN_S: Final = 0.5
 """Time in s before the client tries again after an error that concerns no single message."""
+ASKED_PART: Final = 0.1
+"""Most part of the time in which a rig is asked for lost messages again.
+
+A reader that loses because it is slow is thus not made slower by what it asks for.
+"""
+ASK_S: Final = 0.5
+"""Least time in s between two such questions."""
+LATE_S: Final = 2.0
+"""Time in s by which a question for lost messages reaches farther back than the loss, as it may
+wait before it is answered."""
 
 OnMessage = Callable[[str, str, Mapping[str, Any]], None]
 
@@ -79,7 +94,8 @@ class StreamClient:
         connect: endpoints to connect to; if empty, the profile's.
         rig: id of the rig; `*` for all.
         window_s: how long in s samples are stored after their arrival.
-        history: whether each rig that appears is asked for its past messages.
+        history: whether each rig that appears is asked for its past messages, and asked again for
+            messages that were lost.
         credentials: name and key to sign commands with; if None, those of the profile's first
             operator, or without any operator the name `local` with this user's own key. They are
             read when the first command is sent.
@@ -121,6 +137,9 @@ class StreamClient:
         self._session: zenoh.Session | None = None
         self._voice = reader_s_voice_of(settings)
         self._asking: list[threading.Thread] = []
+        self._again_at: defaultdict[str, float] = defaultdict(float)
+        """By rig, the monotonic time in s before which it is asked for no lost messages again."""
+        self._look_at = 0.0
         check_files(settings)
         if settings.mode != "client":
             self._follow()
@@ -143,8 +162,10 @@ class StreamClient:
         self._closing.set()
         self._taking.join()
         if self._session is not None:
-            self._tokens.undeclare()
-            self._session.close()
+            # Others that are stalled may keep Zenoh from closing in its time; nothing is lost then.
+            with suppress(zenoh.ZError):
+                self._tokens.undeclare()
+                self._session.close()
         # A thread that is still inside Zenoh when the program ends would crash it.
         for thread in self._asking:
             thread.join()
@@ -314,32 +335,66 @@ class StreamClient:
             if present and self._history:
                 # This runs in a thread of Zenoh, which must not wait for answers, as these come in
                 # threads of Zenoh too.
-                asking = threading.Thread(target=self._ask, args=(view, self._window_s, ANSWER_S))
-                self._asking = [*(each for each in self._asking if each.is_alive()), asking]
-                asking.start()
+                self._begin_asking(self._ask, view, self._window_s, ANSWER_S)
 
-    def _ask(self, view: RigView, last_s: float, timeout_s: float) -> None:
+    def _begin_asking(self, ask: Callable[..., None], *arguments: Any) -> None:
+        """Ask a rig in a thread of its own, which `close` awaits."""
+        asking = threading.Thread(target=ask, args=arguments)
+        with self._lock:
+            self._asking = [*(each for each in self._asking if each.is_alive()), asking]
+            asking.start()
+
+    def _ask(
+        self,
+        view: RigView,
+        last_s: float,
+        timeout_s: float,
+        kinds: Collection[str] = (*LASTING, *KEPT),
+    ) -> None:
         """Ask a rig for past messages, wait for the answers, and give them to the rig's view.
 
         They are the newest message of each kind in `LASTING`, channels first, then those of the
         kinds in `KEPT` that were sent in the last `last_s` seconds. Each kind is one question.
         """
-        for kinds, parameters in ((LASTING, ""), (KEPT, f"?last={last_s:g}")):
-            for kind in kinds:
-                if self._closing.is_set() or self._session is None:
-                    return
-                with self._survives, suppress(zenoh.ZError):
-                    replies = self._session.get(
-                        key(view.rig, kind) + parameters,
-                        timeout=timeout_s,
-                        consolidation=zenoh.ConsolidationMode.NONE,
-                        # Answers have the question's priority, so past messages delay no new ones.
-                        priority=zenoh.Priority.DATA_LOW,
-                        congestion_control=zenoh.CongestionControl.BLOCK,
-                    )
-                    for reply in replies:
-                        if reply.ok is not None:
-                            self._take(view.rig, kind, reply.ok, is_past=True)
+        for kind in (each for each in (*LASTING, *KEPT) if each in kinds):
+            if self._closing.is_set() or self._session is None:
+                return
+            with self._survives, suppress(zenoh.ZError):
+                replies = self._session.get(
+                    key(view.rig, kind) + (f"?last={last_s:g}" if kind in KEPT else ""),
+                    timeout=timeout_s,
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                    # Answers have the question's priority, so past messages delay no new ones.
+                    priority=zenoh.Priority.DATA_LOW,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                )
+                for reply in replies:
+                    if reply.ok is not None:
+                        self._take(view.rig, kind, reply.ok, is_past=True)
+
+    def _ask_for_lost(self) -> None:
+        """Begin to ask each rig for the messages that were lost, if it is time for that."""
+        now = time.monotonic()
+        if not self._history or now < self._look_at:
+            return
+        self._look_at = now + LOOK_S
+        with self._lock:
+            due = (view for view in self._views.values() if now >= self._again_at[view.rig])
+            lost = [(view, *view.to_ask_again()) for view in due]
+        for view, kinds, since_ns in lost:
+            if kinds:
+                self._again_at[view.rig] = now + ASK_S
+                last_s = 1e-9 * (self._clock.now_ns() - since_ns) + LATE_S
+                self._begin_asking(self._ask_again, view, min(last_s, self._window_s), kinds)
+
+    def _ask_again(self, view: RigView, last_s: float, kinds: frozenset[str]) -> None:
+        """Ask a rig for lost messages, and for no others before and soon after the answers came."""
+        begun, self._again_at[view.rig] = time.monotonic(), inf
+        try:
+            self._ask(view, last_s, ANSWER_S, kinds)
+        finally:
+            now = time.monotonic()
+            self._again_at[view.rig] = now + max((now - begun) / ASKED_PART, ASK_S)
 
     def _follow(self) -> None:
         session = subscriber_session(self._settings, self._connect)
@@ -369,6 +424,7 @@ class StreamClient:
 
     def _take_messages(self) -> None:
         while not self._closing.is_set():
+            self._ask_for_lost()
             sample = self._messages.try_recv()
             if sample is None:
                 self._closing.wait(POLL_S)

@@ -18,6 +18,13 @@ DROP_WAIT_US: Final = 1000
 
 A slow reader can delay the others by this time.
 """
+BLOCK_WAIT_US: Final = 1_000_000
+"""Time in us after which a reader that takes no answers is disconnected; it may connect again.
+
+Answers are given one after the other, so that it delays those to others by this time.
+"""
+ROUTED_WAIT_US: Final = BLOCK_WAIT_US // 2
+"""The same of a router, which must give a reader up before a rig gives up the router."""
 QUEUED_BATCHES: Final = 16
 """Batches of 64 KiB that may wait for a reader's connection, the most that Zenoh allows.
 
@@ -26,7 +33,10 @@ A router or reader that does not run for a tenth of a second then loses nothing 
 LARGEST_RECEIVED: Final = 64 * 1024
 """Most bytes of a message that a publisher receives, as it only gets commands and questions."""
 REACH_MS: Final = 2000
-"""Time in ms within which a router must be reached."""
+"""Time in ms within which a router, or any other end that a session knows of, must be reached.
+
+A session that is closed first waits for those that it is about to reach, stalled ones included.
+"""
 MOST_SESSIONS: Final = 512
 
 _STREAM: Final = f"{PREFIX}/*/v{VERSION}/*"
@@ -69,6 +79,8 @@ def publisher_session(settings: StreamSettings) -> zenoh.Session:
     content["listen/timeout_ms"] = -1 if _is_shared(settings) else 0
     content["listen/retry"] = RETRY_MS
     content["transport/unicast/max_sessions"] = MOST_SESSIONS
+    wait_us = ROUTED_WAIT_US if settings.mode == "router" else BLOCK_WAIT_US
+    content["transport/link/tx/queue/congestion_control/block/wait_before_close"] = wait_us
     return _opened(content)
 
 
@@ -135,6 +147,8 @@ def _common(settings: StreamSettings) -> dict[str, Any]:
         "connect/exit_on_failure": False,
         "connect/timeout_ms": REACH_MS if settings.mode == "client" else -1,
         "connect/retry": RETRY_MS,
+        "transport/unicast/open_timeout": REACH_MS,
+        "transport/unicast/accept_timeout": REACH_MS,
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
         "open/return_conditions/connect_scouted": False,

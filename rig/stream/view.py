@@ -4,19 +4,15 @@ It does not use Zenoh: received messages are given to it, and it returns snapsho
 """
 
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from operator import itemgetter
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .messages import Channels, MessageError, Samples, read
-from .received import Received, Singles, period_s
-
-Content = Mapping[str, Any]
-Life = Literal["unheard", "live", "ended", "dead"]
+from .known import DEAD_AFTER, Content, Gap, Snapshot, Window
+from .messages import KEPT, LASTING, Channels, MessageError, Samples, read
+from .received import Received, period_s
 
 EVENTS_SHOWN: Final = 100
 VERDICTS_SHOWN: Final = 50
@@ -28,11 +24,8 @@ SESSIONS_KEPT: Final = 8
 voice, as a publisher that is started again has a new session."""
 HOLES_KEPT: Final = 1000
 """Most gaps between rows that are stored, which past rows may still fill."""
-DEAD_AFTER: Final = 4.0
-"""Number of heartbeat periods without a message after which a stream counts as dead.
-
-This is so even if its liveliness token is still there.
-"""
+ASKED_AGAIN: Final = frozenset((*LASTING, *KEPT)) - {"health", "progress", "heartbeat"}
+"""Kinds whose lost messages are asked for again; the others come again within a second."""
 
 _SHOWN: Final = ("decision", "health", "campaign", "progress", "state")
 """Kinds of messages whose newest one is in a snapshot as it came."""
@@ -40,108 +33,6 @@ _numbered: Final = itemgetter("session", "sequence")
 """Returns what tells a message from all others of its kind."""
 _sent: Final = itemgetter("sent_ns", "sequence")
 """Returns what orders messages by the time of their sending."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """A gap: messages or rows that did not arrive.
-
-    Attributes:
-        at_ns: time of the reader's `SteadyClock` when the gap was noticed, ns since 1970.
-        kind: kind of the missing messages, or `rows` for rows of samples.
-        missing: number of missing messages, or rows.
-    """
-
-    at_ns: int
-    kind: str
-    missing: int
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """The knowledge that a reader has of a rig at one moment, as plain values in SI.
-
-    Attributes:
-        rig: the rig's id.
-        session: name of the publisher's session; empty before any message came.
-        alive: whether the rig's liveliness token is there and its last message came less than
-            `DEAD_AFTER` heartbeat periods ago.
-        age_s: time in s since its last message came; None if none ever came.
-        restarts: number of times that a new session replaced an earlier one.
-        names: names of the channels of the newest sample; empty if there is none.
-        units: units of these channels.
-        time_s: time of the newest sample within its test, s; NaN if there is none.
-        test: number of the test that the newest sample belongs to; 0 outside of tests.
-        latest: channel -> value of the newest sample; NaN where it was not measured.
-        rate_hz: number of new samples that came in the last second, not counting past ones that
-            were asked for.
-        decision: content of the newest message `decision`, as in docs/stream.md; empty if none
-            came. The same holds for `health`, `campaign`, `progress` and `state`.
-        verdicts: the last decisions at which verdict or test changed, oldest first.
-        events: the last events, oldest first.
-        gaps: the last gaps, oldest first.
-        missing: kind -> total number of its messages that did not arrive; `rows` -> that of rows of
-            samples, less those that were asked for and came later.
-        proven: whether the rig has proven to be this user's, by its signature (docs/stream.md).
-            Then nothing that others say in its name is taken.
-        refused: number of payloads on the rig's keys that were not valid messages, or were not the
-            rig's although it is proven.
-        refusal: why the last of these was not valid; empty if there was none.
-    """
-
-    rig: str
-    session: str = ""
-    alive: bool = False
-    age_s: float | None = None
-    restarts: int = 0
-    names: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    time_s: float = float("nan")
-    test: int = 0
-    latest: Mapping[str, float] = field(default_factory=dict)
-    rate_hz: float = 0.0
-    decision: Content = field(default_factory=dict)
-    health: Content = field(default_factory=dict)
-    campaign: Content = field(default_factory=dict)
-    progress: Content = field(default_factory=dict)
-    state: Content = field(default_factory=dict)
-    verdicts: tuple[Content, ...] = ()
-    events: tuple[Content, ...] = ()
-    gaps: tuple[Gap, ...] = ()
-    missing: Mapping[str, int] = field(default_factory=dict)
-    proven: bool = False
-    refused: int = 0
-    refusal: str = ""
-
-    @property
-    def life(self) -> Life:
-        """Whether the rig is there.
-
-        It is `unheard` if no message came yet, and `live` if it is alive. Otherwise it is `ended`
-        if its campaign was reported as ended, and `dead` if not.
-        """
-        if self.age_s is None:
-            return "unheard"
-        if self.alive:
-            return "live"
-        return "ended" if self.campaign.get("status") == "ended" else "dead"
-
-
-@dataclass(frozen=True)
-class Window:
-    """The last samples of a rig, oldest first.
-
-    Attributes:
-        row: (n,) number of each sample's row within the run; a jump is a gap.
-        time_s: (n,) time of each sample within its test, s.
-        test: (n,) number of each sample's test.
-        values: channel -> (n,) values, SI; NaN where it was not measured or not sent.
-    """
-
-    row: NDArray[np.int64]
-    time_s: NDArray[np.float64]
-    test: NDArray[np.int64]
-    values: Mapping[str, Singles]
 
 
 class RigView:
@@ -182,6 +73,8 @@ class RigView:
         self._lasting: dict[str, Content] = {}
         self._is_new = True
         self._former: deque[str] = deque(maxlen=SESSIONS_KEPT)
+        self._lost_kinds: set[str] = set()
+        self._lost_since_ns = 0
 
     def refuse(self, why: str) -> None:
         """Count a payload on the rig's keys that was not a valid message, with the reason."""
@@ -252,7 +145,7 @@ class RigView:
             self._begin_session(content["session"])
         elif self._known.proven and sequence < self._newest(kind):
             raise MessageError("an earlier one again: another program repeats what the rig said")
-        self._last_ns, self._sent_ns = received_ns, content["sent_ns"]
+        self._sent_ns = content["sent_ns"]
         self._miss_up_to(kind, sequence - 1, received_ns)
         self._sequences[kind] = max(sequence, self._sequences.get(kind, -1))
         if isinstance(held, Samples):
@@ -261,6 +154,7 @@ class RigView:
             self._add_event(content)
         else:
             self._file(kind, held, content, received_ns)
+        self._last_ns = received_ns
 
     def take_past(self, kind: str, content: Content, received_ns: int) -> None:
         """Store a past message that was asked for, unless it is known, superseded or too old.
@@ -290,6 +184,15 @@ class RigView:
             self._add_event(content, is_past=True)
         elif content["sequence"] >= self._lasting.get(kind, {"sequence": -1})["sequence"]:
             self._file(kind, held, content, received_ns)
+
+    def to_ask_again(self) -> tuple[frozenset[str], int]:
+        """Return the kinds of which messages were lost since the last call, and since when.
+
+        The time is that of the last message before the first loss, as `received_ns`. Samples whose
+        channels are not known are lost, and so is the message that names these.
+        """
+        kinds, self._lost_kinds = frozenset(self._lost_kinds), set()
+        return kinds, self._lost_since_ns
 
     def snapshot(self, now_ns: int) -> Snapshot:
         """Return what is known of the rig from all messages so far.
@@ -385,6 +288,14 @@ class RigView:
         gaps = (*known.gaps, Gap(received_ns, kind, missing))[-GAPS_SHOWN:]
         counts = {**known.missing, kind: known.missing.get(kind, 0) + missing}
         self._known = replace(known, gaps=gaps, missing=counts)
+        self._note_lost(kind, received_ns)
+
+    def _note_lost(self, kind: str, received_ns: int) -> None:
+        """Note that messages of a kind that came before this time are to be asked for again."""
+        if kind in ASKED_AGAIN:
+            if not self._lost_kinds:
+                self._lost_since_ns = received_ns if self._last_ns is None else self._last_ns
+            self._lost_kinds.add(kind)
 
     def _file(
         self, kind: str, held: Channels | Content, content: Content, received_ns: int
@@ -448,17 +359,24 @@ class RigView:
         self._begin_rows(samples)
         if samples.first_row < (self._next_row or 0) and self._has_rows(samples):
             return  # the answer to a question has brought these rows already
-        if self._next_row is not None and samples.first_row > self._next_row:
-            self._lost("rows", samples.first_row - self._next_row, received_ns)
-            self._holes.append((self._next_row, samples.first_row))
         end = samples.first_row + len(samples.time_s)
+        if self._next_row is not None and samples.first_row > self._next_row:
+            self._miss_rows(self._next_row, samples.first_row, received_ns)
         self._next_row = end
         channels = self._channels.get((self.session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
+            self._miss_rows(samples.first_row, end, received_ns)
+            self._note_lost("channels", received_ns)
+            self._note_lost("samples", received_ns)
             return
         self._batches.append(Received(samples, channels, received_ns))
         while self._batches[0].received_ns < received_ns - self._window_ns:
             self._batches.popleft()
+
+    def _miss_rows(self, begin: int, end: int, received_ns: int) -> None:
+        """Record rows from `begin` to before `end` as missing, until past samples bring them."""
+        self._lost("rows", end - begin, received_ns)
+        self._holes.append((begin, end))
 
     def _insert(self, samples: Samples, received_ns: int) -> None:
         """Insert a past batch among the stored ones by row number, and fill the gaps with it.

@@ -440,7 +440,7 @@ class ConnectedRig:
             if not self.safety.tripped:
                 self.ramp_down()
             if not self.safety.tripped:
-                unsafe |= self._make_field_safe()
+                unsafe |= self.make_field_safe()
             if self.safety.tripped and self.event_log.report is None:
                 ended = self.tripped()
         finally:
@@ -458,7 +458,7 @@ class ConnectedRig:
         if ended is not None:
             raise ended
 
-    def _make_field_safe(self) -> Mapping[str, str]:
+    def make_field_safe(self) -> Mapping[str, str]:
         """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones.
 
         The loop goes on for some rows. If the field process does not answer, trip and return {}.

@@ -358,10 +358,11 @@ class HardwareTest:
         self._rig.handle(event)
 
     def _end(self, held: bool) -> None:
-        """Order the end of every fault; unless the ram is `held`, bring the motion to rest.
+        """Order the end of every fault; unless the ram is `held`, make the rig safe.
 
-        The valves of the faults are not awaited. With the ram held, the state becomes ARMED. After
-        a trip nothing is done.
+        With the ram held, the valves of the faults are not awaited, and the state becomes ARMED.
+        Otherwise the session ends: the motion is brought to rest, and the slow drivers to their
+        safe state, before anybody waits for the recording. After a trip nothing is done.
         """
         rig = self._rig
         if rig.safety.tripped:
@@ -369,6 +370,8 @@ class HardwareTest:
         rig.write(preparing_moves(rig.configured, ()))
         if not held:
             rig.ramp_down()
+            if not rig.safety.tripped:
+                rig.make_field_safe()
         # A test that is ended before its first tick is in POSITIONING, or in ARMED already.
         elif rig.state is State.POSITIONING:
             rig.handle(Event.POSITIONED)

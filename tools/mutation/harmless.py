@@ -37,6 +37,9 @@ HARMLESS: Final = {
     "_unhomed: `0.0` -> `1.0` (2)": "1 Pa is nothing beside the 8 MPa that must be exceeded.",
     "_SETTLED_TICKS: `200` -> `201`": "After 200 ticks the nominal spool is at its command to the "
     "last bits, and one tick more changes none of them.",
+    "_in_a_gap: `0.5 * tol.jump_speed_m_per_s * longer_s > tol.flow_account_m` -> "
+    "`0.5 * tol.jump_speed_m_per_s * longer_s >= tol.flow_account_m`": "They differ where the ram "
+    "can go 5 mm to the last bit, which is between 5 and 6 ms.",
     "_against_flow: `values[_SUPPLY] > supply` -> `values[_SUPPLY] >= supply`": "Where both are "
     "equal, either gives the same supply pressure.",
     "_against_flow: `q1 > 0.0` -> `q1 >= 0.0`": _ZERO_FLOW,

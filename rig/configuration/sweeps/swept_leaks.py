@@ -116,7 +116,9 @@ def read_leaks(
             item.refuse("has no begin", "give `onset: 20 s`, or a profile", "", name="leaks")
             return None
         entry = item.find("onset")
-        begin = quantity_in(entry, lambda: resolved(file.onset, _SECONDS))
+        begin = None
+        if file.onset is not None:  # else it is wrong, which is recorded already
+            begin = quantity_in(entry, lambda: resolved(file.onset, _SECONDS))
         if begin is not None:
             _check_times(entry, begin.support[0], begin.support[1], duration_s, learning_s)
         if found is None or begin is None:

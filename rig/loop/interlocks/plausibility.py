@@ -77,14 +77,15 @@ class Evidence(NamedTuple):
     """Command at the valve since the last tick."""
     exchange_ticks: float = 0.0
     """Duration in ticks of the last fresh sample's exchange, in which it was taken at some time."""
-    span_ticks: float = 0.0
-    """Ticks between the last two fresh samples."""
+    usual_ticks: float = 0.0
+    """Ticks between two fresh samples that are usual: those between the last two, but at most one
+    more than was usual before."""
 
 
 _E: Final = Evidence(*range(len(Evidence._fields)))
 _STARTED, _MODEL, _MODEL_RATE, _X, _P1, _P2, _GAP = (int(i) for i in _E[:7])
 _HIGH, _LOW, _ACCOUNT, _STILL, _WORK = (int(i) for i in _E[7:12])
-_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE, _SPAN = (int(i) for i in _E[12:])
+_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE, _USUAL = (int(i) for i in _E[12:])
 
 _UNTIMED_TICKS: Final = 2.5
 """Greatest uncertainty in ticks of the time between two samples across which accounts are kept.
@@ -150,7 +151,7 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
     if cause == _NONE and fresh and _not_following(values[_SPOOL], tol, evidence):
         cause, channel = Cause.SPOOL_NOT_FOLLOWING.value, _SPOOL
     if fresh:
-        evidence[_SPAN] = evidence[_GAP]
+        evidence[_USUAL] = min(evidence[_GAP], evidence[_USUAL] + 1.0)
         evidence[_GAP] = 0.0
         evidence[_EXCHANGE] = exchange_ticks
     return cause, channel
@@ -168,10 +169,11 @@ def _in_a_gap(tol, evidence):
 
     It is so if samples stayed out for longer than usual, by a time in which the ram can go as far
     as an account may leave unexplained. The device may have had other commands than at both ends
-    of such a gap; somebody may even have nulled the valve. The distance between the two samples
-    before is what is usual, since a device may be slower than the loop.
+    of such a gap; somebody may even have nulled the valve. A device may be slower than the loop, so
+    that what is usual follows the gaps. It grows by a tick with each sample at most, so that of
+    several such gaps in a row the second is one, too.
     """
-    longer_s = (evidence[_GAP] - evidence[_SPAN]) * tol.period_s
+    longer_s = (evidence[_GAP] - evidence[_USUAL]) * tol.period_s
     return 0.5 * tol.jump_speed_m_per_s * longer_s > tol.flow_account_m
 
 

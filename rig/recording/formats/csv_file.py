@@ -317,6 +317,17 @@ def _write_text(recording: Recording, file: IO[bytes]) -> None:
     header = io.StringIO(newline="")
     csv.writer(header, lineterminator="\n").writerow(recording.channels)
     file.write(header.getvalue().encode())
-    arrays = [pa.array(values, from_pandas=True) for values in recording.channels.values()]
+    arrays = [_without_nan(values) for values in recording.channels.values()]
     table = pa.table(arrays, names=list(recording.channels))
     pacsv.write_csv(table, file, pacsv.WriteOptions(include_header=False))
+
+
+def _without_nan(values: FloatArray) -> pa.Array:
+    """Return the values of a channel for Arrow, without those that are NaN.
+
+    `pa.array` would load pandas for that, for seconds on a busy machine, even while the rig is
+    being left after a trip, whose report has its last rows as CSV.
+    """
+    present = pa.py_buffer(np.packbits(~np.isnan(values), bitorder="little"))
+    numbers = pa.py_buffer(np.ascontiguousarray(values))
+    return pa.Array.from_buffers(pa.float64(), len(values), [present, numbers])

@@ -47,8 +47,8 @@ from .pacing import LIVE_TICKS, Lateness
 from .setting import Phase, Setting
 
 CLEANUP_S: Final = 60.0
-"""How long cleaning up may take, s. On hardware the ramp and the answers of loop and recorder, each
-with a limit of its own, add up to 35 s."""
+"""How long cleaning up may take, s. On hardware the ramp and the answers of loop, field process and
+recorder, each with a limit of its own, add up to 55 s."""
 _ROUNDED: Final = 1e-3
 """Part of a tick by which the time of a change may be later than a tick, by rounding."""
 

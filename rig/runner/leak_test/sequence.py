@@ -20,8 +20,10 @@ from estimator.leak_test import (
     port_pressures,
 )
 from rig.configuration import Rig
+from rig.loop import TripError
 from rig.plant import Parameters, Reading, chamber_volumes, valve_conductance
 from rig.supervisor import MOST_COMMAND_V
+from rig.surviving import failure
 
 from .lockable import Lockable
 from .results import LeakTest, ends_of
@@ -69,6 +71,8 @@ def run_leak_test(
     Raises:
         LeakTestError: a chamber did not keep its pressure, so that the test tells nothing.
         StoppedError: the test was stopped.
+        TripError: the rig tripped; or it could not be released after any other error, which the
+            message tells first.
     """
     valves = rig.blocking_valves
     if valves is None:
@@ -80,8 +84,13 @@ def run_leak_test(
         for number, targets in enumerate(levels.soaks):
             soaks.append(test.soak(number, targets))
             on_soak(number + 1, soaks[-1])
-    finally:
+    except Exception as error:
+        _release_after(error, lockable)
+        raise
+    except BaseException:
         lockable.release()
+        raise
+    lockable.release()
     blocking = BlockingLeak(valves.leak, valves.leak_pressure)
     rate_hz = (soaks[0].time_s.size - 1) / float(np.ptp(soaks[0].time_s))
     position = float(soaks[0].position.mean())
@@ -91,6 +100,27 @@ def run_leak_test(
     return LeakTest(
         rig.name, found, foreseen, ends, lockable.time_s, valves.leak, valves.leak_pressure
     )
+
+
+def _release_after(first: Exception, lockable: Lockable) -> None:
+    """Release the rig after an error of its test.
+
+    Raises:
+        TripError: it could not be released; the message tells the error of the test first. Whoever
+            handles that error alone would take the rig for safe.
+    """
+    try:
+        lockable.release()
+    except Exception as second:
+        trip = (first.report, first.cause) if isinstance(first, TripError) else ()
+        both = ExceptionGroup("a leak test, and the release after it", [first, second])
+        text = f"{_told(first)}; then, as the rig was released: {_told(second)}"
+        raise TripError(text, *trip) from both
+
+
+def _told(error: Exception) -> str:
+    """Return the text of an error of this program; of one of Python its type and place, too."""
+    return failure(error) if type(error).__module__ == "builtins" else str(error)
 
 
 class _Sequence:

@@ -47,7 +47,7 @@ class FolderKeeper:
     Args:
         folder: the folder, which has a journal.
         gone: is called once, from any thread, when the folder is not there any more, or its journal
-            is not.
+            is not, or is another one.
         kept: is called with the new folder when the files have been copied to it.
         tell: shows a line to the operator; it is called from any thread.
 
@@ -64,6 +64,8 @@ class FolderKeeper:
     ) -> None:
         self.kept_in: Path | None = None
         self._is_gone = False
+        self._journal = 0
+        """Inode of the journal, which a run only adds to."""
         self._folder = folder
         self._gone, self._kept, self._tell = gone, kept, tell
         self._held: dict[int, _Held] = {}
@@ -131,8 +133,10 @@ class FolderKeeper:
             itself = os.fstat(self._itself)
             try:
                 now = os.stat(self._folder)
-                (self._folder / JOURNAL).stat()
+                journal = (self._folder / JOURNAL).stat().st_ino
+                self._journal = self._journal or journal
                 same = (now.st_dev, now.st_ino) == (itself.st_dev, itself.st_ino)
+                same = same and journal == self._journal
                 if same:
                     self._take_hold()
             except (FileNotFoundError, NotADirectoryError):

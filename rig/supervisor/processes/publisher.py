@@ -172,11 +172,17 @@ class Publisher:
         The stream is ended then.
         """
         while obeyed_next(self._pipe, POLL_S, self._obey_all):
-            self._take_rows()
-            self._take_commands()
-            self._send_due()
-            self._board.words[Word.PUBLISHER_BEAT] = time.monotonic_ns()
+            self._take_turn()
         self._sender.close()
+
+    def _take_turn(self) -> None:
+        """Send rows and whatever else is due, and take commands, once."""
+        self._take_rows()
+        self._take_commands()
+        self._send_due()
+        # What was taken and not sent is taken again by the publisher that follows this one.
+        self._board.words[Word.PUBLISHED] = self._ring.next_row - self._batches.waiting
+        self._board.words[Word.PUBLISHER_BEAT] = time.monotonic_ns()
 
     def _obey_all(self, order: object) -> None:
         """Obey an order, and all others that have come."""
@@ -206,7 +212,6 @@ class Publisher:
             self._ring.take(self._ring.waiting - MOST_ROWS)
         rows = self._ring.take(MOST_ROWS)
         self._ring.lost = 0
-        self._board.words[Word.PUBLISHED] = self._ring.next_row
         if not len(rows):
             return
         # The loop's beat shows when the newest row was written.

@@ -11,7 +11,7 @@ import pytest
 
 from rig.console.curves import CHANNELS
 from rig.stream.client import Answer, StreamClient, UnknownRigError
-from rig.stream.view import Snapshot, Window
+from rig.stream.known import Snapshot, Window
 from tests.waiting import until as until
 
 RUNNING = Snapshot(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from rig.stream.view import Window
+from rig.stream.known import Window
 
 from .conftest import WAIT_MS, take_control
 from .fakes import RUNNING, until

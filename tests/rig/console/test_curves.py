@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 
 from rig.console.curves import AVERAGED_S, CHANNELS, CURVES, KEPT, POINTS, Curves, MovingAverage
 from rig.console.history import MOST_STEPS, History, Taken
-from rig.stream.view import Window
+from rig.stream.known import Window
 
 from .site import Site
 

@@ -23,7 +23,7 @@ from rig.console.launcher import Launcher, Offer, Served
 from rig.console.orders import MalformedError, Order, Orders, parse
 from rig.console.visitors import ControlHolder, Visitor
 from rig.stream.client import Answer
-from rig.stream.view import Snapshot
+from rig.stream.known import Snapshot
 
 from .fakes import RUNNING, FakeClient, start_by, until
 from .site import TOKEN, Site

@@ -19,7 +19,7 @@ from rig.console.orders import LONGEST_TEXT, Orders
 from rig.console.server import LARGEST_MESSAGE
 from rig.console.visitors import FAILURES
 from rig.stream.client import Answer
-from rig.stream.view import Snapshot
+from rig.stream.known import Snapshot
 
 from .fakes import start_by, until
 from .site import TOKEN, Site, site_served

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from rig.channels import BYPASSES
 from rig.console.snapshot_sections import sections
 from rig.plant import FAULTS
-from rig.stream.view import Snapshot
+from rig.stream.known import Snapshot
 
 from .fakes import RUNNING
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,17 +77,28 @@ def test_the_sign_of_zero_counts_in_the_fingerprint_and_the_bits_of_a_nan_do_not
     assert fingerprint(odd_nan) == fingerprint(float("nan"))
 
 
-def test_the_package_loads_no_file_format_before_it_is_needed() -> None:
+def test_the_package_loads_no_file_format_before_it_is_needed_and_pandas_for_none(
+    tmp_path: Path,
+) -> None:
+    program = """
+import sys
+from pathlib import Path
+from rig.recording import Recording
+print(*sys.modules)
+import numpy as np
+from rig.recording import write_csv
+write_csv(Recording({"time_s": np.array([0.5, np.nan])}), Path(sys.argv[1]), compressed=False)
+print(*sys.modules)
+"""
     found = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "from rig.recording import Recording; import sys; print(*sys.modules)",
-        ],
+        [sys.executable, "-c", program, str(tmp_path / "rows.csv")],
         capture_output=True,
         text=True,
         check=True,
     )
-    loaded = set(found.stdout.split())
+    loaded, later = (set(line.split()) for line in found.stdout.splitlines())
     assert "rig.recording.recording" in loaded
     assert loaded.isdisjoint({"mcap", "pyarrow", "zstandard", "lz4"})
+    assert (tmp_path / "rows.csv").read_text() == "time_s\n0.5\n\n"
+    assert "pyarrow" in later
+    assert "pandas" not in later

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.stream.known import Gap
 from rig.stream.messages import MessageError, Samples
-from rig.stream.view import Gap, RigView
+from rig.stream.view import RigView
 
 S = 10**9
 CHANNELS = {"id": 1, "names": ["position_m", "command_V"], "units": ["m", "V"]}
@@ -229,12 +230,15 @@ def test_rows_that_come_after_all_are_missing_no_more(view: RigView, publisher: 
         *(("samples", again.message("samples", batch(first).content())) for first in (20, 30)),
     ]
     again.samples(40)
-    assert view.snapshot(0).missing == {"rows": 30}
+    # What the rows from 40 on are is not known, and those from 10 on did not come.
+    assert view.snapshot(0).missing == {"rows": 40}
     for kind, message in past:
         view.take_past(kind, message, 0)
-    assert view.snapshot(0).missing == {"rows": 10}
-    view.take_past("samples", again.message("samples", batch(10).content()), 0)
+    assert view.snapshot(0).missing == {"rows": 20}
+    for first in (10, 40):
+        view.take_past("samples", again.message("samples", batch(first).content()), 0)
     assert view.snapshot(0).missing == {}
+    assert view.window(10.0).row.tolist() == list(range(50))
 
 
 def test_the_past_of_an_earlier_publisher_is_left_out(view: RigView) -> None:
@@ -290,9 +294,35 @@ def test_nothing_is_known_before_anything_came(view: RigView) -> None:
     assert len(view.window(10.0).row) == 0
 
 
-def test_samples_of_channels_that_are_not_known_yet_are_left_out(view: RigView) -> None:
-    Publisher(view).samples(0)
+def test_samples_of_channels_that_are_not_known_yet_are_left_out_and_asked_for(
+    view: RigView,
+) -> None:
+    publisher = Publisher(view)
+    publisher.send("channels", CHANNELS, lost=True)
+    publisher.samples(0, at_ns=S)
     assert len(view.window(10.0).row) == 0
+    assert view.to_ask_again() == (frozenset({"channels", "samples"}), S)
+    assert view.to_ask_again()[0] == frozenset()
+    publisher.sequences.clear()
+    view.take_past("channels", publisher.message("channels", CHANNELS), S)
+    publisher.samples(10, at_ns=S)
+    view.take_past("samples", publisher.message("samples", batch(0).content()), S)
+    assert view.window(10.0).row.tolist() == list(range(20))
+
+
+def test_of_what_was_lost_only_what_does_not_come_anew_is_asked_for(
+    view: RigView, publisher: Publisher
+) -> None:
+    publisher.samples(0, at_ns=S)
+    for kind in ("state", "health", "progress"):
+        publisher.send(kind, {}, at_ns=2 * S)
+        publisher.send(kind, {}, lost=True)
+    publisher.heartbeat(at_ns=3 * S)
+    assert view.to_ask_again() == (frozenset({"state"}), 2 * S)
+    publisher.samples(10, lost=True)
+    publisher.samples(20, at_ns=4 * S)
+    publisher.samples(40, at_ns=5 * S)  # of rows that were never sent there is nothing to ask for
+    assert view.to_ask_again() == (frozenset({"samples"}), 3 * S)
 
 
 def test_a_heartbeat_without_its_numbers_is_refused(view: RigView, publisher: Publisher) -> None:

@@ -180,8 +180,14 @@ def test_an_answer_that_the_rig_did_not_sign_is_not_believed(
     with StreamClient(settings) as client:
         until(client.rigs, "the rig", meanwhile=lambda: speak(rig))
         until(lambda: client.snapshot().proven, "its proof", meanwhile=lambda: speak(rig))
-        got = client.send("abort", timeout_s=1.0)
-        assert not got.accepted
-        assert "no answer" in got.reason
+
+        def refused() -> bool:
+            """Whether an answer was refused; the forger may not be reached at first."""
+            got = client.send("abort", timeout_s=1.0)
+            assert not got.accepted
+            assert "no answer" in got.reason
+            return client.snapshot().refused > 0
+
+        until(refused, "the forged answer")
         assert "an answer not signed by the rig" in client.snapshot().refusal
     forger.undeclare()

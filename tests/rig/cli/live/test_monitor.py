@@ -17,7 +17,7 @@ from rich.console import Console
 from rig.cli import main
 from rig.cli.live.monitor import document, line, screen
 from rig.recording import read_recording
-from rig.stream.view import Snapshot
+from rig.stream.known import Snapshot
 from tests.waiting import COMPILE_S, PATIENCE_S, until
 
 PAGE = Path(__file__).parents[4] / "docs" / "stream.md"

@@ -23,7 +23,7 @@ AREA, SUPPLY = NOMINAL.piston_area, NOMINAL.supply_pressure
 ACCOUNTS = (
     "spool_m", "spool_velocity", "pressure_1_Pa", "pressure_2_Pa", "gap_ticks", "high_m", "low_m",
     "account_ticks", "still_ticks", "work_J", "above_1_ticks", "above_2_ticks", "spool_ticks",
-    "command_V", "exchange_ticks", "position_m", "started", "span_ticks",
+    "command_V", "exchange_ticks", "position_m", "started", "usual_ticks",
 )  # fmt: skip
 
 
@@ -57,7 +57,7 @@ class Reckoned:
         self.tol = tol
         self.spool = self.velocity = self.command = 0.0
         self.x = self.p1 = self.p2 = 0.0
-        self.gap = self.exchange = self.still = self.account = self.span = 0.0
+        self.gap = self.exchange = self.still = self.account = self.usual = 0.0
         self.high = self.low = self.work = self.above_1 = self.above_2 = self.off = 0.0
         self.started = 0.0
 
@@ -75,8 +75,8 @@ class Reckoned:
             if self.started != 1.0 + homed:
                 self.started = 1.0 + homed
                 self.x, self.p1, self.p2 = x, p1, p2
-            # In so much more time than between the samples before, the ram may go 5 mm.
-            longer = (self.gap - self.span) * T
+            # In so much more time than is usual between samples, the ram may go 5 mm.
+            longer = (self.gap - self.usual) * T
             known = 0.5 * self.tol.jump_speed_m_per_s * longer <= self.tol.flow_account_m
             if known and exchange + self.exchange <= min(self.gap, 2.5):
                 self._flow(row, x, p1, p2, homed)
@@ -90,7 +90,8 @@ class Reckoned:
             if not timed:
                 self.p1, self.p2 = p1, p2
         self._spool(row)
-        self.gap, self.exchange, self.span = 0.0, exchange, self.gap
+        self.usual = min(self.gap, self.usual + 1.0)
+        self.gap, self.exchange = 0.0, exchange
 
     def _valve(self, ticks: int) -> None:
         natural, damping = NOMINAL.valve_natural_frequency, NOMINAL.valve_damping
@@ -160,7 +161,7 @@ class Reckoned:
         return Evidence(
             self.started, self.spool, self.velocity, self.x, self.p1, self.p2, self.gap, self.high,
             self.low, self.account, self.still, self.work, self.above_1, self.above_2, self.off,
-            self.command, self.exchange, self.span,
+            self.command, self.exchange, self.usual,
         )  # fmt: skip
 
 
@@ -292,7 +293,10 @@ def test_travel_and_work_in_a_gap_between_samples_are_no_evidence() -> None:
     judge.steps(100, fresh=False)
     braking = {"pressure_1_Pa": 6e6, "pressure_2_Pa": 8e6, "load_N": 0.0}
     assert judge.step(braking, position_m=0.34) == NOTHING
-    assert judge.step(braking, position_m=0.34) == NOTHING
+    # As long a gap again is no more usual.
+    judge.steps(100, fresh=False)
+    assert judge.step(braking, position_m=0.38) == NOTHING
+    assert judge.step(braking, position_m=0.38) == NOTHING
     assert (judge.evidence.high_m, judge.evidence.low_m, judge.evidence.work_J) == (0.0, 0.0, 0.0)
 
 
@@ -302,10 +306,14 @@ def test_a_gap_is_what_is_longer_than_usual_by_the_time_of_five_millimetres(
     usual: int, longer: int, is_kept: bool
 ) -> None:
     judge = Judge()
-    for _ in range(3):
+    for ticks in range(1, usual + 1):
+        # What is usual grows by a tick with each sample.
         judge.step(elapsed=usual)
+        assert judge.evidence.usual_ticks == ticks
     judge.step(elapsed=usual + longer, position_m=0.303)
     assert (judge.evidence.high_m > 0.0) is is_kept
+    judge.step(position_m=0.303)
+    assert judge.evidence.usual_ticks == 1.0
 
 
 def worked(work_j: float) -> Found:

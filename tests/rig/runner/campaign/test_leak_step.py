@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from estimator.leak_test import LeakTestError
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.configuration import Rig, load_campaign
 from rig.control_socket import ask
+from rig.loop import StopRequestedError, TripError
 from rig.report.campaign import write_report
 from rig.runner import Observer, Status, run_campaign
 from rig.runner.campaign.simulated_bench import SimulatedBench
@@ -95,3 +97,34 @@ def test_a_test_that_is_ended_early_leaves_both_blocking_valves_open(
     assert outcome.tests[0].leak_test is None
     assert (True, True) in bench.orders
     assert bench.orders[-1] == (False, False)
+
+
+@pytest.mark.parametrize(
+    ("first", "told"),
+    [
+        (LeakTestError("chamber 1 lost its pressure"), "chamber 1 lost its pressure"),
+        (StopRequestedError("stopped by ann"), "stopped by ann"),
+        (ValueError("of a mistake"), "ValueError: of a mistake (test_leak_step.py:"),
+    ],
+)
+def test_what_ended_a_test_is_told_before_what_then_kept_its_rig_locked(
+    first: Exception,
+    told: str,
+    leaking: tuple[Campaign, Rig],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object) -> None:
+        raise first
+
+    def stays_locked(*_: object) -> None:
+        raise TripError("the blocking valves do not open; look at them")
+
+    monkeypatch.setattr(SimulatedLockable, "exchange", fails)
+    monkeypatch.setattr(SimulatedLockable, "release", stays_locked)
+    (test,) = run_campaign(*leaking, tmp_path / "out").tests
+    assert test.status is Status.TRIPPED
+    assert test.message.startswith(told)
+    assert test.message.endswith(
+        "as the rig was released: the blocking valves do not open; look at them"
+    )

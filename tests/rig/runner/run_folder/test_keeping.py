@@ -56,12 +56,19 @@ def replaced(folder: Path) -> None:
     (folder / "journal.jsonl").write_text("of another run\n")
 
 
+def with_another_journal(folder: Path) -> None:
+    (folder / "journal.jsonl").rename(folder / "j")
+    (folder / "journal.jsonl").write_text("of another run\n")
+
+
 def taken_by_a_file(folder: Path) -> None:
     shutil.rmtree(folder)
     folder.write_text("")
 
 
-@pytest.mark.parametrize("lose", [shutil.rmtree, emptied, moved, replaced, taken_by_a_file])
+@pytest.mark.parametrize(
+    "lose", [shutil.rmtree, emptied, moved, replaced, with_another_journal, taken_by_a_file]
+)
 def test_a_folder_that_is_lost_is_noticed_and_its_files_are_kept_beside_it(
     folder: Path, kept: Kept, lose: Callable[[Path], None]
 ) -> None:

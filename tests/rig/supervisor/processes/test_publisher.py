@@ -2,13 +2,12 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,10 @@ from rig.loop.interlocks.ladder import Cause
 from rig.stream.client import Answer, StreamClient
 from rig.stream.commands import LARGEST_COMMAND, Command, Credentials, Sender, seal
 from rig.stream.messages import command_key
-from rig.stream.sessions import subscriber_session
+from rig.stream.sessions import publisher_session, subscriber_session
 from rig.stream.settings import Operator
 from rig.supervisor.processes import streaming
-from rig.supervisor.processes.publisher import REFUSALS_REPORTED
+from rig.supervisor.processes.publisher import REFUSALS_REPORTED, Open, Publisher
 from rig.supervisor.processes.streaming import RowFeed, Stream
 from tests.rig.supervisor.processes.streamed_rig import CHANNELS, Bench
 from tests.waiting import PATIENCE_S, until
@@ -94,7 +93,7 @@ def test_rows_arrive_whole_in_order_and_named(bench: Bench, client: StreamClient
     np.testing.assert_array_equal(window.values["way_m"], np.arange(1010))
     np.testing.assert_array_equal(window.time_s, np.arange(1010) * 1e-3)
     assert set(window.test) == {7}
-    # A busy machine may drop messages, whose rows the client then asks for.
+    # Zenoh may drop messages on a busy machine, whose rows the client then asks for.
     assert "rows" not in client.snapshot().missing
     assert dict(zip(client.snapshot().names, client.snapshot().units, strict=True))["way_m"] == "m"
 
@@ -127,6 +126,23 @@ def test_a_killed_publisher_is_started_again_and_misses_no_row(
     assert snapshot.state["state"] == "running"
     until(lambda: any("SIGKILL" in text for text in texts(client)))
     until(lambda: any("SIGKILL" in said for said in bench.said))
+
+
+def test_rows_that_a_publisher_took_and_did_not_send_are_left_to_the_next_one(
+    tmp_path: Path, port: int
+) -> None:
+    bench = Bench(tmp_path, port)
+    ours, theirs = Pipe()
+    with ours, theirs, publisher_session(bench.settings) as session:
+        order = Open(bench.settings, "bench", CHANNELS)
+        publisher = Publisher(bench.board, theirs, order, session)
+        publisher._flushed_at = time.monotonic() + 60.0
+        bench.write(25)
+        publisher._take_turn()
+        # A batch has 20 rows, and 5 are left.
+        assert bench.board.words[Word.PUBLISHED] == 20
+        publisher._sender.close()
+    os.close(bench.board.fd)
 
 
 def test_a_hung_publisher_holds_nobody_up(
@@ -275,44 +291,6 @@ def test_more_than_a_publisher_takes_reaches_nobody(bench: Bench, client: Stream
         until(lambda: len(client.window(60.0).row) == 100)
     assert bench.commands == []
     assert client.snapshot().restarts == 0
-
-
-def test_stalled_readers_cost_the_others_nothing(bench: Bench, client: StreamClient) -> None:
-    program = (
-        "import sys, zenoh, json\n"
-        "from rig.stream.settings import Endpoint, StreamSettings\n"
-        "from rig.stream.sessions import subscriber_session\n"
-        "s = subscriber_session(StreamSettings(), (Endpoint.parse(sys.argv[1]),))\n"
-        "s.declare_subscriber('rig/*/v1/*', lambda sample: None)\n"
-        "print('here', flush=True)\nsys.stdin.read()\n"
-    )
-    stalled = [
-        subprocess.Popen(
-            [sys.executable, "-c", program, str(bench.settings.listen[0])],
-            stdout=subprocess.PIPE,
-            stdin=subprocess.PIPE,
-        )
-        for _ in range(3)
-    ]
-    try:
-        for process in stalled:
-            assert process.stdout is not None
-            process.stdout.readline()
-            process.send_signal(signal.SIGSTOP)
-        # More than all buffers between here and there hold.
-        wide = threading.Event()
-        for _ in range(20):
-            for _ in range(10):
-                bench.stream.event("test", "note", "x" * 20_000)
-            bench.write(50)
-            wide.wait(0.02)
-        # A machine that stalls may drop samples for this reader, too; it asks for them again.
-        until(lambda: len(client.history(60.0).row) == 1000)
-        assert "rows" not in client.snapshot().missing
-    finally:
-        for process in stalled:
-            process.kill()
-            process.communicate()
 
 
 def test_health_tells_the_first_cause_of_a_trip(bench: Bench, client: StreamClient) -> None:
