@@ -2,6 +2,8 @@
 
 import json
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
@@ -11,6 +13,7 @@ from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient
 
 from .launcher import ASKED, ENDING, INTERRUPTED, Launched, Launcher, LaunchRefused
 from .queue import Queue, QueueError
+from .standing_stop import STANDS_S, StandingStop
 from .visitors import ControlHolder, NotInControl, Visitor
 
 LONGEST_TEXT: Final = 400
@@ -111,6 +114,7 @@ class Orders:
         control: records who may act.
         launcher: starts, resumes and stops runs.
         queue: the campaigns that are started one after another; None if there is no queue.
+        say: is called with a sentence on what came of a stop that nobody had heard at first.
     """
 
     def __init__(
@@ -119,8 +123,10 @@ class Orders:
         control: ControlHolder,
         launcher: Launcher,
         queue: Queue | None = None,
+        say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._client = client
+        self._standing = StandingStop(client, say)
         self._queue = queue
         self._control = control
         self._launcher = launcher
@@ -228,11 +234,15 @@ class Orders:
         """
         if self._queue is not None:
             self._queue.halt(f"{visitor.name} has stopped {order.rig or 'the rig'}")
+        until = time.monotonic() + STOP_S
         try:
             rig = order.rig or self._only_living()
             answer = self._send("abort", Order(STOP, rig, order.text), visitor, STOP_S)
+            is_unheard = answer.is_unheard
         except Exception as refusal:  # after any error the launcher tries its own ways
             rig, answer = order.rig, Answer(False, str(refusal) or type(refusal).__name__)
+            is_one = bool(order.rig) or not self._client.living()
+            is_unheard = isinstance(refusal, UnknownRigError) and is_one
         running = self._launcher.present()
         if answer.accepted:
             meant = "" if order.rig else f"on {rig}, the only one that lives"
@@ -247,12 +257,25 @@ class Orders:
             return Answer(True, meant)
         done = self._launcher.stop(_said(order, visitor), visitor.name)
         if not done:
-            return answer
+            return self._stands(order, visitor, answer, until) if is_unheard else answer
         elsewhere = running and (self.rig_of_run(running.folder.name) or running.rig)
         if elsewhere and elsewhere != rig:
             text = f"{answer.reason}; what was started here, on {elsewhere}, was {done}"
             return Answer(False, text)
         return Answer(True, REASONS[done])
+
+    def _stands(self, order: Order, visitor: Visitor, answer: Answer, until: float) -> Answer:
+        """Return the answer to a stop; one that nobody has heard is said until somebody hears it.
+
+        That is waited for until a time of the monotonic clock in s.
+        """
+        left_s = max(until - time.monotonic(), 0.0)
+        rig, said = order.rig, _said(order, visitor)
+        heard = self._standing.stand(rig, said, visitor.name, left_s)
+        if heard is not None:
+            return heard
+        also = f"whatever begins on {rig or 'it'} within {STANDS_S:g} s is stopped"
+        return Answer(False, f"nobody hears it yet ({answer.reason}); {also}")
 
     def _only_living(self) -> str:
         """Return the id of the only living rig; a page that shows no rig yet means this one.

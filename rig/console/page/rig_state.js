@@ -51,11 +51,11 @@ function ended({ life, campaign, interlocks }) {
       : ["good", "Ended", `${capital(campaign.activity)} came to its end.${begunBy(campaign)}`];
   }
   const begun = tests.some((test) => test.status && test.status !== "not_run");
-  const refused = campaign.reason?.startsWith("the rig: ");
+  const refused = campaign.exit_code === 2 || (campaign.exit_code === 3 && campaign.reason?.startsWith("the rig: "));
   const also = failed.length ? ` ${count} failed: ${several(failed)}.` : "";
   if (first) return ["bad", "Tripped", trip(first) + also];
   if (tripped) return ["bad", "Tripped", sentence(tripped.message) + also];
-  if (campaign.exit_code === 3 && !begun && refused) return ["bad", "Not started", sentence(campaign.reason)];
+  if (!begun && refused) return ["bad", "Not started", sentence(campaign.reason)];
   const incomplete = tests.filter((test) => !test.status || ["aborted", "interrupted", "not_run", "running"].includes(test.status));
   if (incomplete.length || campaign.exit_code === 3) {
     const left = incomplete.length ? `${incomplete.length} of ${tests.length} tests did not come to their end.` : "";

@@ -10,7 +10,16 @@ from typing import Any, Final
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import EXIT_STOPPED, Array, Observer, Status, TestOutcome, grows, named
+from rig.runner.outcomes import (
+    EXIT_BAD_INPUT,
+    EXIT_STOPPED,
+    Array,
+    Observer,
+    Status,
+    TestOutcome,
+    grows,
+    named,
+)
 from rig.supervisor import Errand, Onlooker, RowFeed, Stream
 
 PROGRESS_S: Final = 0.1
@@ -67,13 +76,15 @@ class StreamedRun(Observer, Onlooker):
         """Send the message that all has ended, if anything was begun, and close the stream.
 
         Args:
-            failed: why an activity that is no campaign ended before its end; a campaign says by
-                `campaign_ends` how it ended.
+            failed: why it ended before its end; a campaign that came to tests says by
+                `campaign_ends` how it ended, and otherwise its rig was refused.
         """
         if self._campaign:
             self._campaign["status"] = "ended"
             if failed and self._activity:
                 self._campaign |= {"exit_code": EXIT_STOPPED, "reason": failed}
+            elif failed and "exit_code" not in self._campaign:
+                self._campaign |= {"exit_code": EXIT_BAD_INPUT, "reason": failed}
             self._list_tests(last=True)
         self.stream.close()
         if self._feed is not None:
@@ -85,8 +96,10 @@ class StreamedRun(Observer, Onlooker):
         name = self._activity or str(self._campaign.get("name", ""))
         return Errand(name, self._by, self._idle)
 
-    def connected(self, board: Board, channels: tuple[str, ...]) -> None:
+    def connects(self, board: Board, channels: tuple[str, ...]) -> None:
         """Let the stream publish the rows of a session on hardware from its board.
+
+        The stream takes commands from then on, before any device is open.
 
         Args:
             board: the session's board, with the ring of rows.

@@ -21,12 +21,12 @@ from rig.console.launcher import (
     Served,
     offers_of,
 )
-from rig.control_socket import SOCKET
+from rig.control_socket import INTERRUPTED_BY, SOCKET, interrupted_by
 from rig.runner.campaign.control_port import ControlPort
 from rig.runner.campaign.operator_requests import Desk
 from rig.runner.campaign.stopping import StopFlag
 
-from .fakes import start_by
+from .fakes import start_by, until
 
 CAMPAIGN = (
     "name: {name}\ndescription: |\n  Two\n  lines.\nrig: bench\ntests:\n  - name: a\n  - name: b\n"
@@ -230,6 +230,7 @@ def test_a_run_that_answers_is_stopped_with_its_reason_and_not_interrupted(
         assert launcher.stop("Anna: enough") == ASKED
     assert (written, stop.requested) == (["Anna: enough"], True)
     assert started[0].signals == []
+    until(lambda: not (running / INTERRUPTED_BY).exists(), "the note to be taken away")
 
 
 def test_a_run_that_has_said_that_it_stops_and_runs_on_is_interrupted(
@@ -259,14 +260,34 @@ def test_a_run_without_a_control_port_is_interrupted_at_once(
     launcher.start("leaks", "Anna")
     assert launcher.stop("Anna") == INTERRUPTED
     assert started[0].signals == [signal.SIGINT]
+    started[0].exit_code = 130
+    launcher.look()
+    assert launcher.content()["last"]["reason"] == "stopped by Anna before it began"
+
+
+def test_a_run_that_is_gone_on_with_says_nothing_of_what_it_said_before(
+    launcher: Launcher, started: list[Process], running: Path
+) -> None:
+    begun = {"kind": "begin", "campaign": "leaks", "given": None}
+    (running / "journal.jsonl").write_text(json.dumps(begun) + "\n")
+    assert launcher.content()["last"]["said"] == "is wrong"
+    started[0].exit_code = 3
+    launcher.look()
+    log = running.with_name(f"{running.name}.console.log")
+    with log.open("ab") as output:
+        output.write(b"[2/2] leak: tripped after 3 s\n")
+    launcher.go_on(running.name, "Bo")
+    log.write_bytes(log.read_bytes()[: -len(b"rig: it\nis wrong\n")])  # it has said nothing yet
+    assert launcher.content()["last"]["said"] == ""
 
 
 def test_a_run_that_takes_no_requests_is_interrupted(
     launcher: Launcher, started: list[Process], running: Path
 ) -> None:
     with ControlPort(running, Desk(), lambda why: None):
-        assert launcher.stop("Anna") == INTERRUPTED
+        assert launcher.stop("Anna: enough") == INTERRUPTED
     assert started[0].signals == [signal.SIGINT]
+    assert interrupted_by(running) == "Anna: enough"
 
 
 def test_a_run_that_hangs_is_interrupted(

@@ -122,10 +122,10 @@ def homing() -> tuple[KeptStream, StreamedRun]:
     return stream, run
 
 
-def test_what_is_no_campaign_is_told_once_its_rig_is_connected_with_who_asked_for_it() -> None:
+def test_what_is_no_campaign_is_told_as_its_rig_is_connected_with_who_asked_for_it() -> None:
     stream, run = homing()
     assert stream.told == []
-    run.connected(Board.create(2), ("position_m", "command_V"))
+    run.connects(Board.create(2), ("position_m", "command_V"))
     told = stream.told[-1]
     assert (told["name"], told["activity"], told["begun_by"]) == ("homing", "homing", "Bo")
     assert (told["status"], told["tests"]) == ("running", [])
@@ -135,14 +135,14 @@ def test_what_is_no_campaign_is_told_once_its_rig_is_connected_with_who_asked_fo
 
 def test_who_watches_learns_to_whom_a_station_leaves_the_rig() -> None:
     stream, run = homing()
-    run.connected(Board.create(2), ("position_m", "command_V"))
+    run.connects(Board.create(2), ("position_m", "command_V"))
     run.hands_over("tuning, asked by Ben")
     assert stream.told[-1]["hands_over"] == "tuning, asked by Ben"
 
 
 def test_who_watches_learns_why_it_ended_early() -> None:
     stream, run = homing()
-    run.connected(Board.create(2), ("position_m", "command_V"))
+    run.connects(Board.create(2), ("position_m", "command_V"))
     run.ends("stopped by Ben")
     told = stream.told[-1]
     assert (told["status"], told["exit_code"], told["reason"]) == ("ended", 3, "stopped by Ben")
@@ -158,6 +158,11 @@ def test_how_a_campaign_ended_is_said_by_the_campaign_alone(
     run.ends("a file cannot be read")
     told = stream.told[-1]
     assert (told["status"], told["exit_code"], told["reason"]) == ("ended", 1, "")
+    refused = StreamedRun(stream, Observer(), simulated=False, live=True)
+    refused.campaign_begins(campaign, tmp_path, [])
+    refused.ends("daq: does not answer")
+    told = stream.told[-1]
+    assert (told["exit_code"], told["reason"]) == (2, "daq: does not answer")
 
 
 def test_motions_of_an_experiment_have_no_verdict_that_could_be_wrong(
