@@ -23,7 +23,7 @@ LONGEST_ANSWER: Final = 1 << 24
 ANSWER_S: Final = 10.0
 """Time in s within which a campaign must answer."""
 INTERRUPTED_BY: Final = ".interrupted-by"
-"""Name of the file in a run's folder that says who interrupts it by SIGINT, until it has read it."""
+"""Name of the file in a run's folder that says who interrupts it by SIGINT, until it is read."""
 LONGEST_NOTE: Final = 1000
 """Most bytes that are read of that file."""
 _PATIENCE_S: Final = 2.0

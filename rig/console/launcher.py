@@ -336,12 +336,12 @@ class Launcher:
                 self._say(f"{running.name} has ended: {_ending(running)}")
 
     def content(self) -> dict[str, Any]:
-        """Return the offers, unfinished and unseen runs and the one started last, as JSON values.
+        """Return the offers, past runs by kind (`PastRuns`), and the run started last, as JSON.
 
-        If nothing may be started here, offers, unfinished and unseen runs are empty.
+        If nothing may be started here, offers and past runs are empty.
         """
         allowed = bool(self._profile)
-        past = past_runs(self._folder) if allowed else PastRuns([], [])
+        past = past_runs(self._folder) if allowed else PastRuns([], [], [])
         offers = [
             {"name": offer.name, "description": offer.description, "tests": offer.tests,
              "rig": self._rig or offer.rig}
@@ -352,6 +352,7 @@ class Launcher:
             "offers": offers,
             "unfinished": past.unfinished,
             "unseen": past.unseen,
+            "seen": past.seen,
             "last": None if self._last is None else _content(self._last),
         }
 

@@ -61,7 +61,9 @@ class Order:
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
             run to resume, whose control is set, or that has ended and is acknowledged, or the
-            number of an entry of the queue; else empty. Of "queue move" `text` says whither.
+            number of an entry of the queue; else empty. Of "queue move" `text` says whither; of
+            "queue add" it is a mark, by which a request that comes again is known; of "queue start"
+            the name is the number of the entry that is to begin.
     """
 
     order: str
@@ -200,13 +202,13 @@ class Orders:
         if self._queue is None or not self._launcher.may_start:
             raise LaunchRefused("runs are queued and started on the rig's own machine only")
         if order.order == "queue add":
-            self._queue.add(order.name, visitor.name)
+            self._queue.add(order.name, visitor.name, order.text)
         elif order.order == "queue remove":
             self._queue.remove(order.name)
         elif order.order == "queue move":
             self._queue.move(order.name, order.text)
         elif order.order == "queue start":
-            self._queue.begin(visitor.name)
+            self._queue.begin(visitor.name, order.name)
         else:
             self._queue.halt(f"{visitor.name} has halted it")
 

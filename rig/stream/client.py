@@ -269,10 +269,14 @@ class StreamClient:
         """Send a command again and again until a rig answers it; return the last answer.
 
         A rig that is only being connected, or that changes hands, is not heard for some seconds; a
-        rig that was never heard may be heard soon. The arguments are those of `send`.
+        rig that was never heard may be heard soon.
 
         Args:
+            command: the command.
+            rig: id of the rig; None for the only known one.
+            text: a remark, as of `send`.
             wait_s: longest time in s for which that is tried.
+            person: who gives the command, as of `send`.
 
         Raises:
             KeyFileError: the operator's key cannot be read or made.

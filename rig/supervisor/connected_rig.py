@@ -52,7 +52,7 @@ from .trip_report import EventLog, last_known
 OPEN_S: Final = 300.0
 """Time in s within which a part must open its devices; the loop may have to be compiled first."""
 LOOK_S: Final = 0.2
-"""Period in s at which, while a part opens its devices, it is checked for its end and for a stop."""
+"""Period in s at which, while a part opens its devices, its end and a stop are looked for."""
 ANSWER_S: Final = 10.0
 SAFE_S: Final = 20.0
 """Time in s within which slow drivers must reach their safe state."""

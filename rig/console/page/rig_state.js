@@ -1,6 +1,6 @@
 // How the rig stands, in a word and a sentence: what the page says first, and says only once.
 
-import { lasted } from "./words.js";
+import { clock, lasted } from "./words.js";
 import { underWay } from "./views.js";
 
 const STARTING = {
@@ -95,6 +95,12 @@ function live({ life, campaign, progress, interlocks }) {
   return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}${begunBy(campaign)}`];
 }
 
+// Who has acknowledged how a run ended, and when.
+function acknowledged({ common }, folder) {
+  const seen = (common.launch?.seen ?? []).find((run) => run.folder === folder);
+  return seen ? ` Acknowledged by ${seen.by} at ${clock(Date.parse(seen.at))}${seen.text ? `: ${sentence(seen.text)}` : "."}` : "";
+}
+
 // Returns tone, word and sentence.
 export function rigState(link, lost, silent) {
   const { sections, common } = link;
@@ -110,12 +116,15 @@ export function rigState(link, lost, silent) {
     return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "What it runs is loaded and compiled; its rig is not heard yet."];
   }
   const failed = failedStart(link);
-  if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending)];
+  if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending) + acknowledged(link, failed.folder)];
   if (life?.life === "dead") {
     const first = sections.interlocks?.first_out?.[0];
     return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${trip(first)}` : ""}`];
   }
-  if (campaign?.name && life) return ended(sections);
+  if (campaign?.name && life) {
+    const [tone, word, why] = ended(sections);
+    return [tone, word, why + acknowledged(link, campaign.directory)];
+  }
   if (life && life.life !== "unheard") return ["off", "Idle", "No campaign runs on this rig."];
   return ["off", "No rig is heard", common.launch?.allowed ? "None runs yet. Whoever has control can start a campaign." : "None runs on this stream yet."];
 }

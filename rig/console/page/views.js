@@ -135,8 +135,15 @@ export function progress({ sections }) {
   by("progress-bar").style.width = `${100 * part}%`;
 }
 
+// Whether the rig that is heard has tripped; its run still writes what came of it.
+export const hasTripped = ({ life, interlocks }) =>
+  life?.life === "live" && (life.state === "tripped" || (interlocks?.first_out?.length ?? 0) > 0);
+
 // What is known of a rig that is not heard any more is what was.
-const now = (sections, status) => (status === "running" && sections.life?.life === "dead" ? "was running" : status);
+function now(sections, status) {
+  if (status !== "running") return status;
+  return hasTripped(sections) ? "tripped" : sections.life?.life === "dead" ? "was running" : status;
+}
 
 export function campaign({ sections }) {
   const told = sections.campaign ?? {};
@@ -146,7 +153,7 @@ export function campaign({ sections }) {
   by("campaign-more").textContent = told.name
     ? [told.activity !== told.name && told.activity,
       told.model && `rig ${told.rig}, model ${told.model}, filter ${told.filter}`,
-      `begun ${clock(told.begun_ms)}${told.begun_by ? ` by ${told.begun_by}` : ""}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
+      `${told.resumed ? "gone on with" : "begun"} ${clock(told.begun_ms)}${told.begun_by ? ` by ${told.begun_by}` : ""}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
 }
 
 export function launch({ common }) {

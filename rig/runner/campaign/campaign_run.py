@@ -264,7 +264,7 @@ class _CampaignRun(Setting):
         """Run all tests that are not finished, until the end or a stop, and keep the journal.
 
         Args:
-            started: when the run was begun, UTC.
+            started: when the run was begun, or gone on with, UTC.
             given: options of the command line, for the journal.
             by: name of who starts the run or goes on with it; empty if not known.
 
@@ -273,7 +273,10 @@ class _CampaignRun(Setting):
         """
         finished = self.standing.finished
         stands = [finished[index] for index in sorted(finished)]
-        self.observer.campaign_begins(self.campaign, self.keeper.folder, stands)
+        resumed = self.standing.begun is not None
+        self.observer.campaign_begins(
+            self.campaign, self.keeper.folder, stands, started, resumed=resumed
+        )
         for name, text in unstable_controls(self.campaign, self.rig):
             self.observer.rig_tells(f"warning: {name}: {text}")
         if self.campaign.baseline_doubt:
@@ -304,7 +307,13 @@ class _CampaignRun(Setting):
         if self.standing.begun is not None:
             before = self.standing.begun["versions"] or {}
             changes = ", ".join(changes_of(before, now))
-            self.desk.record("resume", versions_changed=changes, pid=os.getpid(), **author)
+            self.desk.record(
+                "resume",
+                started=started.isoformat(timespec="seconds"),
+                versions_changed=changes,
+                pid=os.getpid(),
+                **author,
+            )
             return
         self.desk.record(
             "begin",

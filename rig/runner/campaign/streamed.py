@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -131,12 +132,20 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=True)
 
     def campaign_begins(
-        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+        self,
+        campaign: Campaign,
+        directory: Path,
+        finished: Sequence[TestOutcome],
+        started: datetime,
+        *,
+        resumed: bool,
     ) -> None:
         """Send the campaign with all its tests, and the outcomes of the finished ones."""
-        self._inner.campaign_begins(campaign, directory, finished)
+        self._inner.campaign_begins(campaign, directory, finished, started, resumed=resumed)
         self._campaign = {
             **self._said(),
+            "begun_ns": round(1e9 * started.timestamp()),
+            "resumed": resumed,
             **named(campaign, "name", "description", rig="rig_name"),
             "model": campaign.model.name,
             "filter": campaign.filter_name,

@@ -172,13 +172,18 @@ def test_a_run_that_ended_badly_wants_to_be_acknowledged_once_and_can_still_be_g
     launcher: Launcher, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     end = {"kind": "end", "reason": "a trip", "exit_code": 3}
-    seen = {"kind": "operator", "request": "acknowledge", "who": "root", "person": "Anna"}
+    seen = {"kind": "operator", "request": "acknowledge", "who": "root", "person": "Anna",
+            "at": "2026-11-28T12:00:00+00:00", "text": "Anna: it was me"}  # fmt: skip
     run_of(tmp_path, "tripped", end)
     run_of(tmp_path, "seen", end, seen)
     run_of(tmp_path, "passed", {"kind": "end", "reason": "", "exit_code": 0})
     content = launcher.content()
     assert [run["folder"] for run in content["unseen"]] == ["tripped"]
     assert {run["folder"] for run in content["unfinished"]} == {"tripped", "seen"}
+    (known,) = content["seen"]
+    assert (known["folder"], known["by"], known["at"], known["text"]) == (
+        "seen", "Anna", seen["at"], "it was me",
+    )  # fmt: skip
     asked: list[list[str]] = []
 
     def run(command: list[str], **_: Any) -> Any:
