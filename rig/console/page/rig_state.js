@@ -45,6 +45,7 @@ function ended({ life, campaign, interlocks }) {
   const first = interlocks?.first_out?.[0];
   const tripped = of(tests, "tripped")[0];
   if (campaign.hands_over && !first && !(life.age_s > LONGEST_HANDOVER_S)) return handsOver(campaign);
+  if (campaign.activity?.startsWith("idle:") && !first && campaign.exit_code) return ["warn", "Idle", `The station cannot read the rig: ${sentence(campaign.reason)}`];
   if (campaign.activity?.startsWith("idle:") && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
   if (campaign.activity && !first && !tripped) {
     return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
@@ -72,6 +73,7 @@ function live({ life, campaign, progress, interlocks }) {
   if (first) return ["bad", "Tripped", trip(first)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
   if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
+  if (campaign?.status === "idle" && life.state === "connecting") return ["off", "Idle", "The station opens the devices; nothing drives."];
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
   if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
   const tests = campaign.tests ?? [];
