@@ -237,7 +237,7 @@ function actions() {
   by("progress-meter").hidden = !progress?.duration_s;
   limit(link, isMine());
   const mayAsk = link.role === null || isMine() || !link.mayNot.take;
-  by("holder-button").disabled = link.lost || link.expired || !mayAsk;
+  by("holder-button").disabled = link.lost || !holder || link.expired || !mayAsk;
 }
 
 const queue = new QueueCard(link, order, isMine, toast);

@@ -123,6 +123,7 @@ export function rigState(link, lost, silent) {
     const first = sections.interlocks?.first_out?.[0];
     return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${trip(first)}` : ""}`];
   }
+  if (campaign?.status === "running" && life?.life === "unheard") return ["warn", ...STARTING.connecting];
   if (campaign?.name && life) {
     const [tone, word, why] = ended(sections);
     return [tone, word, why + acknowledged(link, campaign.directory)];

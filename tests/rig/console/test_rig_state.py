@@ -136,6 +136,10 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
             hands_over="homing, asked by Bo")),
         "off", "Idle", "The station has left the rig", {"start"},
     ),
+    "told of before it is heard": (
+        rig(alive=False, age_s=None, campaign=campaign("", "")), "warn", "Connecting", "opened",
+        {"start"},
+    ),
     "connecting": (
         in_state("connecting", "", ""), "warn", "Connecting", "opened", {"hold", "skip"}
     ),
