@@ -269,6 +269,7 @@ async function stop() {
   by("stop-word").textContent = "Stop";
   stopTold = answer.accepted
     ? ["warn", `${on}Stop obeyed`, `at ${clock(Date.now())}. Whatever moves is brought to rest; then valve null, bypass shut, pump unloaded.${answer.reason ? ` (${answer.reason})` : ""}`]
+    : answer.reason.startsWith("nothing moves") ? ["warn", `${on}Nothing to stop`, `at ${clock(Date.now())}: ${answer.reason}.`]
     : ["bad", `${on}Stop not confirmed`, `${answer.reason}. If the rig moves, press the emergency stop at the rig.`];
   alive();
   setTimeout(() => { stopTold = null; alive(); }, answer.accepted ? 20000 : 60000);

@@ -13,6 +13,8 @@ const STARTING = {
   "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
 };
 
+const READ_SOON = ["off", "Idle", "The station opens the devices; nothing drives."];
+
 const several = (tests) => tests.map((test) => test.name).join(", ");
 const sentence = (text) => (text && !/[.!?]$/.test(text) ? `${text}.` : text ?? "");
 const trip = ({ sentence: what, remedy, by, cause }) => `${sentence(what)} Remedy: ${sentence(remedy)} First out: ${by}, ${cause}.`;
@@ -73,7 +75,7 @@ function live({ life, campaign, progress, interlocks }) {
   if (first) return ["bad", "Tripped", trip(first)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
   if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
-  if (campaign?.status === "idle" && life.state === "connecting") return ["off", "Idle", "The station opens the devices; nothing drives."];
+  if (campaign?.status === "idle" && life.state === "connecting") return READ_SOON;
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
   if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
   const tests = campaign.tests ?? [];
@@ -124,6 +126,7 @@ export function rigState(link, lost, silent) {
     return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${trip(first)}` : ""}`];
   }
   if (campaign?.status === "running" && life?.life === "unheard") return ["warn", ...STARTING.connecting];
+  if (campaign?.status === "idle" && life?.life === "unheard") return READ_SOON;
   if (campaign?.name && life) {
     const [tone, word, why] = ended(sections);
     return [tone, word, why + acknowledged(link, campaign.directory)];

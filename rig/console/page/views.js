@@ -149,7 +149,8 @@ export function campaign({ sections }) {
   const told = sections.campaign ?? {};
   const runs = (told.tests ?? []).some((test) => test.status === "running");
   const status = told.status === "running" && !runs && (told.pausing || told.held?.length) ? "held" : told.status;
-  by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, status)}` : "none";
+  // What a station does that only reads stands at the top, and is no campaign.
+  by("campaign-name").textContent = told.name && !told.activity?.startsWith("idle:") ? `${told.name}, ${now(sections, status)}` : "none";
   by("campaign-more").textContent = told.name
     ? [told.activity !== told.name && told.activity,
       told.model && `rig ${told.rig}, model ${told.model}, filter ${told.filter}`,
