@@ -105,6 +105,11 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
             campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
         "off", "Idle", "The station opens the devices; nothing drives.", {"start"},
     ),
+    "told of by its station before it is heard": (
+        rig(alive=False, age_s=None, progress={},
+            campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
+        "off", "Idle", "The station opens the devices; nothing drives.", {"start"},
+    ),
     "not to be read by its station": (
         rig(alive=False, age_s=9.0, progress={}, campaign=campaign(
             status="ended", activity="idle: nothing drives", tests=[], exit_code=3,
