@@ -117,7 +117,7 @@ export function rigState(link, lost, silent) {
   if (life?.life === "live") return live(sections);
   // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
   if (run && !(life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms)) {
-    return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "What it runs is loaded and compiled; its rig is not heard yet."];
+    return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
   }
   const failed = failedStart(link);
   if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending) + acknowledged(link, failed.folder)];
