@@ -28,7 +28,9 @@ from .criteria import (
 )
 from .expressions import Expression as Expression, ExpressionError as ExpressionError
 from .leakage import (
+    TYPICAL_PRESSURE as TYPICAL_PRESSURE,
     linear_flow as linear_flow,
+    size_shown as size_shown,
     square_root_flow as square_root_flow,
     to_litres_per_minute as to_litres_per_minute,
 )

@@ -5,7 +5,7 @@ p_1 - p_2. Flow is positive for a positive drop, so that one signed law serves b
 writes the unit of the square-root coefficients as "m^3/s Pa"; it means m^3/(s Pa^0.5).
 """
 
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,13 @@ from rig.plant import LITRE_PER_MINUTE, signed_roots
 
 Value = TypeVar("Value", float, NDArray[np.float64])
 """A number, or an array of any shape."""
+
+
+TYPICAL_PRESSURE: Final = 6.9e6
+"""Pressure drop in Pa at which flows are stated: half the supply pressure of section 2.1.
+
+The pressure in a chamber is usually near this value.
+"""
 
 
 def to_litres_per_minute(flow: Value) -> Value:
@@ -29,3 +36,11 @@ def square_root_flow(coefficient: float, pressure_drop: Value) -> Value:
 def linear_flow(coefficient: float, pressure_drop: Value) -> Value:
     """Return k dp in m^3/s, k in m^3/(s Pa), dp in Pa (eq. 5.1)."""
     return coefficient * pressure_drop
+
+
+def size_shown(coefficient: float, *, linear: bool) -> str:
+    """Return a leak's size as text: its flow in L/min at `TYPICAL_PRESSURE`, and a linear law."""
+    law = linear_flow if linear else square_root_flow
+    flow = float(to_litres_per_minute(law(coefficient, TYPICAL_PRESSURE)))
+    law_shown = " (linear)" if linear else ""
+    return f"{flow:.3g} L/min at {1e-6 * TYPICAL_PRESSURE:g} MPa{law_shown}"

@@ -22,6 +22,10 @@ LONGEST_ANSWER: Final = 1 << 24
 """Most bytes of an answer; it is large as a campaign's status names all its tests."""
 ANSWER_S: Final = 10.0
 """Time in s within which a campaign must answer."""
+INTERRUPTED_BY: Final = ".interrupted-by"
+"""Name of the file in a run's folder that says who interrupts it by SIGINT, until it is read."""
+LONGEST_NOTE: Final = 1000
+"""Most bytes that are read of that file."""
 _PATIENCE_S: Final = 2.0
 _AGAIN_S: Final = 0.02
 
@@ -60,6 +64,27 @@ def remark_of(text: str, person: str) -> str:
     if person and text == person:
         return ""
     return text.removeprefix(f"{person}: ") if person else text
+
+
+def note_interruption(folder: Path, said: str) -> None:
+    """Write into a run's folder who is about to interrupt it, and why; do nothing without one."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    with suppress(OSError), open(os.open(folder / INTERRUPTED_BY, flags, 0o600), "wb") as file:
+        file.write(said.encode(errors="replace")[:LONGEST_NOTE])
+
+
+def interrupted_by(folder: Path) -> str:
+    """Return who interrupts a run, as `note_interruption` has written it, and remove that file.
+
+    It is empty if nobody has, as when the signal comes from a terminal.
+    """
+    note = folder / INTERRUPTED_BY
+    with suppress(OSError):
+        with open(os.open(note, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC), "rb") as file:
+            said = file.read(LONGEST_NOTE).decode(errors="replace")
+        note.unlink(missing_ok=True)
+        return "".join(sign if sign.isprintable() else " " for sign in said).strip()
+    return ""
 
 
 def ask(

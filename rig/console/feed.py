@@ -100,20 +100,23 @@ class RigFeed:
             self._refused, self._refused_at = snapshot.refused, now
             notice(f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}")
 
-    def follow(self, client: StreamClient, now: float) -> None:
+    def follow(self, client: StreamClient, snapshot: Snapshot, now: float) -> None:
         """Update the curves with what the client received; every `NOTICED_S` the sections too.
 
         After a new session of the stream has begun, the curves are made anew at the times
-        `PAST_COMES_S`. `now` is a monotonic time in s.
+        `PAST_COMES_S`; while it sends no samples, as before its rig is connected, they stay. `now`
+        is a monotonic time in s.
         """
         if now - self._noticed_at >= NOTICED_S:
             self._noticed_at = now
-            snapshot = client.snapshot(self.rig)
             for name, content in sections(snapshot).items():
                 self.sections.put(name, content)
             if snapshot.session != self._session:
                 self._session = snapshot.session
                 self._anew = [now + later for later in PAST_COMES_S]
+        if not snapshot.rate_hz:
+            # What the client holds was taken before, or is of the session before.
+            return
         if self._anew and now >= self._anew[0]:
             del self._anew[0]
             self.curves.begin()
@@ -181,7 +184,7 @@ class Feed:
             # The life is noted first: a rig whose data cannot be shown still counts as alive.
             living[rig] = snapshot.life
             with self._survives:
-                feed.follow(self._client, now)
+                feed.follow(self._client, snapshot, now)
             feed.look(snapshot, now, self.notice)
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
         if self.listens_until is None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.configuration import ConfigError, Problem, Sources, shipped_config_dir
-from rig.control_socket import ControlError, ask
+from rig.control_socket import ControlError, ask, interrupted_by, note_interruption
 
 from .past_runs import JOURNAL, PastRuns, ends_of, past_runs
 
@@ -94,7 +94,8 @@ class Launched:
         started_ns: wall clock at its start, ns since 1970.
         exit_code: exit code of the process; None while it runs.
         asked: whether the run has accepted a stop.
-        stopped: whether somebody has stopped it, by asking or by interrupting it.
+        stopped: who has stopped it, by asking or by interrupting it, and why; empty if nobody has.
+        log_begins: size of the output's file as the run began, which may go on with an older one.
     """
 
     name: str
@@ -105,7 +106,8 @@ class Launched:
     started_ns: int = field(default_factory=time.time_ns)
     exit_code: int | None = None
     asked: bool = False
-    stopped: bool = False
+    stopped: str = ""
+    log_begins: int = 0
 
 
 def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
@@ -317,7 +319,7 @@ class Launcher:
         running = self.present()
         if running is None:
             return ""
-        running.stopped = True
+        running.stopped = said
         if not running.asked and _takes_a_stop(running.folder, said, by):
             running.asked = True
             return ASKED
@@ -334,12 +336,12 @@ class Launcher:
                 self._say(f"{running.name} has ended: {_ending(running)}")
 
     def content(self) -> dict[str, Any]:
-        """Return the offers, unfinished and unseen runs and the one started last, as JSON values.
+        """Return the offers, past runs by kind (`PastRuns`), and the run started last, as JSON.
 
-        If nothing may be started here, offers, unfinished and unseen runs are empty.
+        If nothing may be started here, offers and past runs are empty.
         """
         allowed = bool(self._profile)
-        past = past_runs(self._folder) if allowed else PastRuns([], [])
+        past = past_runs(self._folder) if allowed else PastRuns([], [], [])
         offers = [
             {"name": offer.name, "description": offer.description, "tests": offer.tests,
              "rig": self._rig or offer.rig}
@@ -350,6 +352,7 @@ class Launcher:
             "offers": offers,
             "unfinished": past.unfinished,
             "unseen": past.unseen,
+            "seen": past.seen,
             "last": None if self._last is None else _content(self._last),
         }
 
@@ -366,6 +369,7 @@ class Launcher:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with log.open("ab") as output:
+                begins = output.tell()
                 process = subprocess.Popen(
                     [sys.executable, "-m", "rig.cli", *whole],
                     stdin=subprocess.DEVNULL,
@@ -376,7 +380,7 @@ class Launcher:
                 )
         except OSError as error:
             raise LaunchRefused(f"it cannot be started: {error.strerror or error}") from None
-        self._last = Launched(name, folder, rig, process, log)
+        self._last = Launched(name, folder, rig, process, log, log_begins=begins)
 
 
 def _takes_a_stop(folder: Path, said: str, by: str) -> bool:
@@ -394,8 +398,11 @@ def _takes_a_stop(folder: Path, said: str, by: str) -> bool:
 
     def asking() -> None:
         with suppress(Exception):  # after any error the caller sends a signal instead
+            # A run that is interrupted reads there who has done that, for its journal.
+            note_interruption(folder, said)
             ask(folder, "abort", said, wait_s=ASK_S, person=by)
             taken.set()
+            interrupted_by(folder)
 
     # It asks in a thread, so that a disk that hangs delays the stop by no more than `ASK_S`.
     thread = threading.Thread(target=asking, name="stop", daemon=True)
@@ -414,7 +421,7 @@ def _content(launched: Launched) -> dict[str, Any]:
         "exit_code": launched.exit_code,
         "ending": _ending(launched) if ended else "",
         "reason": _reason(launched) if ended else "",
-        "said": "" if ended else (_last_lines(launched.log) or [""])[-1],
+        "said": "" if ended else (_last_lines(launched) or [""])[-1],
     }
 
 
@@ -432,16 +439,20 @@ def _reason(launched: Launched) -> str:
     end = ends_of(launched.folder / JOURNAL).last
     if end.get("kind") == "end" and end.get("exit_code") == launched.exit_code:
         return str(end.get("reason") or "")[:LOG_BYTES]
-    return " ".join(_last_lines(launched.log)) if launched.exit_code else ""
+    if launched.exit_code and launched.stopped:
+        return f"stopped by {launched.stopped} before it began"
+    return " ".join(_last_lines(launched)) if launched.exit_code else ""
 
 
-def _last_lines(log: Path) -> list[str]:
+def _last_lines(launched: Launched) -> list[str]:
     """Return the non-empty lines in the last `LOG_BYTES` of a run's output, with single spaces.
 
-    The oldest comes first; [] if the output cannot be read.
+    The oldest comes first; [] if the output cannot be read. What an earlier part of a run that is
+    gone on with has printed is not among them.
     """
+    log = launched.log
     with suppress(OSError), log.open("rb") as file:
-        file.seek(max(0, log.stat().st_size - LOG_BYTES))
+        file.seek(max(launched.log_begins, log.stat().st_size - LOG_BYTES))
         lines = file.read().decode(errors="replace").splitlines()
         return [" ".join(line.split()) for line in lines if line.strip()]
     return []

@@ -2,6 +2,8 @@
 
 import json
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
@@ -11,6 +13,7 @@ from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient
 
 from .launcher import ASKED, ENDING, INTERRUPTED, Launched, Launcher, LaunchRefused
 from .queue import Queue, QueueError
+from .standing_stop import STANDS_S, StandingStop
 from .visitors import ControlHolder, NotInControl, Visitor
 
 LONGEST_TEXT: Final = 400
@@ -58,7 +61,9 @@ class Order:
         text: a remark; may be empty.
         name: name of the test to skip or retry, of the campaign to start, or of the folder of the
             run to resume, whose control is set, or that has ended and is acknowledged, or the
-            number of an entry of the queue; else empty. Of "queue move" `text` says whither.
+            number of an entry of the queue; else empty. Of "queue move" `text` says whither; of
+            "queue add" it is a mark, by which a request that comes again is known; of "queue start"
+            the name is the number of the entry that is to begin.
     """
 
     order: str
@@ -111,6 +116,7 @@ class Orders:
         control: records who may act.
         launcher: starts, resumes and stops runs.
         queue: the campaigns that are started one after another; None if there is no queue.
+        say: is called with a sentence on what came of a stop that nobody had heard at first.
     """
 
     def __init__(
@@ -119,8 +125,10 @@ class Orders:
         control: ControlHolder,
         launcher: Launcher,
         queue: Queue | None = None,
+        say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._client = client
+        self._standing = StandingStop(client, say)
         self._queue = queue
         self._control = control
         self._launcher = launcher
@@ -194,13 +202,13 @@ class Orders:
         if self._queue is None or not self._launcher.may_start:
             raise LaunchRefused("runs are queued and started on the rig's own machine only")
         if order.order == "queue add":
-            self._queue.add(order.name, visitor.name)
+            self._queue.add(order.name, visitor.name, order.text)
         elif order.order == "queue remove":
             self._queue.remove(order.name)
         elif order.order == "queue move":
             self._queue.move(order.name, order.text)
         elif order.order == "queue start":
-            self._queue.begin(visitor.name)
+            self._queue.begin(visitor.name, order.name)
         else:
             self._queue.halt(f"{visitor.name} has halted it")
 
@@ -228,11 +236,15 @@ class Orders:
         """
         if self._queue is not None:
             self._queue.halt(f"{visitor.name} has stopped {order.rig or 'the rig'}")
+        until = time.monotonic() + STOP_S
         try:
             rig = order.rig or self._only_living()
             answer = self._send("abort", Order(STOP, rig, order.text), visitor, STOP_S)
+            is_unheard = answer.is_unheard
         except Exception as refusal:  # after any error the launcher tries its own ways
             rig, answer = order.rig, Answer(False, str(refusal) or type(refusal).__name__)
+            is_one = bool(order.rig) or not self._client.living()
+            is_unheard = isinstance(refusal, UnknownRigError) and is_one
         running = self._launcher.present()
         if answer.accepted:
             meant = "" if order.rig else f"on {rig}, the only one that lives"
@@ -247,12 +259,25 @@ class Orders:
             return Answer(True, meant)
         done = self._launcher.stop(_said(order, visitor), visitor.name)
         if not done:
-            return answer
+            return self._stands(order, visitor, answer, until) if is_unheard else answer
         elsewhere = running and (self.rig_of_run(running.folder.name) or running.rig)
         if elsewhere and elsewhere != rig:
             text = f"{answer.reason}; what was started here, on {elsewhere}, was {done}"
             return Answer(False, text)
         return Answer(True, REASONS[done])
+
+    def _stands(self, order: Order, visitor: Visitor, answer: Answer, until: float) -> Answer:
+        """Return the answer to a stop; one that nobody has heard is said until somebody hears it.
+
+        That is waited for until a time of the monotonic clock in s.
+        """
+        left_s = max(until - time.monotonic(), 0.0)
+        rig, said = order.rig, _said(order, visitor)
+        heard = self._standing.stand(rig, said, visitor.name, left_s)
+        if heard is not None:
+            return heard
+        also = f"whatever begins on {rig or 'it'} within {STANDS_S:g} s is stopped"
+        return Answer(False, f"nobody hears it yet ({answer.reason}); {also}")
 
     def _only_living(self) -> str:
         """Return the id of the only living rig; a page that shows no rig yet means this one.

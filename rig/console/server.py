@@ -102,7 +102,7 @@ class Console:
         self.queue = Queue(file, self.launcher, self.client, self.say)
         if self.launcher.may_start:
             self.queue.offer()
-        self.orders = Orders(self.client, self.control, self.launcher, self.queue)
+        self.orders = Orders(self.client, self.control, self.launcher, self.queue, self.say)
         self.preview = Preview()
         self._working: asyncio.Future[None] | None = None
         self.cookie = f"rig-console-{self.address.port}"

@@ -184,6 +184,7 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
         "begun_ms": _milliseconds(campaign.get("begun_ns")),
         **_numbers(campaign, 0, "rig_time_s", "exit_code"),
         "pausing": campaign.get("pausing") is True,
+        "resumed": campaign.get("resumed") is True,
         "held": [_text(reason) for reason in held][:MOST_HELD] if isinstance(held, list) else [],
         "tests": [
             _texts(test, *SHOWN_OF_TESTS) | _numbers(test, 1, "duration_s")

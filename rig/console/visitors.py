@@ -205,8 +205,10 @@ class ControlHolder:
         if before is not None and not over:
             raise NotInControl(f"{before.name} has control; take over, if it is agreed")
         self.holder, self.since_ns = visitor, self.clock_ns()
-        taken = f" over from {before.name}" if before is not None else ""
-        self.say(f"{visitor.name} takes{taken or ' control'}")
+        taken = " control" if before is None else f" over from {before.name}"
+        if before is not None and before.name == visitor.name:
+            taken = " control on another page"
+        self.say(f"{visitor.name} takes{taken}")
 
     def release(self, visitor: Visitor, why: str = "gives control up") -> None:
         """Release control if this visitor has it, and say why; otherwise do nothing."""

@@ -143,10 +143,13 @@ class Timing:
 def in_short(summary: Mapping[str, Any]) -> str:
     """Return a line on missed ticks, and median and 99th percentile of the most important stages.
 
+    Where no tick was counted, the line is empty.
+
     Args:
         summary: the result of `Timing.summary`, or the content of an event of kind `timing`.
     """
-    shown = [f"{summary['missed']} of {summary['ticks']} ticks missed"]
+    ticks = summary["ticks"]
+    shown = [f"{summary['missed']} of {ticks} ticks missed"] if ticks else []
     for name, words in (
         ("wakeup", "wakes"),
         ("tick_to_command", "has its command out"),

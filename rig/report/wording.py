@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from estimator.leaks import Decision, Found
-from faults import Verdict
+from faults import Verdict, size_shown
 from rig.loop import TIMING, in_short
 from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.recording import Recording
@@ -111,12 +111,12 @@ def found_flow(decision: Decision) -> str:
 
 
 def injected_size(fault: InjectedFault) -> str:
-    """Return an injected fault's size as text: its recorded mean flow, else its coefficient."""
+    """Return an injected fault's size as text: its recorded mean flow, else what was asked for."""
     if fault.mean_flow_m3_per_s is not None:
         return f"{flow(fault.mean_flow_m3_per_s)} L/min"
     if fault.kind == "return_blockage":
         return f"{fault.coefficient:.3g} Pa/(m³/s)²"
-    return f"{fault.coefficient:.3g} m³/(s {'Pa' if fault.linear else '√Pa'})"
+    return size_shown(fault.coefficient, linear=fault.linear)
 
 
 def acted(fault: InjectedFault, recorded_s: float) -> str:
@@ -353,7 +353,7 @@ def loop_conditions(recording: Recording) -> Iterator[tuple[str, str]]:
         yield "Loop ran with", ", ".join(shown) or "nothing granted"
     for event in recording.events:
         if event.kind == TIMING:
-            yield "Loop timing", in_short(json.loads(event.text))
+            yield "Loop timing", in_short(json.loads(event.text)) or "no tick was counted"
 
 
 def _setpoint(setpoint: Mapping[str, Any]) -> str:

@@ -26,7 +26,7 @@ import zenoh
 
 from rig.surviving import Surviving
 
-from .commands import Credentials, Sender, asked_digest, credentials_of
+from .commands import OTHER_SESSION, Credentials, Sender, asked_digest, credentials_of
 from .known import Snapshot, Window
 from .messages import (
     KEPT,
@@ -63,6 +63,10 @@ ASK_S: Final = 0.5
 LATE_S: Final = 2.0
 """Time in s by which a question for lost messages reaches farther back than the loss, as it may
 wait before it is answered."""
+ATTEMPT_S: Final = 1.0
+"""Time in s for which each attempt of `StreamClient.send_until_heard` waits for an answer."""
+HEARD_AGAIN_S: Final = 0.1
+"""Pause in s between two of these attempts."""
 
 OnMessage = Callable[[str, str, Mapping[str, Any]], None]
 
@@ -82,6 +86,13 @@ class Answer:
 
     accepted: bool
     reason: str = ""
+
+    @property
+    def is_unheard(self) -> bool:
+        """Whether nobody has answered, or only a session that was not known to the sender yet."""
+        return not self.accepted and (
+            self.reason.startswith("no answer") or OTHER_SESSION in self.reason
+        )
 
 
 class StreamClient:
@@ -266,6 +277,47 @@ class StreamClient:
         answer = self._sent(command, rig, text, timeout_s, test, person)
         if person and answer.reason.startswith("malformed"):
             return self._sent(command, rig, text, timeout_s, test, "")
+        return answer
+
+    def send_until_heard(
+        self,
+        command: CommandName,
+        rig: str | None,
+        text: str,
+        wait_s: float,
+        person: str = "",
+    ) -> Answer:
+        """Send a command again and again until a rig answers it; return the last answer.
+
+        A rig that is only being connected, or that changes hands, is not heard for some seconds; a
+        rig that was never heard may be heard soon.
+
+        Args:
+            command: the command.
+            rig: id of the rig; None for the only known one.
+            text: a remark, as of `send`.
+            wait_s: longest time in s for which that is tried.
+            person: who gives the command, as of `send`.
+
+        Raises:
+            KeyFileError: the operator's key cannot be read or made.
+        """
+        until = time.monotonic() + wait_s
+        answer = Answer(False, "no answer: the client is closed")
+        this = threading.current_thread()
+        self._asking.append(this)  # so that `close` waits for it
+        try:
+            while not self._closing.is_set():
+                try:
+                    answer = self.send(command, rig, text, ATTEMPT_S, person=person)
+                except UnknownRigError as unknown:
+                    answer = Answer(False, f"no answer: {unknown}")
+                if not answer.is_unheard or time.monotonic() > until:
+                    break
+                self._closing.wait(HEARD_AGAIN_S)
+        finally:
+            with suppress(ValueError):
+                self._asking.remove(this)
         return answer
 
     def _sent(

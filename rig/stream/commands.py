@@ -25,6 +25,8 @@ from .settings import COMMANDS, Operator, StreamSettings
 
 LARGEST_COMMAND: Final = 2048
 """Most bytes of a command's payload."""
+OTHER_SESSION: Final = "is for another session of this rig's stream"
+"""Why a command is refused whose sender has not heard yet that the rig's stream began anew."""
 WINDOW_S: Final = 5.0
 """Most difference in s between the sender's time in a command and the rig's clock at its arrival.
 
@@ -204,7 +206,7 @@ class Gate:
         if body["rig"] != self._rig:
             raise Refused("misdirected", "is for another rig", by)
         if body["session"] != self._session:
-            raise Refused("replayed", "is for another session of this rig's stream", by)
+            raise Refused("replayed", OTHER_SESSION, by)
         now_ns = time.time_ns()
         late_s = 1e-9 * (now_ns - body["at_ns"])
         if abs(late_s) > WINDOW_S:

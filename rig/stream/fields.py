@@ -146,7 +146,7 @@ FIELDS: Final[Mapping[str, Mapping[str, Check]]] = {
         "status": is_text, "name": is_text, "description": is_text, "rig": is_text,
         "model": is_text, "filter": is_text, "directory": is_text, "rig_time_s": is_number,
         "begun_ns": is_number, "begun_by": is_text, "tests": lists(_TEST), "activity": is_text,
-        "hands_over": is_text,
+        "hands_over": is_text, "resumed": is_truth,
     },
     "progress": {
         "number": is_number, "count": is_number, "name": is_text, "expect": is_text,

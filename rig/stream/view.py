@@ -62,6 +62,8 @@ class RigView:
         self._known = Snapshot(self.rig)
         """What is known but for samples, life and `_lasting`; replaced when it changes."""
         self._last_ns: int | None = None
+        self._session_ns: int | None = None
+        """Arrival of the first message of this session that was not asked for; None before it."""
         self._heartbeat_s = 0.5
         self._sequences: dict[str, int] = {}
         self._next_row: int | None = None
@@ -146,6 +148,7 @@ class RigView:
         elif self._known.proven and sequence < self._newest(kind):
             raise MessageError("an earlier one again: another program repeats what the rig said")
         self._sent_ns = content["sent_ns"]
+        self._session_ns = self._session_ns or received_ns
         self._miss_up_to(kind, sequence - 1, received_ns)
         self._sequences[kind] = max(sequence, self._sequences.get(kind, -1))
         if isinstance(held, Samples):
@@ -202,10 +205,12 @@ class RigView:
                 age of the last message, whether the rig is alive, and the rate follow from it; a
                 past time does not bring back what was known then.
         """
-        age_s = None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns)
+        since_ns, last_ns = self._session_ns, self._last_ns
+        age_s = None if since_ns is None or last_ns is None else 1e-9 * (now_ns - last_ns)
         # Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
         is_heard = age_s is not None and age_s < DEAD_AFTER * self._heartbeat_s
-        recent = (batch for batch in self._batches if batch.received_ns > now_ns - 10**9)
+        newer_ns = now_ns - 10**9 if since_ns is None else max(now_ns - 10**9, since_ns - 1)
+        recent = (batch for batch in self._batches if batch.received_ns > newer_ns)
         shown: dict[str, Any] = {kind: self._lasting.get(kind, {}) for kind in _SHOWN}
         if self._batches:
             samples, channels = self._batches[-1].samples, self._batches[-1].channels
@@ -264,7 +269,7 @@ class RigView:
             self._former.append(self.session)
         if name in self._former:
             self.refuse("two programs speak in this rig's name in turn, and neither is proven")
-        self.session, self._is_begun = name, False
+        self.session, self._is_begun, self._session_ns = name, False, None
         # The channels of the earlier session stay: if a stranger has sent this message, the rig's
         # next samples still need them.
         self._sequences.clear()

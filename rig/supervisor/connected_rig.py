@@ -51,8 +51,8 @@ from .trip_report import EventLog, last_known
 
 OPEN_S: Final = 300.0
 """Time in s within which a part must open its devices; the loop may have to be compiled first."""
-LOOK_S: Final = 3.0
-"""Period in s at which it is checked, while a part opens its devices, that it has not ended."""
+LOOK_S: Final = 0.2
+"""Period in s at which, while a part opens its devices, its end and a stop are looked for."""
 ANSWER_S: Final = 10.0
 SAFE_S: Final = 20.0
 """Time in s within which slow drivers must reach their safe state."""
@@ -97,7 +97,7 @@ class ConnectedRig:
         directory: folder of the run, in which a trip report is written.
         stop: the flag by which somebody asks for the end.
         say: shows a line to the operator.
-        onlooker: is called with the board and its channels once connected, and with each state.
+        onlooker: is called with the board and its channels as it connects, and with each state.
         journal: is called with a sentence when another master drives a part of the rig.
 
     Attributes:
@@ -155,14 +155,14 @@ class ConnectedRig:
             DriverError: a device is in use, does not answer, or is not the configured one.
             TripError: a process ended or took over `OPEN_S`, or somebody asked for the end.
         """
+        self._heed_stop()
         for doubt in calibration_doubts(self.configured.calibrations, today()):
             self.say(f"warning: {doubt}")
             self.note("calibrations", doubt)
         holding = held(self.configured, self._reserve, self._onlooker.errand, self._heed_stop)
         kept = self._devices.enter_context(holding)
         self.handle(Event.CONNECT)
-        memory = self._memory()
-        self._channels = wire_channels(memory.filter.states, open_loop=False)
+        self._channels = wire_channels(self._memory().filter.states, open_loop=False)
         self.board = Board.create(len(self._channels))
         heard = self.event_log.take
         self.parts = Parts.start(self.board, self._directory / LOG, heard, kept)
@@ -170,22 +170,22 @@ class ConnectedRig:
             self.board, self.parts, self.configured, self.note, heard, self._reserve
         )
         try:
+            self._onlooker.connects(self.board, self._channels)
             self._open()
             self._devices.enter_context(telling_of_compiling(self._compiles))
+            self._heed_stop()
             self.safety.start()
         except BaseException:
             self.handle(Event.CONNECTION_FAILED)
             self._end_parts()
             raise
-        self._onlooker.connected(self.board, self._channels)
         self.handle(Event.CONNECTED)
 
     def _open(self) -> None:
         rig = self.configured
         slow = tuple(spec for spec in rig.drivers if spec.kind == "slow")
-        self.parts.field.ask_patiently(
-            OpenField(slow, rig.loop, rig.calibrations), OPEN_S, LOOK_S, self._heed_stop
-        )
+        field = OpenField(slow, rig.loop, rig.calibrations)
+        self.parts.field.ask_patiently(field, OPEN_S, LOOK_S, self._heed_stop)
         first = orders.Segment(1, Drive.NULL, self._memory(), self.model.parameters, homed=False)
         (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
         period_s = 1.0 / rig.loop.rate
@@ -195,8 +195,8 @@ class ConnectedRig:
         order = orders.Open(fast, rig.loop, limits, checks, first, rig.calibrations, rig.wiring)
         self.opened = self.parts.loop.ask_patiently(order, OPEN_S, LOOK_S, self._heed_stop)
         grants = self.opened.grants
-        given = ", ".join(grant.name for grant in grants if grant.granted)
-        self.say(f"loop: {self.opened.rate_hz:g} exchanges a second; {given or 'nothing granted'}")
+        given = ", ".join(grant.name for grant in grants if grant.granted) or "nothing granted"
+        self.say(f"loop: {self.opened.rate_hz:g} exchanges a second; {given}")
         for lack in (grant for grant in grants if not grant.granted):
             self.say(f"loop: runs without {lack.name} ({lack.why}); to get it: {lack.remedy}")
 

@@ -414,7 +414,8 @@ class TestRecord:
         """
         summary = self._timing.summary()
         self.event(self._last_s, TIMING, json.dumps(summary))
-        self._rig.say(f"      loop: {in_short(summary)}")
+        if short := in_short(summary):
+            self._rig.say(f"      loop: {short}")
         self.ask(FinishRecording(self._timing.ticks), FINISH_S)
 
     def ask(self, order: object, timeout_s: float) -> None:

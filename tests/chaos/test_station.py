@@ -11,6 +11,7 @@ import pytest
 
 from rig.cli.live_stream import stream_of
 from rig.control_socket import own_name
+from rig.runner.run_folder.journal import JOURNAL, read_journal
 from rig.stream.client import StreamClient
 from tools.chaos.lab import CALIBRATE, HOME, RUN, STREAMED, Lab, lab_in
 from tools.chaos.stage import COMPILE_S
@@ -73,6 +74,34 @@ def test_who_drives_is_seen_refuses_others_and_is_stopped_on_the_stream(
     station.send_signal(signal.SIGTERM)
     said, _ = station.communicate(timeout=60.0)
     assert station.returncode == 0, said
+    assert lab.stage.is_safe()
+
+
+@pytest.mark.parametrize("command", [HOME, RUN], ids=["home", "run"])
+def test_a_stop_that_nobody_hears_yet_ends_what_connects_before_anything_moves(
+    lab: Lab, command: tuple[str, ...]
+) -> None:
+    """The station has left the rig, and whoever has asked for it does not serve a stream yet."""
+    settings = stream_of(str(lab.stage.stream), paced=True)
+    assert settings is not None
+    lab.station()
+    with StreamClient(settings) as client:
+        lab.stage.wait(lambda: "emulated" in client.rigs(), "the idle station")
+        driving = lab.lends(*command)
+        unheard = client.send("abort", "emulated", "Ada", 0.1)
+        assert unheard.is_unheard
+        answer = client.send_until_heard("abort", "emulated", "Ada: it smells", 60.0, "Ada")
+        assert answer.accepted, answer.reason
+        said, _ = driving.communicate(timeout=COMPILE_S)
+        states = {event["text"] for event in client.snapshot("emulated").events}
+    assert driving.returncode == 3, said
+    assert "homing: " not in said
+    assert not any("homing: " in text for text in states)
+    if command is RUN:
+        end = read_journal(lab.stage.folder / "out" / JOURNAL)[-1]
+        assert (end.kind, end["reason"]) == ("end", "Ada: it smells")
+    else:
+        assert "stopped by Ada: it smells" in said
     assert lab.stage.is_safe()
 
 

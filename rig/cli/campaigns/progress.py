@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Final, Self
 
@@ -10,7 +11,7 @@ from rich.table import Column
 from rich.text import Text
 
 from estimator.leaks import Decision
-from faults import Campaign, CampaignTest, to_litres_per_minute
+from faults import Campaign, CampaignTest, size_shown, to_litres_per_minute
 from rig.cli.screen import Screen
 from rig.runner import CampaignOutcome, InjectedFault, Observer, Status, TestOutcome
 from rig.runner.leak_test import leak_test_lines
@@ -66,7 +67,13 @@ class CampaignProgress(Observer):
         self._bars.stop()
 
     def campaign_begins(
-        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+        self,
+        campaign: Campaign,
+        directory: Path,
+        finished: Sequence[TestOutcome],
+        started: datetime,
+        *,
+        resumed: bool,
     ) -> None:
         """Write which campaign is going to be run, and how many of its tests are finished."""
         self._count = len(campaign.tests)
@@ -156,9 +163,12 @@ def cells_of(test: TestOutcome) -> tuple[str | Text, ...]:
 def injected(fault: InjectedFault) -> str:
     """Return an injected fault in words: kind, size, and when it began, in s.
 
-    The size is the mean flow in L/min; if that is not known, the coefficient.
+    The size is the mean flow in L/min; if that is not known, what was asked for.
     """
-    size = f"{fault.coefficient:.3g} {coefficient_unit(fault)}"
+    if fault.kind == "return_blockage":
+        size = f"{fault.coefficient:.3g} {coefficient_unit(fault)}"
+    else:
+        size = size_shown(fault.coefficient, linear=fault.linear)
     if fault.mean_flow_m3_per_s is not None:
         size = f"{to_litres_per_minute(fault.mean_flow_m3_per_s):.3f} L/min"
     return f"{fault.kind} {size} at {fault.at_s:g} s"

@@ -103,7 +103,7 @@ def command(
     stream: AbstractContextManager[Observer] = nullcontext(progress)
     if settings is not None:
         stream = streamed(progress, settings, rig, directory, obeyed_by(desk), by=by, paced=paced)
-    with stop_on_signals(stop):
+    with stop_on_signals(stop, directory):
         started = time.perf_counter()
         with (
             ending(EXIT_BAD_INPUT, DriverError),

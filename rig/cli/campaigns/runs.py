@@ -26,6 +26,7 @@ from rig.runner.run_folder import (
     JournalError,
     Run,
     RunError,
+    acknowledged,
     is_plain,
     read_journal,
     read_run,
@@ -362,6 +363,8 @@ def _lines(run: Run) -> Iterator[str]:
         yield f"  {test['name']}: {test['status']}{verdict}{flow}{again}{why}"
     for each in run.results.get("history") or []:
         yield f"  {each['at'][:19]} {each['who']}: {each['what']}"
+    for seen in acknowledged(run.folder):
+        yield f"  {seen.at[:19]} {seen.who}: {seen.what}"
 
 
 def _number(value: float | str | None) -> str:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 SCREEN_S: Final = 0.1
 LOG_S: Final = 1.0
 EXIT_DEAD: Final = 1
+ABORT_S: Final = 10.0
+"""Time in s for which an abort that nobody hears is sent again and again."""
 EVENTS: Final = 6
 STYLES: Final = {"live": "green", "ended": "dim", "dead": "bold red", "unheard": "dim"}
 _US: Final = 1e6
@@ -78,9 +80,12 @@ def command(
             if once or order:
                 _await(client, wait_s)
             if order is not None:
-                answer = client.send(
-                    order, None if rig_id == "*" else rig_id, text, test=test, person=own_name()
-                )
+                rig = None if rig_id == "*" else rig_id
+                if order == "abort":
+                    # A rig that is being connected, or that changes hands, is heard in seconds.
+                    answer = client.send_until_heard(order, rig, text, ABORT_S, own_name())
+                else:
+                    answer = client.send(order, rig, text, test=test, person=own_name())
                 click.echo(f"{order}: {'obeyed' if answer.accepted else answer.reason}")
                 return 0 if answer.accepted else EXIT_DEAD
             if not once:

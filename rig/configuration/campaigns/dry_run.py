@@ -20,15 +20,13 @@ from faults import (
     OnFault,
     TestLimit,
     Verdict,
-    linear_flow,
-    square_root_flow,
+    size_shown,
 )
 from rig.configuration.reading import show
 from rig.configuration.rigs import Rig, control_in_words
-from rig.plant import TICK, Model, Parameters, quantities
+from rig.plant import TICK, Model, Parameters
 from rig.recording import unit_of
 
-from .faults import TYPICAL_PRESSURE
 from .following import Following, expected_following
 from .foreseen import (
     criterion_warnings,
@@ -51,15 +49,14 @@ class PlannedFault:
 
     Attributes:
         fault: the fault.
-        unit: SI unit of its coefficient.
+        size: its size as text: a leak's flow at a pressure drop of 6.9 MPa, a blockage's
+            coefficient.
         needle_opening: opening of the needle valve, 0 to 1; None where no needle makes the fault.
-        flow_m3_per_s: flow of the leak at a pressure drop of 6.9 MPa; None for a blockage.
     """
 
     fault: Fault
-    unit: str
+    size: str
     needle_opening: float | None
-    flow_m3_per_s: float | None
 
     def __str__(self) -> str:
         """Return the fault as one line of text."""
@@ -67,12 +64,9 @@ class PlannedFault:
         end = "" if fault.until_s == inf else f" until {fault.until_s:g} s"
         verb = "changing" if fault.follows else "growing"
         ramp = f", {verb} over {fault.ramp_s:g} s" if fault.ramp_s else ""
-        text = f"{fault.kind} at {fault.at_s:g} s{end}{ramp}: {fault.coefficient:.4g} {self.unit}"
+        text = f"{fault.kind} at {fault.at_s:g} s{end}{ramp}: {self.size}"
         if self.needle_opening is not None:
             text += f", needle at {self.needle_opening:.1%}"
-        if self.flow_m3_per_s is not None:
-            flow, pressure = show(self.flow_m3_per_s, "m^3/s"), show(TYPICAL_PRESSURE, "Pa")
-            text += f", {flow} at {pressure}"
         return text
 
 
@@ -378,12 +372,9 @@ def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterat
 
 
 def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:
-    opening, flow = None, None
-    unit = "Pa/(m^3/s)^2"
+    opening, size = None, f"{fault.coefficient:.4g} Pa/(m^3/s)^2"
     if fault.kind != Verdict.RETURN_BLOCKAGE:
-        unit = quantities()[fault.column].unit
-        law = linear_flow if fault.linear else square_root_flow
-        flow = float(law(fault.coefficient, TYPICAL_PRESSURE))
+        size = size_shown(fault.coefficient, linear=fault.linear)
         valve = None if fault.linear else rig.bypass_valves.get(fault.kind)
         opening = valve.needle_opening_for(fault.coefficient) if valve else None
-    return PlannedFault(fault, unit, opening, flow)
+    return PlannedFault(fault, size, opening)

@@ -5,7 +5,14 @@ from math import inf, sqrt
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from control import RequestError
-from faults import LEAK_KINDS, BypassValve, Fault, Verdict, linked
+from faults import (
+    LEAK_KINDS,
+    TYPICAL_PRESSURE as TYPICAL_PRESSURE,
+    BypassValve,
+    Fault,
+    Verdict,
+    linked,
+)
 from rig.configuration.reading import (
     AnyQuantity,
     Located,
@@ -21,12 +28,6 @@ from rig.configuration.reading import (
 )
 from rig.configuration.rigs import LEAKAGE, RESISTANCE, Rig, valves_of
 from rig.plant import quantities
-
-TYPICAL_PRESSURE: Final = 6.9e6
-"""Pressure drop in Pa at which flows are stated: half the supply pressure of section 2.1.
-
-The pressure in a chamber is usually near this value.
-"""
 
 LINEAR_LEAKAGE: Final = Physical(
     "m^3/(s Pa)", 0.0, quantities()["internal_leakage_linear"].upper, 2e-12

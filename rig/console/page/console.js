@@ -12,7 +12,7 @@ import { preview } from "./preview.js";
 import { QueueCard } from "./queue.js";
 import { Trigger } from "./trigger.js";
 import * as views from "./views.js";
-import { clock, element, lasted } from "./words.js";
+import { answered, clock, element, lasted } from "./words.js";
 
 const by = (id) => document.getElementById(id);
 const SILENT_MS = 1500;
@@ -111,8 +111,9 @@ function render() {
   }
   if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks", "role"].some((name) => dirty.has(name))) actions();
   if (["queue", "launch", "holder", "role"].some((name) => dirty.has(name))) queue.show();
-  if (sections.life?.life !== render.life) {
-    render.life = sections.life?.life;
+  const stage = `${sections.life?.life} ${views.hasTripped(sections)}`;
+  if (stage !== render.stage) {
+    render.stage = stage;
     views.campaign(link);
     dirty.add("campaign");
   }
@@ -142,13 +143,14 @@ function alive() {
   let [text, how] = ["no rig yet", "off"];
   if (link.expired) [text, how] = ["login expired", "off"];
   else if (lost) [text, how] = ["no console", "bad"];
-  else if (life?.life === "live") [text, how] = [`live, ${life.rate_hz} samples/s`, "good"];
+  else if (life?.life === "live") [text, how] = [`live, ${life.rate_hz} samples/s`, views.hasTripped(link.sections) ? "bad" : "good"];
   else if (life?.life === "dead") [text, how] = [`dead for ${lasted(life.age_s)}`, "bad"];
   else if (life?.life === "ended") [text, how] = [`${link.sections.campaign?.activity ? "" : "campaign "}ended, ${lasted(life.age_s)} ago`, "off"];
   if (pill.textContent !== text) pill.textContent = text;
   pill.className = `pill ${how}`;
   const stale = lost || !life || life.life !== "live";
   document.body.classList.toggle("stale", stale);
+  if (lost !== link.lost) { link.lost = lost; actions(); queue.show(); }
   stands(lost, silent);
   banners(life);
 }
@@ -156,7 +158,8 @@ function alive() {
 function stands(lost, silent) {
   const [tone, word, why] = link.expired ? EXPIRED : rigState(link, lost, silent);
   if (link.expired) offerLogin();
-  alarm.take(tone, word, link.rig);
+  // Before anything was told, or told anew, nothing is known to be right or wrong.
+  if (lost && silent > SILENT_MS && link.heardAt || !lost && link.common.rigs && (link.sections.life || !link.common.rigs.length)) alarm.take(tone, word, link.rig);
   const key = JSON.stringify([tone, word, why]);
   if (stands.shown === key) return;
   stands.shown = key;
@@ -223,18 +226,22 @@ function actions() {
   may.skip = goesOn && skippable().length > 0;
   may.retry = goesOn && repeatable().length > 0;
   for (const button of document.querySelectorAll("[data-do]")) {
-    button.disabled = !isMine() || !may[button.dataset.do];
+    button.disabled = link.lost || !isMine() || !may[button.dataset.do];
   }
-  by("actions-why").textContent = isMine()
+  by("actions-why").textContent = link.lost ? "The console does not answer; nothing can be asked of it."
+    : isMine()
     ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : ""
     : holder?.number === null ? "Take control to act. Stop works for everybody." : `${holder?.name ?? "Nobody"} has control. Stop works for everybody.`;
   by("stop").setAttribute("aria-label", `Stop ${link.rig || "the rig"}: end the campaign now`);
   by("stop-rig").textContent = (link.common.rigs?.length ?? 0) > 1 ? link.rig : "";
   by("progress-meter").hidden = !progress?.duration_s;
   limit(link, isMine());
+  const mayAsk = link.role === null || isMine() || !link.mayNot.take;
+  by("holder-button").disabled = link.lost || !holder || link.expired || !mayAsk;
 }
 
-const queue = new QueueCard(link, order, isMine);
+const queue = new QueueCard(link, order, isMine, toast);
+window.rigConsoleQueue = queue;
 
 function toast(text, how = "") {
   const shown = element("p", `toast ${how}`, text);
@@ -244,8 +251,7 @@ function toast(text, how = "") {
 
 async function order(name, told) {
   const answer = await link.order(name, told);
-  const done = ["start", "go on"].includes(name) ? "is on its way; its state stands at the top" : "obeyed";
-  toast(answer.accepted ? `${name[0].toUpperCase()}${name.slice(1)}: ${done}` : `${name}: ${answer.reason}`, answer.accepted ? "" : "bad");
+  toast(answered(name, answer.accepted ? "" : answer.reason), answer.accepted ? "" : "bad");
   return answer;
 }
 
@@ -263,6 +269,7 @@ async function stop() {
   by("stop-word").textContent = "Stop";
   stopTold = answer.accepted
     ? ["warn", `${on}Stop obeyed`, `at ${clock(Date.now())}. Whatever moves is brought to rest; then valve null, bypass shut, pump unloaded.${answer.reason ? ` (${answer.reason})` : ""}`]
+    : answer.reason.startsWith("nothing moves") ? ["warn", `${on}Nothing to stop`, `at ${clock(Date.now())}: ${answer.reason}.`]
     : ["bad", `${on}Stop not confirmed`, `${answer.reason}. If the rig moves, press the emergency stop at the rig.`];
   alive();
   setTimeout(() => { stopTold = null; alive(); }, answer.accepted ? 20000 : 60000);

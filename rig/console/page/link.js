@@ -22,6 +22,7 @@ export class Link {
     this.expired = false;
     this.heardAt = 0;
     this.open = false;
+    this.lost = true; // whether the console does not answer; the page looks after it
     this.tries = 0;
     this.connect();
   }

@@ -47,7 +47,7 @@ export class Manual {
 
   on() {
     const { life, campaign } = this.link.sections;
-    return this.mine && life?.life === "live" && campaign?.status === "running" && campaign.activity === "manual";
+    return this.mine && !this.link.lost && life?.life === "live" && campaign?.status === "running" && campaign.activity === "manual";
   }
 
   show(mine) {
@@ -118,17 +118,19 @@ export class Manual {
     this.held = held;
     const speed = Math.min(by("manual-speed").value, 20);
     const answer = await this.ask(`hold ${way} speed ${speed}mm/s`);
-    if (this.held !== held) return;
-    if (answer.accepted) return;
+    // Why nothing moved is told to who has let go already as well, and not only that it rests.
+    if (!answer.accepted) held.refusal = answer.reason;
+    if (this.held !== held || answer.accepted) return;
     clearInterval(held.beating);
     this.held = null;
   }
 
   release() {
-    if (!this.held) return;
-    clearInterval(this.held.beating);
+    const held = this.held;
+    if (!held) return;
+    clearInterval(held.beating);
     this.held = null;
-    this.ask("stop");
+    this.ask("stop").then(() => { if (held.refusal) by("manual-said").textContent = held.refusal; });
   }
 
   beat() {

@@ -6,13 +6,19 @@ import { clock, element } from "./words.js";
 
 const by = (id) => document.getElementById(id);
 
+// Tells an entry that is to be added from all others.
+const mark = () => Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) => byte.toString(16).padStart(2, "0")).join("");
+
 export class QueueCard {
-  // order: gives an order to the console and shows what came of it; isMine: whether this page has control.
-  constructor(link, order, isMine) {
+  // order: gives an order to the console and shows what came of it; isMine: whether this page has control;
+  // say: shows a sentence.
+  constructor(link, order, isMine, say) {
+    this.say = say;
     this.link = link;
     this.order = order;
     this.isMine = isMine;
     this.shown = "";
+    this.unsure = null; // what was to be added as the console did not answer: {name, text}
     by("queue-add").addEventListener("click", () => this.add());
     by("queue-start").addEventListener("click", () => this.start());
     by("queue-halt").addEventListener("click", () => this.order("queue halt"));
@@ -20,6 +26,7 @@ export class QueueCard {
 
   // Why an order may not be given: the role, or that somebody else has control; empty if it may.
   why(name) {
+    if (this.link.lost) return "The console does not answer.";
     if (this.link.mayNot[name]) return `Not possible: ${this.link.mayNot[name]}.`;
     return this.isMine() ? "" : "Take control to change the queue.";
   }
@@ -28,6 +35,7 @@ export class QueueCard {
     const { queue, launch } = this.link.common;
     by("queue-card").hidden = !launch?.allowed;
     if (!queue || !launch?.allowed) return;
+    this.settle(queue);
     const key = JSON.stringify([queue, this.why("queue add"), launch.offers.length]);
     if (key === this.shown) return;
     this.shown = key;
@@ -80,7 +88,20 @@ export class QueueCard {
       choice: { label: "Campaign", options: offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]) },
       shown: preview,
     });
-    if (told) await this.order("queue add", { name: told.name });
+    if (!told) return;
+    // Asked for once more, after no answer came, it is the same entry and is not added twice.
+    const asked = this.unsure?.name === told.name ? this.unsure : { name: told.name, text: mark() };
+    this.unsure = asked;
+    const { answered } = await this.order("queue add", asked);
+    if (answered) this.unsure = null;
+    else this.show();
+  }
+
+  // Says whether what the console did not answer was done, once it tells the queue anew.
+  settle(queue) {
+    if (!this.unsure || this.link.lost || !queue.marks.includes(this.unsure.text)) return;
+    this.say(`${this.unsure.name} was queued, although the console did not answer.`);
+    this.unsure = null;
   }
 
   async start() {
@@ -90,6 +111,7 @@ export class QueueCard {
       text: `${first.campaign} begins as soon as nothing runs, then one after another: the ram moves without anybody being asked again. A stop, a trip or a run that did not come to its end halts the queue.`,
       shown: (place) => preview(place, first.campaign),
     });
-    if (told) await this.order("queue start");
+    // What was shown is what begins; the console refuses if something else has come first since.
+    if (told) await this.order("queue start", { name: String(first.number) });
   }
 }

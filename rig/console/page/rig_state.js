@@ -1,6 +1,6 @@
 // How the rig stands, in a word and a sentence: what the page says first, and says only once.
 
-import { lasted } from "./words.js";
+import { clock, lasted } from "./words.js";
 import { underWay } from "./views.js";
 
 const STARTING = {
@@ -12,6 +12,8 @@ const STARTING = {
   homing: ["Homing", "The ram moves slowly; where it is, is not known before it has met its stroke end."],
   "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
 };
+
+const READ_SOON = ["off", "Idle", "The station opens the devices; nothing drives."];
 
 const several = (tests) => tests.map((test) => test.name).join(", ");
 const sentence = (text) => (text && !/[.!?]$/.test(text) ? `${text}.` : text ?? "");
@@ -45,17 +47,18 @@ function ended({ life, campaign, interlocks }) {
   const first = interlocks?.first_out?.[0];
   const tripped = of(tests, "tripped")[0];
   if (campaign.hands_over && !first && !(life.age_s > LONGEST_HANDOVER_S)) return handsOver(campaign);
+  if (campaign.activity?.startsWith("idle:") && !first && campaign.exit_code) return ["warn", "Idle", `The station cannot read the rig: ${sentence(campaign.reason)}`];
   if (campaign.activity?.startsWith("idle:") && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
   if (campaign.activity && !first && !tripped) {
     return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
       : ["good", "Ended", `${capital(campaign.activity)} came to its end.${begunBy(campaign)}`];
   }
   const begun = tests.some((test) => test.status && test.status !== "not_run");
-  const refused = campaign.reason?.startsWith("the rig: ");
+  const refused = campaign.exit_code === 2 || (campaign.exit_code === 3 && campaign.reason?.startsWith("the rig: "));
   const also = failed.length ? ` ${count} failed: ${several(failed)}.` : "";
   if (first) return ["bad", "Tripped", trip(first) + also];
   if (tripped) return ["bad", "Tripped", sentence(tripped.message) + also];
-  if (campaign.exit_code === 3 && !begun && refused) return ["bad", "Not started", sentence(campaign.reason)];
+  if (!begun && refused) return ["bad", "Not started", sentence(campaign.reason)];
   const incomplete = tests.filter((test) => !test.status || ["aborted", "interrupted", "not_run", "running"].includes(test.status));
   if (incomplete.length || campaign.exit_code === 3) {
     const left = incomplete.length ? `${incomplete.length} of ${tests.length} tests did not come to their end.` : "";
@@ -72,6 +75,7 @@ function live({ life, campaign, progress, interlocks }) {
   if (first) return ["bad", "Tripped", trip(first)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
   if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
+  if (campaign?.status === "idle" && life.state === "connecting") return READ_SOON;
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
   if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
   const tests = campaign.tests ?? [];
@@ -95,6 +99,12 @@ function live({ life, campaign, progress, interlocks }) {
   return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}${begunBy(campaign)}`];
 }
 
+// Who has acknowledged how a run ended, and when.
+function acknowledged({ common }, folder) {
+  const seen = (common.launch?.seen ?? []).find((run) => run.folder === folder);
+  return seen ? ` Acknowledged by ${seen.by} at ${clock(Date.parse(seen.at))}${seen.text ? `: ${sentence(seen.text)}` : "."}` : "";
+}
+
 // Returns tone, word and sentence.
 export function rigState(link, lost, silent) {
   const { sections, common } = link;
@@ -107,15 +117,20 @@ export function rigState(link, lost, silent) {
   if (life?.life === "live") return live(sections);
   // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
   if (run && !(life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms)) {
-    return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "What it runs is loaded and compiled; its rig is not heard yet."];
+    return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
   }
   const failed = failedStart(link);
-  if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending)];
+  if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending) + acknowledged(link, failed.folder)];
   if (life?.life === "dead") {
     const first = sections.interlocks?.first_out?.[0];
     return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${trip(first)}` : ""}`];
   }
-  if (campaign?.name && life) return ended(sections);
+  if (campaign?.status === "running" && life?.life === "unheard") return ["warn", ...STARTING.connecting];
+  if (campaign?.status === "idle" && life?.life === "unheard") return READ_SOON;
+  if (campaign?.name && life) {
+    const [tone, word, why] = ended(sections);
+    return [tone, word, why + acknowledged(link, campaign.directory)];
+  }
   if (life && life.life !== "unheard") return ["off", "Idle", "No campaign runs on this rig."];
   return ["off", "No rig is heard", common.launch?.allowed ? "None runs yet. Whoever has control can start a campaign." : "None runs on this stream yet."];
 }

@@ -19,6 +19,7 @@ const LOOK_MS = 500;
 // A look is as long as 1000 of the finest steps: the console joins more than 1200 of them, and a step
 // that is joined of several could hide a gap.
 const LOOK_S = 10;
+const FINEST_MS = 10;
 // Whoever is further behind than a look goes on by parts that are past, so that all of them has come.
 const PART_S = 8;
 const COME_MS = 1000;
@@ -87,7 +88,7 @@ export class Trigger {
       const isBehind = end_ms > 0 && end_ms + COME_MS < (await this.history.now());
       const found = await stretch(rig, isBehind ? end_ms : 0, LOOK_S, 1200, [key]);
       if (this.state !== "armed" || this.key !== key || this.rig !== rig) return;
-      if (isBehind) wait = 0; // a browser that slept, as in a tab that is not seen, catches up
+      if (isBehind) wait = 0; // a browser that slept, as in a tab that is not seen, catches up with ten minutes
       if (this.judge(found, isBehind)) return;
       this.tell(`Armed: waits for ${this.words}.`);
     } catch (error) {
@@ -100,6 +101,8 @@ export class Trigger {
   // Looks at the steps of a stretch that were not looked at yet; returns whether the trigger has fired.
   judge(found, isPast) {
     const { begin_ms, step_ms, count } = found;
+    // So long ago was what comes next that the console has it in longer steps, which could hide a gap.
+    if (step_ms > FINEST_MS) { this.seen_ms = 0; return false; }
     const [low, high] = [found.low[this.key] ?? [], found.high[this.key] ?? []];
     // The newest step with a value may still grow. Of what is past everything has come.
     let end = count;

@@ -135,18 +135,26 @@ export function progress({ sections }) {
   by("progress-bar").style.width = `${100 * part}%`;
 }
 
+// Whether the rig that is heard has tripped; its run still writes what came of it.
+export const hasTripped = ({ life, interlocks }) =>
+  life?.life === "live" && (life.state === "tripped" || (interlocks?.first_out?.length ?? 0) > 0);
+
 // What is known of a rig that is not heard any more is what was.
-const now = (sections, status) => (status === "running" && sections.life?.life === "dead" ? "was running" : status);
+function now(sections, status) {
+  if (status !== "running") return status;
+  return hasTripped(sections) ? "tripped" : sections.life?.life === "dead" ? "was running" : status;
+}
 
 export function campaign({ sections }) {
   const told = sections.campaign ?? {};
   const runs = (told.tests ?? []).some((test) => test.status === "running");
   const status = told.status === "running" && !runs && (told.pausing || told.held?.length) ? "held" : told.status;
-  by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, status)}` : "none";
+  // What a station does that only reads stands at the top, and is no campaign.
+  by("campaign-name").textContent = told.name && !told.activity?.startsWith("idle:") ? `${told.name}, ${now(sections, status)}` : "none";
   by("campaign-more").textContent = told.name
     ? [told.activity !== told.name && told.activity,
       told.model && `rig ${told.rig}, model ${told.model}, filter ${told.filter}`,
-      `begun ${clock(told.begun_ms)}${told.begun_by ? ` by ${told.begun_by}` : ""}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
+      `${told.resumed ? "gone on with" : "begun"} ${clock(told.begun_ms)}${told.begun_by ? ` by ${told.begun_by}` : ""}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
 }
 
 export function launch({ common }) {

@@ -60,3 +60,25 @@ export function element(tag, className, ...held) {
   made.append(...held.map((item) => item ?? ""));
   return made;
 }
+
+// What an order is called where it is answered, and what is said when it was done.
+const ORDERS = {
+  __proto__: null,
+  start: ["Start", "is on its way; its state stands at the top"],
+  "go on": ["Go on", "is on its way; its state stands at the top"],
+  take: ["Control", "you have it"],
+  "take over": ["Control", "you have it"],
+  release: ["Control", "nobody has it"],
+  set: ["Set control", "obeyed"],
+  "queue add": ["Queue", "added at its end"],
+  "queue move": ["Queue", "moved"],
+  "queue remove": ["Queue", "removed"],
+  "queue start": ["Queue", "started"],
+  "queue halt": ["Queue", "halted; what runs goes on"],
+};
+
+// How an order was answered, in a sentence; `reason` is why it was not obeyed, empty if it was.
+export function answered(order, reason) {
+  const [name, done] = ORDERS[order] ?? [`${order[0].toUpperCase()}${order.slice(1)}`, "obeyed"];
+  return `${name}: ${reason || done}`;
+}

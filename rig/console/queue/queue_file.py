@@ -60,6 +60,7 @@ class Content:
 
     Attributes:
         entries: the campaigns that wait, the next one first.
+        marks: by which the newest entries were asked for, also of such as wait no more.
         offered: names of the campaigns that the console offered when it was started last.
         next_number: number of the next entry.
     """
@@ -67,6 +68,7 @@ class Content:
     entries: tuple[Queued, ...] = ()
     offered: tuple[str, ...] = ()
     next_number: int = 1
+    marks: tuple[str, ...] = ()
 
 
 class QueueFile:
@@ -106,14 +108,22 @@ class QueueFile:
         """Note which campaigns the console offers, so that `rig queue add` can refuse others."""
         return self._change(lambda held: replace(held, offered=tuple(names)))
 
-    def add(self, campaign: str, by: str) -> Content:
+    def add(self, campaign: str, by: str, mark: str = "") -> Content:
         """Add a campaign at the end of the queue, and return what the file holds then.
+
+        Args:
+            campaign: name of the campaign.
+            by: who queues it.
+            mark: tells this request from all others. One that was carried out before, and comes
+                again as its answer was lost, changes nothing. Empty for none.
 
         Raises:
             QueueError: the campaign is not offered, the queue is full, or the file cannot be used.
         """
 
         def added(held: Content) -> Content:
+            if mark and mark in held.marks:
+                return held
             if campaign not in held.offered:
                 offered = ", ".join(held.offered) or "nothing"
                 raise QueueError(f"{campaign[:80]} is not offered; the console offers: {offered}")
@@ -122,7 +132,9 @@ class QueueFile:
             at_ms = time.time_ns() // 10**6
             entry = Queued(held.next_number, campaign, by[:LONGEST_NAME], at_ms)
             entries = (*held.entries, entry)
-            return replace(held, entries=entries, next_number=held.next_number + 1)
+            marks = (*held.marks, mark)[-MOST_QUEUED:] if mark else held.marks
+            next_number = held.next_number + 1
+            return replace(held, entries=entries, next_number=next_number, marks=marks)
 
         return self._change(added)
 
@@ -229,4 +241,5 @@ def _content(text: bytes) -> Content:
             raise TypeError("has a value of another kind")
     offered = tuple(str(name) for name in told["offered"])
     highest = max((each.number for each in entries), default=0)
-    return Content(entries, offered, max(int(told["next_number"]), highest + 1))
+    marks = tuple(str(mark) for mark in told.get("marks", ()))
+    return Content(entries, offered, max(int(told["next_number"]), highest + 1), marks)

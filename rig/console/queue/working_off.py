@@ -67,9 +67,12 @@ class Queue:
         """Note in the file which campaigns this console offers; a problem is shown on the page."""
         self._take(lambda: self.file.offer(self._launcher.offers))
 
-    def add(self, campaign: str, by: str) -> None:
-        """Add an offered campaign; a `QueueError` is raised if that cannot be done."""
-        self._held = self.file.add(campaign, by)
+    def add(self, campaign: str, by: str, mark: str = "") -> None:
+        """Add an offered campaign; a `QueueError` is raised if that cannot be done.
+
+        A request with a `mark` that was carried out before changes nothing.
+        """
+        self._held = self.file.add(campaign, by, mark)
 
     def remove(self, number: str) -> None:
         """Remove the entry of a number; a `QueueError` is raised if there is none."""
@@ -81,17 +84,24 @@ class Queue:
             raise QueueError("an entry is moved earlier, later or first")
         self._held = self.file.move(_number(number), way)  # type: ignore[arg-type]
 
-    def begin(self, by: str) -> None:
+    def begin(self, by: str, first: str = "") -> None:
         """Have the queue worked off from now on.
 
+        Args:
+            by: who wants that.
+            first: number of the entry that is meant to begin; empty for whichever is the first.
+
         Raises:
-            QueueError: nothing is queued, the file cannot be used, or somebody has stopped while it
-                was read.
+            QueueError: nothing is queued, another entry is the first, the file cannot be used, or
+                somebody has stopped while it was read.
         """
         halts = self._halts
         self._held = self.file.read()
         if not self._held.entries:
             raise QueueError("nothing is queued; add a campaign first")
+        head = self._held.entries[0]
+        if first and str(head.number) != first:
+            raise QueueError(f"{head.campaign} comes first by now; see what its start would do")
         running = self._launcher.present()
         # Whoever starts the queue knows of a run that was stopped: its exit code is no news.
         self._excused = running if running is not None and running.stopped else None
@@ -147,6 +157,7 @@ class Queue:
                  "at_ms": each.at_ms, "begun": each.is_begun}
                 for each in self._held.entries
             ],
+            "marks": list(self._held.marks),
             "by": self._by,
             "why": self._problem or (self._awaited if self._by else self._why),
         }  # fmt: skip

@@ -106,6 +106,7 @@ def channel_name(index: int) -> str:
 
 
 _E = Explanation
+_SESSION_LOG: Final = "read session.log in the run's folder, if it has one; then start again"
 EXPLANATIONS: Final = {
     Cause.NONE: _E("nothing is wrong", "none needed"),
     Cause.LIMIT_LOW: _E(
@@ -201,10 +202,10 @@ EXPLANATIONS: Final = {
     Cause.EXCHANGE_LOST: _E(
         "the connection to the I/O device is lost", "check its power, cable and address"
     ),
-    Cause.LOOP_LOST: _E("the loop process gives no sign of life", "see its log; start again"),
-    Cause.FIELD_LOST: _E("the field process gives no sign of life", "see its log; start again"),
-    Cause.SUPERVISOR_LOST: _E("the supervisor gives no sign of life", "see its log; start again"),
-    Cause.RECORDER_LOST: _E("the recorder gives no sign of life", "see its log; start again"),
+    Cause.LOOP_LOST: _E("the loop process gives no sign of life", _SESSION_LOG),
+    Cause.FIELD_LOST: _E("the field process gives no sign of life", _SESSION_LOG),
+    Cause.SUPERVISOR_LOST: _E("the supervisor gives no sign of life", _SESSION_LOG),
+    Cause.RECORDER_LOST: _E("the recorder gives no sign of life", _SESSION_LOG),
     Cause.DISK_FULL: _E(
         "the recording cannot be written: the disk is full", "free space, or give another --out"
     ),

@@ -4,7 +4,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -69,8 +69,6 @@ from .suspending import MOST_SUSPENSIONS, Suspenders
 _WRITE_EVERY_S: Final = 1.0
 """Least time between two writings of the results, s: a campaign may have thousands of tests."""
 _NAP_S: Final = 0.05
-_MOST_REFUSED: Final = 100
-"""Refused requests that the journal keeps, so that a flood of requests cannot fill the disk."""
 _WANTS_ATTENTION: Final = (Status.FAILED, Status.ERROR, Status.TRIPPED, Status.INTERRUPTED)
 
 
@@ -146,10 +144,14 @@ def run_campaign(
             journal.move_to,
             observer.rig_tells,
         ) as keeper,
+        ExitStack() as ends,
     ):
         known = journal.entries
         state = resumable(known, directory, campaign, rig) if known else JournalState()
         ready: AbstractContextManager[object] = nullcontext()
+        # It is open while the rig is made ready too, so that who stops it then is known by name.
+        desk.prepare(stop)
+        ends.enter_context(ControlPort(directory, desk, desk.refuse))
         if bench is None:
             bench = ready = bench_of(
                 campaign, rig, directory, observer, stop,
@@ -160,6 +162,7 @@ def run_campaign(
             rig=rig,
             bench=bench,
             ready=ready,
+            heard=ends,
             keeper=keeper,
             pacer=Pacer(pace or rig.pace, stop),
             observer=observer,
@@ -221,7 +224,8 @@ def bench_of(
     # Imported here because a simulation does not need the libraries of its drivers.
     from rig.supervisor import ConnectedRig, Session
 
-    load(needs, ON_HARDWARE)
+    if not stop.requested:  # what was not compiled would be compiled now
+        load(needs, ON_HARDWARE)
 
     onlooker = observer if isinstance(observer, Onlooker) else None
     return Session(
@@ -241,8 +245,8 @@ class _CampaignRun(Setting):
         recordings: file name of each test's recording.
         standing: state of the campaign according to its journal.
         journal: the journal, whose context has been entered.
+        heard: the context in which other programs are heard, which ends before the journal does.
         written_at: when the results were last written, s of the monotonic clock.
-        refused: number of requests that were refused.
         suspended: how often conditions have interrupted each test, by the test's index.
         ended_with: exit code of an event that ended the run outside its tests; None if none.
     """
@@ -251,8 +255,8 @@ class _CampaignRun(Setting):
     recordings: list[str]
     standing: JournalState
     journal: Journal
+    heard: ExitStack
     written_at: float = 0.0
-    refused: int = 0
     suspended: Counter[int] = field(default_factory=Counter)
     ended_with: int | None = None
 
@@ -260,7 +264,7 @@ class _CampaignRun(Setting):
         """Run all tests that are not finished, until the end or a stop, and keep the journal.
 
         Args:
-            started: when the run was begun, UTC.
+            started: when the run was begun, or gone on with, UTC.
             given: options of the command line, for the journal.
             by: name of who starts the run or goes on with it; empty if not known.
 
@@ -269,7 +273,10 @@ class _CampaignRun(Setting):
         """
         finished = self.standing.finished
         stands = [finished[index] for index in sorted(finished)]
-        self.observer.campaign_begins(self.campaign, self.keeper.folder, stands)
+        resumed = self.standing.begun is not None
+        self.observer.campaign_begins(
+            self.campaign, self.keeper.folder, stands, started, resumed=resumed
+        )
         for name, text in unstable_controls(self.campaign, self.rig):
             self.observer.rig_tells(f"warning: {name}: {text}")
         if self.campaign.baseline_doubt:
@@ -282,11 +289,12 @@ class _CampaignRun(Setting):
             lambda pausing, held: self.observer.campaign_stands(pausing=pausing, held=held),
         )
         self._begin(started, given, by)
+        self.desk.begun()
         # Even if the run is killed now, its folder is recognized as that of a run.
         self.write()
         learn_again(self.references, self.standing, self.keeper.folder, self.recordings)
-        if self._next() is not None:
-            with ControlPort(self.keeper.folder, self.desk, self._refuse):
+        with self.heard:
+            if self._next() is not None:
                 self._use_rig()
         reason, exit_code = self.stop.reason, int(self.outcome.exit_code)
         self.desk.record("end", reason=reason, exit_code=exit_code)
@@ -299,7 +307,13 @@ class _CampaignRun(Setting):
         if self.standing.begun is not None:
             before = self.standing.begun["versions"] or {}
             changes = ", ".join(changes_of(before, now))
-            self.desk.record("resume", versions_changed=changes, pid=os.getpid(), **author)
+            self.desk.record(
+                "resume",
+                started=started.isoformat(timespec="seconds"),
+                versions_changed=changes,
+                pid=os.getpid(),
+                **author,
+            )
             return
         self.desk.record(
             "begin",
@@ -431,11 +445,6 @@ class _CampaignRun(Setting):
 
     def _keep(self, kind: str, *, durable: bool = True, **details: Any) -> None:
         self.standing.take(self.journal.write(kind, durable=durable, **details))
-
-    def _refuse(self, why: str) -> None:
-        self.refused += 1
-        if self.refused <= _MOST_REFUSED:
-            self.desk.record("refused", why=why, durable=False)
 
     def write(self) -> None:
         """Write `results.json` and `junit.xml` with all outcomes so far."""

@@ -98,7 +98,8 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         status = Status.ABORTED
     except TripError as error:
         setting.stop.request("a trip")
-        status, message, cause = Status.TRIPPED, str(error), error.cause
+        status, cause = Status.TRIPPED, error.cause
+        message = str(error).removeprefix("tripped: ")  # the status says that already
     except Exception as error:
         if isinstance(error, OSError) and error.errno in FULL:
             # On hardware the supervisor trips for a full disk: no further test could be recorded.

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from estimator.leaks import SETTLED_AFTER_S
-from faults import Fault, Verdict
+from faults import Fault, Verdict, size_shown
 from rig.runner.outcomes import Array, InjectedFault
 
 LEAK_CHANNELS: Final = {
@@ -81,9 +81,7 @@ class Injection:
         self._channels = channels
         self._flows = [self._flow_of(fault) for fault in faults]
         self._time_s = -inf
-        begins = [
-            (each.at_s, "fault_on", f"{each.kind}: {each.coefficient:.4g} (SI)") for each in faults
-        ]
+        begins = [(each.at_s, "fault_on", f"{each.kind}: {_size(each)}") for each in faults]
         # Where another fault goes on at the same place, its begin says so.
         ends = [(each.until_s, "fault_off", str(each.kind)) for each in faults if not each.goes_on]
         events = (event for event in begins + ends if event[0] != inf)
@@ -134,3 +132,9 @@ class Injection:
             for fault, flow in zip(self._faults, self._flows, strict=True)
             if fault.at_s <= self._time_s + _INSTANT_S
         )
+
+
+def _size(fault: Fault) -> str:
+    if fault.kind == Verdict.RETURN_BLOCKAGE:
+        return f"{fault.coefficient:.4g} Pa/(m^3/s)^2"
+    return size_shown(fault.coefficient, linear=fault.linear)

@@ -20,6 +20,8 @@ LONGEST_PERSON: Final = 64
 """Most characters of the name of who made a request; a longer one is cut off."""
 LONGEST_TEST: Final = 500
 """Most characters of a test's name in a request."""
+MOST_REFUSED: Final = 100
+"""Refused requests that the journal keeps, so that a flood of requests cannot fill the disk."""
 _PATIENCE_S: Final = 5.0
 
 Write = Callable[..., object]
@@ -70,6 +72,9 @@ class Desk:
         self._stop = StopFlag()
         self._lock = threading.Lock()
         self._write: Write | None = None
+        self._early: list[tuple[str, dict[str, Any]]] | None = None
+        """What was asked before `open`, for the journal; None while nothing may be asked."""
+        self._refused = 0
         self._names: Sequence[str] = ()
         self._present: int | None = None
         self._last: int | None = None
@@ -84,6 +89,33 @@ class Desk:
         self._changed: Changed
 
     # -- the campaign's thread --------------------------------------------------------------------
+
+    def prepare(self, stop: StopFlag) -> None:
+        """Take ABORT from now on, which requests a stop on the flag, and nothing else.
+
+        So a campaign is stopped whose rig is not ready yet, as while it is compiled.
+        """
+        with self._lock:
+            self._stop, self._early = stop, []
+
+    def begun(self) -> None:
+        """Write to the journal what was asked before `open`, once its first entry is written."""
+        with self._lock:
+            early, self._early = self._early or [], []
+            for kind, details in early:
+                if self._write is not None:
+                    self._write(kind, **details)
+
+    def refuse(self, why: str) -> None:
+        """Write to the journal that a request was refused, and why; of a flood only the first."""
+        self._refused += 1
+        if self._refused > MOST_REFUSED:
+            return
+        with self._lock:
+            if self._write is None and self._early is not None:
+                self._early.append(("refused", {"why": why}))
+                return
+        self.record("refused", why=why, durable=False)
 
     def open(
         self,
@@ -112,7 +144,7 @@ class Desk:
     def close(self) -> None:
         """Refuse all requests, and write nothing to the journal, from now on."""
         with self._lock:
-            self._write = None
+            self._write = self._early = None
 
     def record(self, kind: str, **details: Any) -> None:
         """Write an entry to the journal, while no request of an operator is being written.
@@ -222,7 +254,7 @@ class Desk:
         person = " ".join(person.encode(errors="replace").decode().split())[:LONGEST_PERSON]
         with self._lock:
             if self._write is None:
-                raise RefusedError("the campaign is not running")
+                return self._ask_early(request, who, text, person)
             index = self._index(request, test) if request in (Request.SKIP, Request.RETRY) else None
             change = None
             if request is Request.SET:
@@ -247,6 +279,19 @@ class Desk:
         if request in (Request.PAUSE, Request.RESUME):
             self._changed(self.paused, self._held)
         return reply
+
+    def _ask_early(self, request: Request, who: str, text: str, person: str) -> str:
+        """Take an ABORT before `open`; return the answer.
+
+        Raises:
+            RefusedError: it is another request, or `prepare` was not called or `close` was.
+        """
+        if self._early is None or request is not Request.ABORT:
+            raise RefusedError("the campaign is not running")
+        details = {"request": str(request), "who": who, "person": person, "text": text}
+        self._early.append(("operator", {key: each for key, each in details.items() if each}))
+        self._obey(request, person or who, remark_of(text, person), None)
+        return self._checked(request, text, None)
 
     def status(self) -> dict[str, Any]:
         """Return the state of the campaign as JSON-able values.

@@ -3,8 +3,11 @@
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Final
+
+from rig.control_socket import interrupted_by
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _UNNAMED: Final = "somebody without a name"
@@ -38,15 +41,20 @@ class StopFlag:
 
 
 @contextmanager
-def stop_on_signals(stop: StopFlag) -> Iterator[None]:
+def stop_on_signals(stop: StopFlag, folder: Path | None = None) -> Iterator[None]:
     """Let SIGINT (Ctrl-C), SIGTERM and SIGHUP set a flag instead of ending the process.
 
     This holds while the context is entered, however often a signal comes. Signals that the process
     ignores already (nohup, a job in the background) stay ignored. Only the main thread may call it.
+
+    Args:
+        stop: the flag.
+        folder: folder of a run, in which a console notes who interrupts it by a signal.
     """
 
     def request(number: int, _: FrameType | None) -> None:
-        stop.request(signal.Signals(number).name)
+        who, name = interrupted_by(folder) if folder else "", signal.Signals(number).name
+        stop.request(f"{who} ({name})" if who else name)
 
     previous = {number: signal.getsignal(number) for number in SIGNALS}
     caught = [number for number in SIGNALS if previous[number] is not signal.SIG_IGN]

@@ -4,13 +4,23 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
 from estimator.leaks import Decision
 from faults import Campaign, CampaignTest
 from rig.loop import Board
-from rig.runner.outcomes import EXIT_STOPPED, Array, Observer, Status, TestOutcome, grows, named
+from rig.runner.outcomes import (
+    EXIT_BAD_INPUT,
+    EXIT_STOPPED,
+    Array,
+    Observer,
+    Status,
+    TestOutcome,
+    grows,
+    named,
+)
 from rig.supervisor import Errand, Onlooker, RowFeed, Stream
 
 PROGRESS_S: Final = 0.1
@@ -67,13 +77,15 @@ class StreamedRun(Observer, Onlooker):
         """Send the message that all has ended, if anything was begun, and close the stream.
 
         Args:
-            failed: why an activity that is no campaign ended before its end; a campaign says by
-                `campaign_ends` how it ended.
+            failed: why it ended before its end; a campaign that came to tests says by
+                `campaign_ends` how it ended, and otherwise its rig was refused.
         """
         if self._campaign:
             self._campaign["status"] = "ended"
             if failed and self._activity:
                 self._campaign |= {"exit_code": EXIT_STOPPED, "reason": failed}
+            elif failed and "exit_code" not in self._campaign:
+                self._campaign |= {"exit_code": EXIT_BAD_INPUT, "reason": failed}
             self._list_tests(last=True)
         self.stream.close()
         if self._feed is not None:
@@ -85,8 +97,10 @@ class StreamedRun(Observer, Onlooker):
         name = self._activity or str(self._campaign.get("name", ""))
         return Errand(name, self._by, self._idle)
 
-    def connected(self, board: Board, channels: tuple[str, ...]) -> None:
+    def connects(self, board: Board, channels: tuple[str, ...]) -> None:
         """Let the stream publish the rows of a session on hardware from its board.
+
+        The stream takes commands from then on, before any device is open.
 
         Args:
             board: the session's board, with the ring of rows.
@@ -118,12 +132,20 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=True)
 
     def campaign_begins(
-        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+        self,
+        campaign: Campaign,
+        directory: Path,
+        finished: Sequence[TestOutcome],
+        started: datetime,
+        *,
+        resumed: bool,
     ) -> None:
         """Send the campaign with all its tests, and the outcomes of the finished ones."""
-        self._inner.campaign_begins(campaign, directory, finished)
+        self._inner.campaign_begins(campaign, directory, finished, started, resumed=resumed)
         self._campaign = {
             **self._said(),
+            "begun_ns": round(1e9 * started.timestamp()),
+            "resumed": resumed,
             **named(campaign, "name", "description", rig="rig_name"),
             "model": campaign.model.name,
             "filter": campaign.filter_name,

@@ -1,6 +1,7 @@
 """Defines the methods by which a run reports its progress to an observer."""
 
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 
 from estimator.leaks import Decision
@@ -17,7 +18,13 @@ class Observer:
     """
 
     def campaign_begins(
-        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+        self,
+        campaign: Campaign,
+        directory: Path,
+        finished: Sequence[TestOutcome],
+        started: datetime,
+        *,
+        resumed: bool,
     ) -> None:
         """Handle the begin of a campaign, or of its continuation after a stop or a kill.
 
@@ -25,6 +32,8 @@ class Observer:
             campaign: the campaign.
             directory: the folder to which the campaign's results are written.
             finished: outcomes of the tests that an earlier part of the run has finished.
+            started: when the run was begun, or gone on with, UTC, as its journal has it.
+            resumed: whether it is gone on with.
         """
 
     def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:

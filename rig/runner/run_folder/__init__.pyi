@@ -54,6 +54,7 @@ from .results import (
 )
 from .resuming import (
     JournalState as JournalState,
+    acknowledged as acknowledged,
     begun_in as begun_in,
     changes_of as changes_of,
     fingerprint as fingerprint,

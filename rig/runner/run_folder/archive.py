@@ -3,7 +3,7 @@
 import json
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -21,6 +21,7 @@ from .journal import (
     is_written,
     read_journal,
     reason_of,
+    since_end,
 )
 
 RUNS: Final = Path("runs")
@@ -153,9 +154,10 @@ def _check(run: Run) -> None:
 def _state_of(folder: Path, run: Run) -> str:
     if is_written(folder):
         return "running"
-    last: list[Entry] = []
+    last: Sequence[Entry] = ()
     with suppress(JournalError):
-        last = read_journal(folder / JOURNAL)[-1:]
+        entries = read_journal(folder / JOURNAL)
+        last = entries[: len(entries) - len(since_end(entries))][-1:]
     unfinished = {"not_run", "aborted", "interrupted"} & {str(test["status"]) for test in run.tests}
     return "unfinished" if unfinished or (last and last[0].kind != "end") else "ended"
 

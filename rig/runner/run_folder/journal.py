@@ -10,7 +10,7 @@ import json
 import os
 import threading
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -77,6 +77,16 @@ def read_journal(path: Path) -> list[Entry]:
         JournalError: the journal cannot be read, or a valid line follows a damaged one.
     """
     return _read(path)[0]
+
+
+def since_end(entries: Sequence[Entry]) -> Sequence[Entry]:
+    """Return the entries by which somebody has acknowledged a run after its last other entry."""
+    count = 0
+    for entry in reversed(entries):
+        if entry.kind != "operator" or entry["request"] != "acknowledge":
+            break
+        count += 1
+    return entries[len(entries) - count :]
 
 
 def _read(path: Path) -> tuple[list[Entry], int]:

@@ -31,7 +31,7 @@ from rig.runner.outcomes import (
 )
 
 from .directory import attempt_path
-from .journal import JOURNAL, Entry, JournalError, read_journal
+from .journal import JOURNAL, Entry, JournalError, read_journal, since_end
 
 CAMPAIGN: Final = "campaign"
 """Name in place of an operator's for events that no operator asked for."""
@@ -216,7 +216,8 @@ class JournalState:
         self._happened(entry, person or entry["who"], ": ".join(filter(None, (sentence, remark))))
 
     def _happened(self, entry: Entry, who: str, what: str) -> None:
-        self.history.append(Happening(entry.at, who, what))
+        # A run is begun, or gone on with, before what it runs is compiled and its entry is written.
+        self.history.append(Happening(entry["started"] or entry.at, who, what))
 
 
 def standing_of(entries: Sequence[Entry]) -> JournalState:
@@ -281,6 +282,19 @@ def _meant(test: Mapping[str, Any]) -> dict[str, Any]:
 def _sha256(content: Any) -> str:
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def acknowledged(folder: Path) -> Sequence[Happening]:
+    """Return who has acknowledged a run after its end, when, and with which words.
+
+    The oldest comes first; it is empty if the journal is gone or damaged.
+    """
+    try:
+        entries = read_journal(folder / JOURNAL)
+        count = len(since_end(entries))
+        return standing_of(entries).history[-count:] if count else ()
+    except (JournalError, KeyError, TypeError, ValueError):
+        return ()
 
 
 def begun_in(folder: Path) -> Entry:

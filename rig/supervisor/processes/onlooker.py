@@ -31,8 +31,11 @@ class Onlooker:
         """What the session wants the rig for; a station is told this when it is asked for it."""
         return Errand()
 
-    def connected(self, board: Board, channels: tuple[str, ...]) -> None:
-        """Learn that the session is connected, with this board, whose rows have these columns."""
+    def connects(self, board: Board, channels: tuple[str, ...]) -> None:
+        """Learn that the session connects its devices, and of its board and its rows' columns.
+
+        No device is open yet; a stop that is asked for from now on ends the connecting.
+        """
 
     def came_to(self, state: str) -> None:
         """Learn the session's new state."""

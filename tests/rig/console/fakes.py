@@ -1,6 +1,7 @@
 """A client of the live stream that tests feed, in place of one that receives by Zenoh."""
 
 import subprocess
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -59,6 +60,7 @@ class FakeClient(StreamClient):
         self.persons: list[str] = []
         self.answer = Answer(True)
         self.rows = 0
+        self._closing, self._asking = threading.Event(), []
 
     def become(self, rig: str, **changed: Any) -> None:
         """Change fields of a rig's snapshot."""
@@ -94,4 +96,4 @@ class FakeClient(StreamClient):
         return self.answer
 
     def close(self) -> None:
-        pass
+        self._closing.set()

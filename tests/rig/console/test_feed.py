@@ -58,3 +58,19 @@ def test_that_no_rig_is_heard_tells_nothing_before_the_console_has_listened_for_
         if at is not None:
             feed.tick(at)
         assert told(feed)["listening"] == listening
+
+
+def test_what_was_measured_before_a_session_is_not_taken_again_while_it_only_connects() -> None:
+    client = FakeClient(RUNNING)
+    feed = RigFeed("bench")
+    feed.follow(client, client.snapshot("bench"), 0.0)
+    assert feed.history is not None
+    count, newest_s = feed.curves.count, feed.history.newest_s
+    client.become("bench", session="s2", rate_hz=0.0)
+    for tick in range(1, 60):
+        feed.follow(client, client.snapshot("bench"), 0.1 * tick)
+    assert (feed.curves.count, feed.history.newest_s) == (count, newest_s)
+    client.become("bench", rate_hz=1000.0)
+    feed.follow(client, client.snapshot("bench"), 6.1)
+    assert feed.curves.epoch > 0
+    assert feed.history.newest_s > newest_s

@@ -21,12 +21,12 @@ from rig.console.launcher import (
     Served,
     offers_of,
 )
-from rig.control_socket import SOCKET
+from rig.control_socket import INTERRUPTED_BY, SOCKET, interrupted_by
 from rig.runner.campaign.control_port import ControlPort
 from rig.runner.campaign.operator_requests import Desk
 from rig.runner.campaign.stopping import StopFlag
 
-from .fakes import start_by
+from .fakes import start_by, until
 
 CAMPAIGN = (
     "name: {name}\ndescription: |\n  Two\n  lines.\nrig: bench\ntests:\n  - name: a\n  - name: b\n"
@@ -172,13 +172,18 @@ def test_a_run_that_ended_badly_wants_to_be_acknowledged_once_and_can_still_be_g
     launcher: Launcher, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     end = {"kind": "end", "reason": "a trip", "exit_code": 3}
-    seen = {"kind": "operator", "request": "acknowledge", "who": "root", "person": "Anna"}
+    seen = {"kind": "operator", "request": "acknowledge", "who": "root", "person": "Anna",
+            "at": "2026-11-28T12:00:00+00:00", "text": "Anna: it was me"}  # fmt: skip
     run_of(tmp_path, "tripped", end)
     run_of(tmp_path, "seen", end, seen)
     run_of(tmp_path, "passed", {"kind": "end", "reason": "", "exit_code": 0})
     content = launcher.content()
     assert [run["folder"] for run in content["unseen"]] == ["tripped"]
     assert {run["folder"] for run in content["unfinished"]} == {"tripped", "seen"}
+    (known,) = content["seen"]
+    assert (known["folder"], known["by"], known["at"], known["text"]) == (
+        "seen", "Anna", seen["at"], "it was me",
+    )  # fmt: skip
     asked: list[list[str]] = []
 
     def run(command: list[str], **_: Any) -> Any:
@@ -230,6 +235,7 @@ def test_a_run_that_answers_is_stopped_with_its_reason_and_not_interrupted(
         assert launcher.stop("Anna: enough") == ASKED
     assert (written, stop.requested) == (["Anna: enough"], True)
     assert started[0].signals == []
+    until(lambda: not (running / INTERRUPTED_BY).exists(), "the note to be taken away")
 
 
 def test_a_run_that_has_said_that_it_stops_and_runs_on_is_interrupted(
@@ -259,14 +265,34 @@ def test_a_run_without_a_control_port_is_interrupted_at_once(
     launcher.start("leaks", "Anna")
     assert launcher.stop("Anna") == INTERRUPTED
     assert started[0].signals == [signal.SIGINT]
+    started[0].exit_code = 130
+    launcher.look()
+    assert launcher.content()["last"]["reason"] == "stopped by Anna before it began"
+
+
+def test_a_run_that_is_gone_on_with_says_nothing_of_what_it_said_before(
+    launcher: Launcher, started: list[Process], running: Path
+) -> None:
+    begun = {"kind": "begin", "campaign": "leaks", "given": None}
+    (running / "journal.jsonl").write_text(json.dumps(begun) + "\n")
+    assert launcher.content()["last"]["said"] == "is wrong"
+    started[0].exit_code = 3
+    launcher.look()
+    log = running.with_name(f"{running.name}.console.log")
+    with log.open("ab") as output:
+        output.write(b"[2/2] leak: tripped after 3 s\n")
+    launcher.go_on(running.name, "Bo")
+    log.write_bytes(log.read_bytes()[: -len(b"rig: it\nis wrong\n")])  # it has said nothing yet
+    assert launcher.content()["last"]["said"] == ""
 
 
 def test_a_run_that_takes_no_requests_is_interrupted(
     launcher: Launcher, started: list[Process], running: Path
 ) -> None:
     with ControlPort(running, Desk(), lambda why: None):
-        assert launcher.stop("Anna") == INTERRUPTED
+        assert launcher.stop("Anna: enough") == INTERRUPTED
     assert started[0].signals == [signal.SIGINT]
+    assert interrupted_by(running) == "Anna: enough"
 
 
 def test_a_run_that_hangs_is_interrupted(

@@ -1,5 +1,6 @@
 """A stop goes every way there is; nothing is started on a rig that runs."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,9 @@ from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, Offer, Se
 from rig.console.orders import REASONS, Order, Orders
 from rig.console.visitors import ControlHolder, Visitor
 from rig.stream.client import Answer
+from rig.stream.commands import OTHER_SESSION
 
-from .fakes import RUNNING, FakeClient
+from .fakes import RUNNING, FakeClient, until
 
 ANNA = Visitor(1, "Anna", 9e9)
 
@@ -38,15 +40,36 @@ class FakeLauncher(Launcher):
         self.asked.append(f"acknowledge {name} by {by}: {text}")
 
 
+class Connecting(FakeClient):
+    """The client of a rig that answers nobody before it has been asked so many times."""
+
+    def __init__(self, unanswered: int, reason: str = "no answer: nobody is there") -> None:
+        super().__init__(RUNNING)
+        self.unanswered, self.reason = unanswered, reason
+
+    def send(self, *given: Any, **told: Any) -> Answer:
+        answer = super().send(*given, **told)
+        return answer if len(self.sent) > self.unanswered else Answer(False, self.reason)
+
+
 @pytest.fixture
 def client() -> FakeClient:
     return FakeClient(RUNNING)
 
 
-def orders(client: FakeClient, launcher: Launcher) -> Orders:
+@pytest.fixture(autouse=True)
+def _short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.stream.client.HEARD_AGAIN_S", 0.01)
+    monkeypatch.setattr("rig.console.orders.STOP_S", 0.2)
+    monkeypatch.setattr("rig.console.standing_stop.STANDS_S", 0.4)
+
+
+def orders(
+    client: FakeClient, launcher: Launcher, say: Callable[[str], None] = lambda text: None
+) -> Orders:
     control = ControlHolder(lambda text: None)
     control.take(ANNA)
-    return Orders(client, control, launcher)
+    return Orders(client, control, launcher, say=say)
 
 
 def test_a_stop_that_the_stream_answers_leaves_processes_alone(
@@ -69,6 +92,38 @@ def test_a_stop_that_the_stream_does_not_take_stops_what_was_started_here_and_sa
     assert ("interrupted" in answer.reason) is (done == INTERRUPTED)
     nothing = orders(client, FakeLauncher(tmp_path)).carry_out(Order("stop", rig), ANNA)
     assert not nothing.accepted
+
+
+@pytest.mark.parametrize("reason", ["no answer: nobody", f"replayed: {OTHER_SESSION}"])
+def test_a_stop_of_a_rig_that_is_being_connected_is_said_until_it_is_heard(
+    tmp_path: Path, reason: str
+) -> None:
+    client = Connecting(3, reason)
+    assert orders(client, FakeLauncher(tmp_path)).carry_out(Order("stop", "bench"), ANNA).accepted
+    assert client.sent == [("abort", "bench", "Anna", "")] * 4
+    assert client.persons == ["Anna"] * 4
+
+
+def test_a_stop_that_is_heard_late_says_that_it_stands_and_then_that_it_was_heard(
+    tmp_path: Path,
+) -> None:
+    client, said = FakeClient(), list[str]()
+    desk = orders(client, FakeLauncher(tmp_path), said.append)
+    answer = desk.carry_out(Order("stop", "bench", "enough"), ANNA)
+    assert (answer.accepted, said) == (False, [])
+    assert "nobody hears it yet" in answer.reason
+    assert "whatever begins on bench within 15 s is stopped" in answer.reason
+    client.shots["bench"] = RUNNING
+    until(lambda: bool(said), "the stop to be heard")
+    assert said == ["bench: the stop of Anna was heard, and is obeyed"]
+    assert client.sent == [("abort", "bench", "Anna: enough", "")]
+
+
+def test_a_stop_that_a_rig_refuses_does_not_stand(tmp_path: Path) -> None:
+    client = Connecting(9, "nothing moves; the rig is disarmed")
+    answer = orders(client, FakeLauncher(tmp_path)).carry_out(Order("stop", "bench"), ANNA)
+    assert answer == Answer(False, "nothing moves; the rig is disarmed")
+    assert len(client.sent) == 1
 
 
 def test_a_second_stop_of_a_run_that_is_ending_is_no_failure_of_the_first(

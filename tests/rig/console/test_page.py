@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
@@ -9,7 +10,7 @@ from playwright.sync_api import Browser, Page, expect
 from rig.stream.client import Answer
 
 from .conftest import WAIT_MS, take_control
-from .fakes import RUNNING, until
+from .fakes import RUNNING, FakeClient, until
 from .site import Site
 
 expect.set_options(timeout=WAIT_MS)
@@ -118,13 +119,16 @@ def test_stop_is_on_the_screen_wherever_one_has_scrolled_and_over_any_dialog(
 def test_the_key_stops_while_somebody_writes_and_a_refusal_is_shouted(
     site: Site, page: Page
 ) -> None:
-    site.client.answer = Answer(False, "no answer")
+    site.client.answer = Answer(False, "denied")
     page.locator("[data-do=note]").click()
     page.keyboard.type("oil on the fl")
     page.keyboard.press("F9")
-    expect(page.locator("#banners")).to_contain_text("Stop not confirmed no answer")
+    expect(page.locator("#banners")).to_contain_text("Stop not confirmed denied")
     expect(page.locator("#banners")).to_contain_text("emergency stop at the rig")
     assert site.client.sent == [("abort", "bench", "Anna", "")]
+    site.client.answer = Answer(False, "nothing moves; the rig is disarmed")
+    page.keyboard.press("F9")
+    expect(page.locator("#banners .warn")).to_contain_text("bench: Nothing to stop")
 
 
 def test_a_console_that_does_not_answer_is_reported_and_found_again(site: Site, page: Page) -> None:
@@ -183,7 +187,7 @@ def test_the_page_is_worked_by_keyboard_alone(site: Site, page: Page) -> None:
 
 @pytest.mark.parametrize("let_go", ["pointer", "blur"])
 def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
-    site: Site, page: Page, let_go: str
+    site: Site, page: Page, let_go: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     panel, sent = page.locator("#manual-card"), site.client.sent
     expect(panel).to_be_hidden()
@@ -201,6 +205,17 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
         page.evaluate("dispatchEvent(new Event('blur'))")
     until(lambda: ("jog", "bench", "Anna: stop", "") in sent, "the stop")
     assert ("jog", "bench", "Anna: hold out speed 20mm/s", "") in sent
+    if let_go == "pointer":
+        # That it rests is not all that is told of a hand that has moved nothing.
+        plain = FakeClient.send
+
+        def send(self: FakeClient, command: str, *given: Any, **told: Any) -> Answer:
+            answer = plain(self, command, *given, **told)
+            return Answer(False, "the ram is not homed") if "hold" in given[1] else answer
+
+        monkeypatch.setattr(FakeClient, "send", send)
+        page.get_by_role("button", name="Hold: out").click()
+        expect(page.locator("#manual-said")).to_have_text("the ram is not homed")
     page.locator("#holder-button").click()
     expect(page.get_by_role("button", name="Hold: out")).to_be_disabled()
     site.client.shots["bench"] = RUNNING

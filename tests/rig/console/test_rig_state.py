@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,18 @@ def launched(last: dict[str, Any] | None, before: Site_) -> Site_:
     return set_up
 
 
+def acknowledged(before: Site_) -> Site_:
+    at = datetime(2026, 11, 28, 12, 0, 5).astimezone().isoformat()
+    seen = {"folder": "out", "campaign": "leaks", "by": "Ada", "at": at, "text": "it was me"}
+
+    def set_up(site: Site) -> None:
+        launched(None, before)(site)
+        told = site.console.launcher.content() | {"seen": [seen]}
+        site.console.launcher.content = lambda: told  # type: ignore[method-assign]
+
+    return set_up
+
+
 def nobody(site: Site) -> None:
     site.client.shots.clear()
 
@@ -87,6 +100,30 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
                                            tests=[])),
         "off", "Idle", "The station reads the rig; nothing drives.", {"start"},
     ),
+    "being read by its station": (
+        rig(progress={}, state={"state": "connecting"},
+            campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
+        "off", "Idle", "The station opens the devices; nothing drives.", {"start"},
+    ),
+    "told of by its station before it is heard": (
+        rig(alive=False, age_s=None, progress={},
+            campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
+        "off", "Idle", "The station opens the devices; nothing drives.", {"start"},
+    ),
+    "not to be read by its station": (
+        rig(alive=False, age_s=9.0, progress={}, campaign=campaign(
+            status="ended", activity="idle: nothing drives", tests=[], exit_code=3,
+            reason="daq: does not answer")),
+        "warn", "Idle", "The station cannot read the rig: daq: does not answer.", {"start"},
+    ),
+    "refused by a device": (
+        ended("", "", exit_code=2, reason="daq: does not answer"), "bad", "Not started",
+        "daq: does not answer.", {"start"},
+    ),
+    "acknowledged": (
+        acknowledged(ended("tripped", "", exit_code=3, reason=REASON, health=TRIPPED)), "bad",
+        "Tripped", "Acknowledged by Ada at 12:00:05: it was me.", {"start"},
+    ),
     "left by its station": (
         rig(alive=False, age_s=9.0, progress={}, campaign=campaign(
             status="ended", activity="idle: nothing drives", tests=[], exit_code=0)),
@@ -103,6 +140,10 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
             status="ended", activity="idle: nothing drives", tests=[], exit_code=0,
             hands_over="homing, asked by Bo")),
         "off", "Idle", "The station has left the rig", {"start"},
+    ),
+    "told of before it is heard": (
+        rig(alive=False, age_s=None, campaign=campaign("", "")), "warn", "Connecting", "opened",
+        {"start"},
     ),
     "connecting": (
         in_state("connecting", "", ""), "warn", "Connecting", "opened", {"hold", "skip"}

@@ -260,3 +260,13 @@ def test_a_file_of_logins_of_another_user_holds_none(
     own = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: own + 1)
     assert kept(tmp_path, clock).visitor(cookie) is None
+
+
+def test_who_logs_in_twice_takes_control_from_nobody_else() -> None:
+    said: list[str] = []
+    control = ControlHolder(said.append)
+    for number, name, over in ((1, "Ada", False), (2, "Ada", True), (3, "Bo", True)):
+        control.take(Visitor(number, name, 9e9), over=over)
+    assert said == [
+        "Ada takes control", "Ada takes control on another page", "Bo takes over from Ada",
+    ]  # fmt: skip

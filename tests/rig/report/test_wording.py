@@ -66,8 +66,8 @@ def test_of_several_faults_all_are_named_and_the_flow_is_said_to_be_that_of_all(
     ("fault", "size"),
     [
         (INJECTED, "0.29 L/min"),
-        (replace(INJECTED, mean_flow_m3_per_s=None), "1.9e-09 m³/(s √Pa)"),
-        (replace(INJECTED, mean_flow_m3_per_s=None, linear=True), "1.9e-09 m³/(s Pa)"),
+        (replace(INJECTED, mean_flow_m3_per_s=None), "0.299 L/min at 6.9 MPa"),
+        (replace(INJECTED, mean_flow_m3_per_s=None, linear=True), "787 L/min at 6.9 MPa (linear)"),
         (InjectedFault("return_blockage", 8.0, None, 2e13, False, None), "2e+13 Pa/(m³/s)²"),
     ],
 )

@@ -180,6 +180,20 @@ def test_an_answer_of_a_new_publisher_counts_however_far_the_earlier_one_had_cou
     assert view.snapshot(0).campaign["status"] == "running"
 
 
+def test_a_new_session_that_was_only_asked_is_not_heard_yet_and_has_not_the_old_one_s_samples(
+    view: RigView, publisher: Publisher
+) -> None:
+    publisher.samples(0, at_ns=S)
+    assert view.snapshot(S).rate_hz > 0.0
+    again = Publisher(view, "s2")
+    view.take_past("campaign", again.message("campaign", {"status": "running"}), 9 * S)
+    found = view.snapshot(9 * S)
+    assert (found.life, found.age_s, found.campaign["status"]) == ("unheard", None, "running")
+    publisher = Publisher(view, "s3")
+    publisher.heartbeat(at_ns=S + S // 2)
+    assert (view.snapshot(S + S // 2).life, view.snapshot(S + S // 2).rate_hz) == ("live", 0.0)
+
+
 def test_a_late_joiner_puts_the_past_before_the_present(
     view: RigView, publisher: Publisher
 ) -> None:

@@ -1,6 +1,7 @@
 """What a rig's connection waits for: an answer of a part, but not after one that cannot be read."""
 
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -12,8 +13,11 @@ import pytest
 from rig.configuration.rigs.rig import load_rig
 from rig.io.driver import DriverError
 from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
+from rig.loop import Board, StopRequestedError
 from rig.plant import Model
+from rig.runner.campaign.stopping import StopFlag
 from rig.supervisor.connected_rig import ConnectedRig
+from rig.supervisor.processes import Onlooker, Parts
 from rig.supervisor.processes.child import Child, ChildError, NoAnswerError
 from tests.waiting import PATIENCE_S
 
@@ -89,3 +93,30 @@ def test_an_answer_that_cannot_be_read_is_an_error_at_once(rig: ConnectedRig, wa
     unreadable = ChildError("part process: sent what cannot be read: LookupError")
     with pytest.raises(ChildError, match="sent what cannot be read"):
         WAYS[way](rig, Part(unreadable))
+
+
+def test_a_stop_while_the_devices_are_opened_ends_that_and_says_who_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop, done = StopFlag(), list[str]()
+
+    class Stops(Onlooker):
+        """An onlooker through whom Ada stops what has only begun to connect."""
+
+        def connects(self, board: Board, channels: tuple[str, ...]) -> None:
+            stop.request("Ada")
+
+        def came_to(self, state: str) -> None:
+            done.append(state)
+
+    part = SimpleNamespace(end=lambda: None)
+    parts = SimpleNamespace(field=Part("opened"), loop=part, recorder=part)
+    monkeypatch.setattr(Part, "end", lambda self, timeout_s=0.0: None)
+    monkeypatch.setattr("rig.supervisor.connected_rig.held", lambda *given: nullcontext(()))
+    monkeypatch.setattr(Parts, "start", lambda *given: parts)
+    rig = ConnectedRig(
+        load_rig("emulated"), "product", Model(), tmp_path, stop, lambda line: None, Stops()
+    )
+    with pytest.raises(StopRequestedError, match="stopped by Ada"):
+        rig.connect()
+    assert done == ["connecting", "off"]

@@ -346,7 +346,7 @@ def test_a_simulated_campaign_that_exceeds_a_limit_ends_with_exit_code_3_and_a_t
     campaign.write_text(LIMITED)
     done = invoke("run", campaign, "--out", tmp_path / "out")
     assert done.code == 3
-    assert "tripped: pressure_1_Pa is above its limit: 8." in done.out
+    assert "; pressure_1_Pa is above its limit: 8." in done.out
     assert "limit 8 MPa" in done.out
     assert json.loads((tmp_path / "out" / "trip-1.json").read_text())["cause"] == "LIMIT_HIGH"
     reported = json.loads((tmp_path / "out" / "results.json").read_text())["tests"]

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import re
 import shutil
 import warnings
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import pytest
 
 from rig.loop.timing import STAGES
 from rig.runner.outcomes.figures import Figure, figures_of
+from rig.runner.run_folder.acknowledging import acknowledge_ended
 from rig.runner.run_folder.archive import RunError, prunable, read_run, run_named, runs_below
 from rig.runner.run_folder.comparing import ANYTHING, TOLERANCES, Tolerance, compare, tolerance_of
 
@@ -107,6 +109,15 @@ def test_a_run_is_shown_by_name_and_by_path(invoke: Invoke, make_run: MakeRun) -
     assert "leak [low]: passed, external_leakage_1 0." in by_name.out
     assert json.loads(invoke("runs", "show", "one", "--json").out)["state"] == "ended"
     assert invoke("runs", "show", "two").code == 2
+
+
+def test_who_has_acknowledged_a_run_after_its_end_is_shown_and_the_run_has_ended(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    acknowledge_ended(make_run("one"), "root", "Anna: it was me", "Anna")
+    shown = invoke("runs", "show", "one").out
+    assert re.search(r"\d\d:\d\d:\d\d Anna: acknowledge: it was me$", shown.strip())
+    assert json.loads(invoke("runs", "show", "one", "--json").out)["state"] == "ended"
 
 
 @pytest.mark.parametrize("command", [("show", "one"), ("prune", "--keep", "0")])

@@ -46,6 +46,7 @@ class Bench:
     """A queue of a and b, with the orders of Anna, who has control."""
 
     def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self.client = FakeClient(RUNNING)
         self.client.become("bench", alive=False, campaign={"status": "ended", "exit_code": 0})
         self.launcher = FakeLauncher(folder)
@@ -86,8 +87,33 @@ def test_one_after_another_is_started_once_somebody_wants_it(bench: Bench) -> No
     bench.end(1)  # a test failed: the campaign came to its end all the same
     assert bench.launcher.begun[1:] == [("b", "Bo, queue of Anna")]
     bench.end(0)
-    assert bench.queue.content() == {"entries": [], "by": "", "why": "all that was queued has run"}
+    content = bench.queue.content()
+    assert (content["entries"], content["by"]) == ([], "")
+    assert content["why"] == "all that was queued has run"
     assert bench.order("queue start") == "nothing is queued; add a campaign first"
+
+
+def test_another_campaign_than_was_shown_beforehand_is_not_begun(bench: Bench) -> None:
+    bench.queue.move("2", "first")
+    refusal = bench.order("queue start", "1")
+    assert refusal == "b comes first by now; see what its start would do"
+    bench.orders.work_off_queue()
+    assert bench.launcher.begun == []
+    assert bench.order("queue start", "2") == ""
+    bench.orders.work_off_queue()
+    assert [name for name, _ in bench.launcher.begun] == ["b"]
+
+
+def test_what_is_asked_for_again_as_its_answer_was_lost_is_queued_once(bench: Bench) -> None:
+    for mark in ("m1", "m1", "m2", "m1"):
+        assert bench.order("queue add", "a", mark) == ""
+    assert bench.waiting == ["a", "b", "a", "a"]
+    assert bench.queue.content()["marks"] == ["m1", "m2"]
+    bench.queue.remove("3")
+    # Another console reads the same file.
+    assert [each.number for each in QueueFile(bench.folder).add("a", "Anna", "m1").entries] == [
+        1, 2, 4,
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("exit_code", [2, 3, -9])

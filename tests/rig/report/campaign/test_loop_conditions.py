@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from rig.loop.timing import TIMING, Timing
+from rig.loop.timing import TIMING, Timing, in_short
 from rig.recording import Event, Recording
 from rig.report.wording import loop_conditions
 
@@ -39,6 +39,14 @@ def test_missed_ticks_and_percentiles_are_reported_in_short(recording: Recording
     assert re.match(
         r"1 of 1000 ticks missed, wakes after (48|49|50) us \(p99 (48|49|50) us\)", reported
     )
+
+
+def test_where_no_tick_was_counted_none_is_said_to_be_missed() -> None:
+    columns = ("wakeup_s", "exchange_s", "compute_s", "sent_s")
+    summary = Timing(columns, 1e-3).summary()
+    assert in_short(summary) == ""
+    ended = Recording({"time_s": np.arange(2.0)}, {}, [Event(0.0, TIMING, json.dumps(summary))])
+    assert dict(loop_conditions(ended)) == {"Loop timing": "no tick was counted"}
 
 
 def test_a_simulated_rig_has_no_loop_to_report() -> None:

@@ -95,6 +95,24 @@ def test_an_abort_ends_the_campaign_as_ctrl_c_does(
     assert outcome.exit_code == 3
 
 
+def test_who_stops_a_campaign_while_its_rig_is_made_ready_is_in_its_journal(
+    tmp_path: Path, rig: Rig, campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compiles(*given: object) -> None:
+        with pytest.raises(ControlError, match="is not running"):
+            ask(tmp_path, Request.PAUSE)
+        ask(tmp_path, Request.ABORT, "Ada: it smells", person="Ada")
+
+    monkeypatch.setattr("rig.runner.campaign.campaign_run.compile_for", compiles)
+    outcome = run_campaign(campaign, rig, tmp_path)
+    assert statuses(outcome) == ["not_run"] * 3
+    begin, refused, asked, end = read_journal(tmp_path / JOURNAL)
+    kinds = [each.kind for each in (begin, refused, asked, end)]
+    assert kinds == ["begin", "refused", "operator", "end"]
+    assert (asked["request"], asked["person"]) == ("abort", "Ada")
+    assert (end["reason"], end["exit_code"]) == ("Ada: it smells", 3)
+
+
 def test_a_note_is_in_journal_recording_and_results(
     tmp_path: Path, rig: Rig, campaign: Campaign
 ) -> None:

@@ -1,9 +1,11 @@
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from rig.control_socket import note_interruption
 from rig.runner.campaign.stopping import SIGNALS, StopFlag, stop_on_signals
 
 
@@ -24,6 +26,17 @@ def test_a_signal_asks_for_a_stop_however_often_it_comes(number: int) -> None:
         os.kill(os.getpid(), number)
     assert stop.requested
     assert stop.reason == signal.Signals(number).name
+
+
+def test_who_interrupts_a_run_is_named_once(tmp_path: Path) -> None:
+    for reason in ("Ada: it smells (SIGINT)", "SIGINT"):
+        if "Ada" in reason:
+            note_interruption(tmp_path, "Ada: it smells")
+        stop = StopFlag()
+        with stop_on_signals(stop, tmp_path):
+            os.kill(os.getpid(), signal.SIGINT)
+        assert stop.reason == reason
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_first_reason_is_kept() -> None:

@@ -1,6 +1,9 @@
 """What the live stream shows of a campaign's tests: those that are not run now have an outcome."""
 
+import json
+import time
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +15,11 @@ from rig.configuration.rigs.rig import Rig
 from rig.loop.board import Board
 from rig.runner import Observer, run_campaign
 from rig.runner.campaign.operator_requests import Desk, Request
+from rig.runner.campaign.stopping import StopFlag
 from rig.runner.campaign.streamed import StreamedRun
 from rig.supervisor.processes.streaming import Stream
 
+BEGUN = datetime(2026, 11, 28, 12, 0, 30, tzinfo=UTC)
 MakeTest = Callable[..., CampaignTest]
 MakeCampaign = Callable[..., Campaign]
 
@@ -79,10 +84,30 @@ def test_a_run_that_goes_on_tells_at_once_what_was_finished_before(
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        shown(campaign, rig, tmp_path, Stops())
-    told = shown(campaign, rig, tmp_path, Observer(), resume=True).statuses
+        shown(campaign, rig, tmp_path, Stops(), by="Ada")
+    resumed = shown(campaign, rig, tmp_path, Observer(), resume=True, by="Bo")
+    told = resumed.statuses
     assert told[0] == {"one": told[-1]["one"], "two": "", "three": ""}
     assert set(told[-1].values()) <= {"passed", "failed"}
+    assert (resumed.told[0]["resumed"], resumed.told[0]["begun_by"]) == (True, "")
+
+
+def test_when_a_run_was_begun_is_one_time_for_page_journal_results_and_history(
+    tmp_path: Path, rig: Rig, campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop = StopFlag()
+
+    def compiles(*given: object) -> None:
+        time.sleep(1.05)  # so that what is written after it has another second
+        stop.request("Ada")
+
+    monkeypatch.setattr("rig.runner.campaign.campaign_run.compile_for", compiles)
+    begun = shown(campaign, rig, tmp_path, Observer(), stop=stop, by="Ada").told[0]
+    results = json.loads((tmp_path / "results.json").read_text())
+    at = [results["started"], results["history"][0]["at"]]
+    assert results["history"][0]["what"] == "begun"
+    assert at == [at[0]] * 2
+    assert datetime.fromisoformat(at[0]).timestamp() == begun["begun_ns"] // 10**9
 
 
 def test_a_test_that_is_to_be_skipped_is_reported_as_skipped(
@@ -122,10 +147,10 @@ def homing() -> tuple[KeptStream, StreamedRun]:
     return stream, run
 
 
-def test_what_is_no_campaign_is_told_once_its_rig_is_connected_with_who_asked_for_it() -> None:
+def test_what_is_no_campaign_is_told_as_its_rig_is_connected_with_who_asked_for_it() -> None:
     stream, run = homing()
     assert stream.told == []
-    run.connected(Board.create(2), ("position_m", "command_V"))
+    run.connects(Board.create(2), ("position_m", "command_V"))
     told = stream.told[-1]
     assert (told["name"], told["activity"], told["begun_by"]) == ("homing", "homing", "Bo")
     assert (told["status"], told["tests"]) == ("running", [])
@@ -135,14 +160,14 @@ def test_what_is_no_campaign_is_told_once_its_rig_is_connected_with_who_asked_fo
 
 def test_who_watches_learns_to_whom_a_station_leaves_the_rig() -> None:
     stream, run = homing()
-    run.connected(Board.create(2), ("position_m", "command_V"))
+    run.connects(Board.create(2), ("position_m", "command_V"))
     run.hands_over("tuning, asked by Ben")
     assert stream.told[-1]["hands_over"] == "tuning, asked by Ben"
 
 
 def test_who_watches_learns_why_it_ended_early() -> None:
     stream, run = homing()
-    run.connected(Board.create(2), ("position_m", "command_V"))
+    run.connects(Board.create(2), ("position_m", "command_V"))
     run.ends("stopped by Ben")
     told = stream.told[-1]
     assert (told["status"], told["exit_code"], told["reason"]) == ("ended", 3, "stopped by Ben")
@@ -153,11 +178,16 @@ def test_how_a_campaign_ended_is_said_by_the_campaign_alone(
 ) -> None:
     stream = KeptStream()
     run = StreamedRun(stream, Observer(), simulated=True, live=False)
-    run.campaign_begins(campaign, tmp_path, [])
+    run.campaign_begins(campaign, tmp_path, [], BEGUN, resumed=False)
     run.campaign_ends(1, "")
     run.ends("a file cannot be read")
     told = stream.told[-1]
     assert (told["status"], told["exit_code"], told["reason"]) == ("ended", 1, "")
+    refused = StreamedRun(stream, Observer(), simulated=False, live=True)
+    refused.campaign_begins(campaign, tmp_path, [], BEGUN, resumed=False)
+    refused.ends("daq: does not answer")
+    told = stream.told[-1]
+    assert (told["exit_code"], told["reason"]) == (2, "daq: does not answer")
 
 
 def test_motions_of_an_experiment_have_no_verdict_that_could_be_wrong(
