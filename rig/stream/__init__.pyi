@@ -1,9 +1,6 @@
+from .answers import Answer as Answer
 from .batches import Batches as Batches
-from .client import (
-    Answer as Answer,
-    StreamClient as StreamClient,
-    UnknownRigError as UnknownRigError,
-)
+from .client import StreamClient as StreamClient
 from .commands import (
     LARGEST_COMMAND as LARGEST_COMMAND,
     LONGEST_NAME as LONGEST_NAME,
@@ -18,7 +15,12 @@ from .commands import (
     own_key as own_key,
     state_folder as state_folder,
 )
-from .known import Life as Life, Snapshot as Snapshot, Window as Window
+from .known import (
+    Life as Life,
+    Snapshot as Snapshot,
+    UnknownRigError as UnknownRigError,
+    Window as Window,
+)
 from .messages import (
     LASTING as LASTING,
     Samples as Samples,

@@ -16,7 +16,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from typing import Any, Final
@@ -26,8 +25,9 @@ import zenoh
 
 from rig.surviving import Surviving
 
-from .commands import OTHER_SESSION, Credentials, Sender, asked_digest, credentials_of
-from .known import Snapshot, Window
+from .answers import Answer, answered
+from .commands import Credentials, Sender, asked_digest, credentials_of
+from .known import Snapshot, UnknownRigError, Window
 from .messages import (
     KEPT,
     LARGEST_MESSAGE,
@@ -69,30 +69,6 @@ HEARD_AGAIN_S: Final = 0.1
 """Pause in s between two of these attempts."""
 
 OnMessage = Callable[[str, str, Mapping[str, Any]], None]
-
-
-class UnknownRigError(LookupError):
-    """The error of a rig that is not known, or of no id while not exactly one rig is known."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The answer to a command.
-
-    Attributes:
-        accepted: whether the command is obeyed.
-        reason: the reason if it is not obeyed; else empty, or a remark on how it was obeyed.
-    """
-
-    accepted: bool
-    reason: str = ""
-
-    @property
-    def is_unheard(self) -> bool:
-        """Whether nobody has answered, or only a session that was not known to the sender yet."""
-        return not self.accepted and (
-            self.reason.startswith("no answer") or OTHER_SESSION in self.reason
-        )
 
 
 class StreamClient:
@@ -334,21 +310,15 @@ class StreamClient:
             view = self._view(rig)
             is_proven = view.snapshot(self._clock.now_ns()).proven
             payload = self._sender.sign(view.rig, view.session, command, text, test, person)
-        if self._session is None:
-            return Answer(False, "no answer: there is no connection yet")
-        selector = command_key(view.rig, command)
-        try:
-            for reply in self._session.get(selector, payload=payload, timeout=timeout_s):
-                answer = None if reply.ok is None else _answer(bytes(reply.ok.payload))
-                if answer is None or reply.ok is None:
-                    continue
-                if not is_proven or self._answers(reply.ok, payload):
-                    return answer
-                with self._lock:
-                    view.refuse("an answer not signed by the rig: another program gives it")
-        except zenoh.ZError as error:
-            return Answer(False, f"no answer: {error}")
-        return Answer(False, "no answer: the rig takes no commands from here, or is not there")
+
+        def counts(reply: zenoh.Sample) -> bool:
+            if not is_proven or self._answers(reply, payload):
+                return True
+            with self._lock:
+                view.refuse("an answer not signed by the rig: another program gives it")
+            return False
+
+        return answered(self._session, command_key(view.rig, command), payload, timeout_s, counts)
 
     def _answers(self, sample: zenoh.Sample, asked: bytes) -> bool:
         """Return whether the rig has signed an answer, and it answers these bytes."""
@@ -521,16 +491,6 @@ class StreamClient:
 
     def _is_said(self, zenoh_key: str, payload: bytes) -> bool:
         return self._voice is not None and self._voice.said(zenoh_key, payload)
-
-
-def _answer(payload: bytes) -> Answer | None:
-    """Return the answer that a payload holds; None if it holds none."""
-    with suppress(Exception):  # the parser may raise anything, as the bytes may be anything
-        reply = msgpack.unpackb(payload, max_map_len=8)
-        accepted, reason = reply["accepted"], reply["reason"]
-        if type(accepted) is bool and type(reason) is str:
-            return Answer(accepted, reason)
-    return None
 
 
 def _to_stderr(line: str) -> None:

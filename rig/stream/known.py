@@ -19,6 +19,10 @@ This is so even if its liveliness token is still there.
 """
 
 
+class UnknownRigError(LookupError):
+    """The error of a rig that is not known, or of no id while not exactly one rig is known."""
+
+
 @dataclass(frozen=True)
 class Gap:
     """A gap: messages or rows that did not arrive.

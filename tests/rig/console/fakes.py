@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from rig.console.curves import CHANNELS
-from rig.stream.client import Answer, StreamClient, UnknownRigError
-from rig.stream.known import Snapshot, Window
+from rig.stream.answers import Answer
+from rig.stream.client import StreamClient
+from rig.stream.known import Snapshot, UnknownRigError, Window
 from tests.waiting import until as until
 
 RUNNING = Snapshot(

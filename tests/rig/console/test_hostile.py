@@ -22,7 +22,7 @@ from rig.console.guard import MOST_PER_S, Refusals
 from rig.console.launcher import Launcher, Offer, Served
 from rig.console.orders import MalformedError, Order, Orders, parse
 from rig.console.visitors import ControlHolder, Visitor
-from rig.stream.client import Answer
+from rig.stream.answers import Answer
 from rig.stream.known import Snapshot
 
 from .fakes import RUNNING, FakeClient, start_by, until

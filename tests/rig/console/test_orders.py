@@ -9,7 +9,7 @@ import pytest
 from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, Offer, Served
 from rig.console.orders import REASONS, Order, Orders
 from rig.console.visitors import ControlHolder, Visitor
-from rig.stream.client import Answer
+from rig.stream.answers import Answer
 from rig.stream.commands import OTHER_SESSION
 
 from .fakes import RUNNING, FakeClient, until

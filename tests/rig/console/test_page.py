@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from rig.stream.client import Answer
+from rig.stream.answers import Answer
 
 from .conftest import WAIT_MS, take_control
 from .fakes import RUNNING, FakeClient, until

@@ -18,7 +18,7 @@ from rig.console.launcher import Launcher, Served
 from rig.console.orders import LONGEST_TEXT, Orders
 from rig.console.server import LARGEST_MESSAGE
 from rig.console.visitors import FAILURES
-from rig.stream.client import Answer
+from rig.stream.answers import Answer
 from rig.stream.known import Snapshot
 
 from .fakes import start_by, until

@@ -19,7 +19,7 @@ from rig.console.visitors import ControlHolder, Visitor
 from rig.runner.campaign import Desk, StopFlag
 from rig.runner.campaign.control_port import ControlPort
 from rig.runner.run_folder import JOURNAL, Journal, read_journal
-from rig.stream.client import Answer
+from rig.stream.answers import Answer
 from rig.stream.commands import Credentials, Gate, Sender
 from rig.stream.settings import COMMANDS
 

@@ -18,7 +18,8 @@ import zenoh
 
 from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
-from rig.stream.client import Answer, StreamClient
+from rig.stream.answers import Answer
+from rig.stream.client import StreamClient
 from rig.stream.commands import LARGEST_COMMAND, Command, Credentials, Sender, seal
 from rig.stream.messages import command_key
 from rig.stream.sessions import publisher_session, subscriber_session
