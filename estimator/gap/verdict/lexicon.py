@@ -167,6 +167,9 @@ LEXICON: Final = {
     "play": Word(
         "small reversals",
         "a worn joint, or a coupling with play",
+        force="a seal or a joint that gives way like a spring before it slides",
+        flow="a hose or a seal that creeps back",
+        reading="a gauge, a linkage or a scale that sticks",
         valve="a spool that sticks, or hysteresis of its magnet",
     ),
     "saturation": Word("large and small steps", "an amplifier or a valve at its end"),

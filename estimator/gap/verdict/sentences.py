@@ -129,6 +129,11 @@ class _Predicate:
                 f"that lags behind {self._of} with a time constant of {1e3 * at[0]:.3g} ms: "
                 f"{sizes[0]} {per} of its distance from {self._of}"
             )
+        if self._addition.form == "play":
+            return (
+                f"that follows {self._of} with a play of {self._at(2.0 * at[0])}: "
+                f"{sizes[0]} {per} of its distance from {self._of}"
+            )
         return (
             f"that acts like an oscillator of {at[0]:.3g} Hz (damping ratio {at[1]:.2g}) driven by "
             f"{self._of}: {sizes[0]} {per} of its distance from {self._of}, and {sizes[1]} {per} "
