@@ -82,10 +82,11 @@ def test_oil_that_swings_between_rare_readings_is_no_noise(size: float, told: bo
     read = 7e6 + 1.5e6 * swing + noise(len(step), size)
     # Neighbours bend more than they move, as noise does.
     assert np.median(np.abs(np.diff(read, 2))) > np.median(np.abs(np.diff(read)))
-    pressure = np.where(whole % 5 == 0, read[whole // 5], np.nan)
-    channels = {"time_s": TICK * whole}
-    channels |= {name: np.resize(moved()[name], 15000) for name in CHANNELS[1:]}
-    channels["pressure_1_Pa"] = pressure
+    seldom = whole % 5 == 0
+    channels = {"time_s": TICK * whole, "command_V": np.resize(moved()["command_V"], 15000)}
+    for name in CHANNELS[2:]:
+        channels[name] = np.where(seldom, np.resize(moved()[name], 15000), np.nan)
+    channels["pressure_1_Pa"][seldom] = read
     reasons = reasons_of(Recording(channels))
     assert any("pressure_1_Pa is mostly noise" in reason for reason in reasons) is told, reasons
 
