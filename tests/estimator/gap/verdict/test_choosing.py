@@ -124,9 +124,9 @@ def test_an_effect_that_is_most_of_its_own_curve_keeps_its_name_whatever_neither
     assert list(choice.corrections) == names
 
 
-@pytest.mark.parametrize(("beside", "left", "curves"), [(0.6, 1, 1), (0.05, 3, 3)])
+@pytest.mark.parametrize(("beside", "curves"), [(0.6, 1), (0.05, 3)])
 def test_a_curve_that_runs_as_the_named_effect_does_spares_what_its_formula_needs_beside_it(
-    beside: float, left: int, curves: int
+    beside: float, curves: int
 ) -> None:
     likeness = Likeness("force", "velocity", lambda at, values: float(values[0]))
     known = effect("drag", (("force", "velocity"),), (likeness,))
@@ -134,7 +134,7 @@ def test_a_curve_that_runs_as_the_named_effect_does_spares_what_its_formula_need
     finding = found(1.5, "drag")
     choice, names = chosen(Discovers([known], (0.8, ["velocity"]), needs), finding)
     assert names == ["drag"]
-    assert len(choice.model.discoveries) == left
+    assert len(choice.model.discoveries) == curves
     assert len(choice.discovered) == curves - 1
     assert (finding.named[0].read is not None) == (curves == 1)
 
