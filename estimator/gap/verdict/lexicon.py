@@ -65,7 +65,8 @@ LEXICON: Final = {
     "periodic_in_position": Word(
         f"{_SLOW}, at two speeds: the pitch stays the same",
         "something that turns as the ram moves",
-        force="the teeth of a rack, the pitch of a screw, or the poles of a motor",
+        force="the teeth of a rack, the pitch of a screw, a shaft that is bent, or the poles of a "
+        "motor",
         reading="an encoder whose wheel is eccentric, or the teeth that it runs on",
     ),
     "local_in_position": Word(
