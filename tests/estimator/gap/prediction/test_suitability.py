@@ -83,7 +83,10 @@ def test_oil_that_swings_between_rare_readings_is_no_noise(size: float, told: bo
     # Neighbours bend more than they move, as noise does.
     assert np.median(np.abs(np.diff(read, 2))) > np.median(np.abs(np.diff(read)))
     seldom = whole % 5 == 0
-    channels = {"time_s": TICK * whole, "command_V": np.resize(moved()["command_V"], 15000)}
+    channels: dict[str, Array] = {
+        "time_s": np.asarray(TICK * whole, np.float64),
+        "command_V": np.resize(moved()["command_V"], 15000),
+    }
     for name in CHANNELS[2:]:
         channels[name] = np.where(seldom, np.resize(moved()[name], 15000), np.nan)
     channels["pressure_1_Pa"][seldom] = read
