@@ -18,6 +18,7 @@ from .additions import (
     KNOTS,
     LAG,
     NOWHERE,
+    PLAY,
     RESONANCE,
     SLOTS,
     TABLE,
@@ -26,7 +27,14 @@ from .additions import (
     WIDTH,
     X_AT,
 )
-from .memories import follow_lag, follow_resonance, lag_behind, resonance_behind
+from .memories import (
+    follow_lag,
+    follow_play,
+    follow_resonance,
+    lag_behind,
+    play_behind,
+    resonance_behind,
+)
 
 _ADD: Final = void(EXTENSION, float64[::1], float64[::1], float64[:, ::1], int64, float64[::1])
 
@@ -117,6 +125,8 @@ def added_value(parameters, first, measured, followed, time_s, period, recording
             x, parameters[knots], parameters[knots + 1], period, followed
         )
         value = parameters[knots + KNOTS] * behind + parameters[knots + KNOTS + 1] * speed
+    elif form == PLAY:
+        value = parameters[knots + KNOTS] * play_behind(x, parameters[knots], followed)
     else:
         value = parameters[knots + KNOTS] * _shape(
             form, x, parameters[knots], parameters[knots + 1]
@@ -213,3 +223,5 @@ def remember_quantities(extension, parameters, before, after, followed):
             follow_resonance(
                 x, y, parameters[at], parameters[at + 1], extension.period, followed[slot]
             )
+        elif form == PLAY:
+            follow_play(x, y, parameters[at], followed[slot])

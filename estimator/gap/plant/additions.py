@@ -36,18 +36,19 @@ TIME_OF: Final = -2.0
 """What an addition depends on is the index of a quantity, or one of these: nothing, or the time."""
 FORMS: Final = (
     "constant", "x", "|x|", "x^2", "x |x|", "wave", "bump", "hinge", "table", "tone", "lag",
-    "resonance", "beyond",
+    "resonance", "beyond", "play",
 )  # fmt: skip
 """How an addition depends on its quantity x. A wave is sin(2 pi x / at + by), a bump
 exp(-((x - at) / by)^2), and a hinge max(0, x - at). What is beyond a limit on either side is
 sgn(x) max(0, |x| - at), as of an amplifier at both of its ends. A tone is a wave in time whose
-phase differs from recording to recording. A lag and a resonance remember x (`memories`)."""
+phase differs from recording to recording. A lag, a resonance and a play remember x (`memories`)."""
 TABLE: Final = FORMS.index("table")
 TONE: Final = FORMS.index("tone")
 LAG: Final = FORMS.index("lag")
 RESONANCE: Final = FORMS.index("resonance")
 BEYOND: Final = FORMS.index("beyond")
-MEMORIES: Final = ("lag", "resonance")
+PLAY: Final = FORMS.index("play")
+MEMORIES: Final = ("lag", "resonance", "play")
 """Forms that depend on the course of their quantity, and not on its present value alone."""
 NOT_IN_FILES: Final = ("tone", *MEMORIES)
 """Forms that model files cannot hold: simulator and filters have neither phase nor memory."""
@@ -96,7 +97,7 @@ class Addition:
         at: positions of a table's knots, ascending, SI; (at, by) of a form that has them; of a tone
             its period, s, and its phase in each of `PHASES` recordings, rad: 0 where it is not
             known, and the tone is left out; of a lag its time constant, s; of a resonance its
-            frequency, Hz, and its damping ratio.
+            frequency, Hz, and its damping ratio; of a play half its width, SI.
         values: values at these knots, SI; the two sizes of a resonance; else the size alone.
     """
 
@@ -139,7 +140,8 @@ class Addition:
 
 
 _COUNTS: Final = {
-    "wave": 2, "bump": 2, "hinge": 1, "tone": 1 + PHASES, "lag": 1, "resonance": 2, "beyond": 1
+    "wave": 2, "bump": 2, "hinge": 1, "tone": 1 + PHASES, "lag": 1, "resonance": 2, "beyond": 1,
+    "play": 1,
 }  # fmt: skip
 """Number of elements of `Addition.at` of the forms in symbols that have any."""
 _SIZES: Final = {"resonance": 2}
@@ -149,7 +151,7 @@ _SIZES: Final = {"resonance": 2}
 def as_term(addition: Addition) -> AddedTerm:
     """Return an addition as a term of a model file.
 
-    A tone is a wave as in the first recording. A lag, a resonance or what is beyond a limit becomes
+    A tone is a wave as in the first recording. What remembers, or is beyond a limit, becomes
     a term in proportion to its quantity. That has the right units, and serves for nothing else: a
     file holds what is beyond a limit as a table (`in_files`).
     """
@@ -361,6 +363,6 @@ def activity(values: Mapping[str, float]) -> int:
         enters = int(values.get(slot_field(slot, "enters"), 0.0))
         if enters != NOWHERE:
             found |= kinds[enters]
-            if values[slot_field(slot, "form")] in (LAG, RESONANCE):
+            if values[slot_field(slot, "form")] in (LAG, RESONANCE, PLAY):
                 found |= REMEMBERS
     return found

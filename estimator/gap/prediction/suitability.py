@@ -60,6 +60,11 @@ _BEGINNING_S: Final = 3.0
 mixed up: five blocks after the filter has settled."""
 _RESOLVED_S: Final = 1.01e-3
 """s. With this period or a shorter one, the motion of a rig is far smoother than its noise."""
+_BEFORE: Final = 12
+"""Number of readings before one that foretell it: enough for the oil of both chambers, the valve
+and a load that swings, with two for each and some for the course of the motion."""
+_NORMAL: Final = 0.6745
+"""Median magnitude of a normal deviate."""
 _AVERAGED_S: Final = 0.05
 """s. Readings are averaged over this time to measure how far a channel moves."""
 
@@ -176,12 +181,14 @@ def _travel(readings: Array, good: BoolArray, count: int) -> float:
 
 
 def _noise(record: Record, index: int, period: float) -> float:
-    """Return the standard deviation of an output's white noise, from second differences.
+    """Return the standard deviation of an output's white noise, at most.
 
-    Samples without a reading are left out. Where readings are more than 1 ms apart, the bends of a
-    motion may look like noise. But a motion bends less than it moves from reading to reading, and
-    white noise bends more. So if there the readings' median bend is less than their median step,
-    the result is 0. It is also 0 for fewer than three readings.
+    Samples without a reading are left out. It is that of the second differences. Where readings are
+    more than 1 ms apart, the bends of a motion may look like noise, and two things tell them from
+    it. A motion bends less than it moves from reading to reading, and white noise bends more: if
+    the readings' median bend is less than their median step, the result is 0. And what the readings
+    before foretell is no noise, however it bends, such as oil that swings: the result is not more
+    than they leave (`_unforetold`). It is also 0 for fewer than three readings.
     """
     readings = record.readings[:, index]
     if record.unread is not None:
@@ -189,10 +196,31 @@ def _noise(record: Record, index: int, period: float) -> float:
         period *= len(record) / max(len(readings), 1)
     if len(readings) < 3:
         return 0.0
-    curved = np.median(np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2]))
-    if period > _RESOLVED_S and curved < np.median(np.abs(np.diff(readings))):
+    curved = float(np.median(np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2])))
+    noise = curved / (_NORMAL * 6.0**0.5)
+    if period <= _RESOLVED_S:
+        return noise
+    if curved < np.median(np.abs(np.diff(readings))):
         return 0.0
-    return float(curved) / (0.6745 * 6.0**0.5)
+    return min(noise, _unforetold(readings))
+
+
+def _unforetold(readings: Array) -> float:
+    """Return the standard deviation of what the `_BEFORE` readings before each do not foretell.
+
+    They foretell it by a linear combination of them, with the coefficients that fit best to all
+    readings (n,) by least squares (an autoregression, Yule 1927). White noise is foretold by
+    nothing. The result is infinite with fewer than ten readings for each coefficient. It is the
+    median deviate: blows now and then, which nothing foretells, hardly count.
+    """
+    count = len(readings) - _BEFORE
+    if count < 10 * (_BEFORE + 1):
+        return np.inf
+    level = readings - np.mean(readings)
+    before = np.column_stack([level[k : k + count] for k in range(_BEFORE)])
+    after = level[_BEFORE:]
+    left = after - before @ np.linalg.lstsq(before, after, rcond=None)[0]
+    return float(np.median(np.abs(left))) / _NORMAL
 
 
 def _mixed_up(fitter: Fitter) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import MEMORIES, Addition, Layout, Plant
-from estimator.gap.prediction import Values, Variable
+from estimator.gap.prediction import Filtered, Values, Variable
 
 from .disturbances import Place
 from .shapes import CORNERS
@@ -22,8 +22,15 @@ turns by 2 pi times this in a second."""
 _CORNER: Final = 0.3
 """Part of its value by which the place of a corner may move from that which was chosen: as far as
 to the next one that was tried."""
-_LARGEST: Final = {"lag": np.inf, "frequency": np.inf, "damping": 0.95}
-"""Greatest values in a lag or a resonance: with a damping ratio of one it swings no more."""
+_LARGEST: Final = {"lag": np.inf, "frequency": np.inf, "damping": 0.95, "play": np.inf}
+"""Greatest values in what remembers: with a damping ratio of one it swings no more."""
+
+_FACTORS: Final = {
+    "lag": (("lag", 4.0),),
+    "resonance": (("frequency", 1.3), ("damping", 6.0)),
+    "play": (("play", 3.0),),
+}
+"""By which factor a fit may change what each of `MEMORIES` has, from the value it began with."""
 
 
 def addition_variables(
@@ -33,7 +40,8 @@ def addition_variables(
 
     They are all values of a table, and of a form in symbols its size, with the period and phase of
     a wave, the period and the known phases of a tone, the middle and width of a bump, the time
-    constant of a lag, the frequency and damping of a resonance, or the place of a corner. Knots of
+    constant of a lag, the frequency and damping of a resonance, the width of a play, or the place
+    of a corner. Knots of
     a table stay. Their name is `ADDED`, and each key is the name of the parameter.
 
     Args:
@@ -46,7 +54,11 @@ def addition_variables(
         each = additions[index]
         sizes, places = layout.names(additions, index)
         largest = max(max(abs(value) for value in each.values), 1e-300)
-        steps = [(name, 0.03 * largest, -10.0 * largest, 10.0 * largest) for name in sizes]
+        lower, upper = -10.0 * largest, 10.0 * largest
+        if each.form == "play" and each.place.startswith("reading of "):
+            # With more than one, the reading would move against what it reads.
+            lower, upper = 0.0, 1.0
+        steps = [(name, 0.03 * largest, lower, upper) for name in sizes]
         if each.form == "tone":
             period = each.at[0]
             probe = _TURN * period * period
@@ -61,9 +73,7 @@ def addition_variables(
             steps.append((places[0], 1e-3 * pitch, pitch / 1.3, pitch * 1.3))
             steps.append((places[1], 0.03, phase - 10.0, phase + 10.0))
         elif each.form in MEMORIES:
-            times = (
-                (("lag", 4.0),) if each.form == "lag" else (("frequency", 1.3), ("damping", 6.0))
-            )
+            times = _FACTORS[each.form]
             steps += [
                 (name, 0.01 * value, value / factor, min(value * factor, _LARGEST[kind]))
                 for name, value, (kind, factor) in zip(places, each.at, times, strict=True)
@@ -81,6 +91,51 @@ def addition_variables(
             for name, probe, lower, upper in steps
         ]
     return tuple(found)
+
+
+def renamed(
+    layout: Layout,
+    variables: Sequence[Variable],
+    before: Sequence[Addition],
+    after: Sequence[Addition],
+) -> tuple[Variable, ...]:
+    """Return variables of additions with the parameters that hold these among more additions.
+
+    A layout may hold an addition elsewhere once another one joins it: the rig's terms begin with
+    tables. All other variables stay as they are.
+
+    Args:
+        layout: how models of the plant hold additions.
+        variables: variables of a fit, some of which may be those of `before`.
+        before: all additions of the model of that fit.
+        after: additions that begin with those of `before`.
+    """
+    moved: dict[str, str] = {}
+    for index in range(len(before)):
+        for old, new in zip(layout.names(before, index), layout.names(after, index), strict=True):
+            moved.update(zip(old, new, strict=True))
+    return tuple(
+        replace(each, parameter=moved[each.parameter], key=moved[each.parameter])
+        if each.name == ADDED
+        else each
+        for each in variables
+    )
+
+
+def errors_of(
+    filtered: Filtered, values: Values, variables: Sequence[Variable]
+) -> dict[str, float]:
+    """Return the standard error of each variable that is not held, by the parameter's name.
+
+    Logarithmic variables have that of the logarithm. `filtered` has the records with gains for the
+    fitted `values`.
+    """
+    columns = filtered.columns(values, variables)
+    linear = filtered.linearise(values, columns)
+    free = [(c.name, v) for c, v in zip(columns, variables, strict=True) if not v.is_held]
+    names = [name for name, _ in free]
+    errors = linear.errors(names, linear.solve(names)[0])
+    return {v.parameter: float(error) for (_, v), error in zip(free, errors, strict=True)}
 
 
 def refitted(layout: Layout, values: Values, additions: Sequence[Addition]) -> list[Addition]:

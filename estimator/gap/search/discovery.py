@@ -5,19 +5,19 @@ one figure: by how much they lower the error of predictions that they were not f
 (`explaining`). The best is fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from estimator.gap.plant import MEMORIES, SLOTS, Addition, Array, Effect, Plant
-from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable, freed, started
+from estimator.gap.prediction import Filtered, Fitted, Values, Variable, freed, started
 
-from .added_variables import addition_variables, is_possible, refitted
-from .explaining import PART, Explaining, Explanation, Wheres
+from .added_variables import addition_variables, errors_of, is_possible, refitted, renamed
+from .explaining import ENOUGH, PART, Explaining, Explanation, Wheres
 from .findings import CHANCE, MATERIAL, deviate
-from .refits import SETTLED_BY, Refits, changes_by_name
+from .refits import Refits
 from .screening import starts_of
 from .shapes import CORNERS, corners, symbols
 from .standing_in import stood_in_for
@@ -39,6 +39,11 @@ _TURNS: Final = 3
 """Greatest number of times that others compete with what was added."""
 _FAR: Final = 4.0
 """Cost per reading above which a model is far off."""
+_CLOSE: Final = 0.7
+"""Part of the best gain above which explanations are fitted in the plant to be compared, if the
+model is far off or none of them explains nearly all (`ENOUGH`)."""
+_AT_ONCE: Final = 6
+"""Greatest number of explanations that are compared so."""
 _NEAR_FREQUENCY: Final = 0.1
 """Part by which frequencies or time constants may differ that a fit reaches from one another."""
 _NEAR_CORNER: Final = 0.05
@@ -156,8 +161,8 @@ class Discovering:
     def settled(self, model: DiscoveredModel) -> DiscoveredModel:
         """Return a model like the given one, with all its variables fitted anew.
 
-        The fit starts from the model's values. The filter's gains, the costs and the additions of
-        the result are those of the fit.
+        The fit starts from the model's values. The filter's gains, the costs, the additions and
+        the errors of the result are those of the fit.
         """
         layout = self.plant.layout
         assert layout is not None
@@ -166,10 +171,19 @@ class Discovering:
         given = layout.additions(self.plant.nominal)
         every = refitted(layout, fitted.values, [*given, *model.additions])
         additions = tuple(every[len(given) :])
-        discoveries = [
-            replace(each, addition=addition)
-            for each, addition in zip(model.discoveries, additions, strict=True)
-        ]
+        # An error is that beside all others. What is held has the error that it had alone.
+        errors = errors_of(filtered, fitted.values, model.variables)
+        discoveries = []
+        for index, each in enumerate(model.discoveries):
+            sizes = layout.names(every, len(given) + index)[0]
+            known = zip(sizes, each.errors, strict=True)
+            discoveries.append(
+                replace(
+                    each,
+                    addition=additions[index],
+                    errors=tuple(errors.get(name, before) for name, before in known),
+                )
+            )
         costs = filtered.costs(fitted.values)
         return DiscoveredModel(
             Fitted(fitted.values, costs), filtered, model.variables, discoveries, additions
@@ -236,7 +250,10 @@ class Discovering:
             return False
         values = found.fitted.values
         on_twin = Explaining(self._twins.of(values, 1)[0], values, found.variables, 0.0, explaining)
-        for each in _distinct(earning)[:_TRIED]:
+        likely = _distinct(earning)
+        if found.fitted.cost > _FAR * explaining.samples or likely[0].share < ENOUGH:
+            likely = self._by_cost(found, likely)
+        for each in likely[:_TRIED]:
             chance = on_twin.of(each.place, [each.shape])
             if chance and each.gain < OVER_TWIN * chance[0].gain:
                 continue
@@ -259,6 +276,26 @@ class Discovering:
             found.variables, found.additions = added.variables, added.additions
             return True
         return False
+
+    def _by_cost(self, found: DiscoveredModel, likely: Sequence[Explanation]) -> list[Explanation]:
+        """Return explanations, those that gain nearly most (`_CLOSE`) by their cost in the plant.
+
+        Where a model is far off, or none of them explains nearly all, the linearisation tells only
+        roughly which gains most: what the filter made up for is not in it. So of each place the
+        best curve, and the best of what remembers, are fitted in the plant for one round. Others of
+        a place are told apart about the model with that (`_settled`).
+        """
+        best: dict[tuple[str, bool], Explanation] = {}
+        for each in likely:
+            if each.gain > _CLOSE * likely[0].gain:
+                best.setdefault((each.place.name, each.shape.form in MEMORIES), each)
+        close = list(best.values())[:_AT_ONCE]
+        if len(close) < 2:
+            return list(likely)
+        fitted = [self._in_plant(found, each, rounds=1) for each in close]
+        costs = [np.inf if each is None else each.fitted.cost for each in fitted]
+        first = [close[k] for k in np.argsort(costs, kind="stable")]
+        return [*first, *(each for each in likely if each not in first)]
 
     def _settled(
         self,
@@ -292,7 +329,7 @@ class Discovering:
             last = turn == _TURNS - 1
             own = added.addition
             again = Explaining(
-                added.filtered, added.fitted.values, found.variables, 0.0, explaining, own
+                added.filtered, added.fitted.values, added.base, 0.0, explaining, own
             )
             chosen = added.explanation
             simple = []
@@ -339,79 +376,34 @@ class Discovering:
         layout = self.plant.layout
         assert layout is not None
         at = found.fitted
-        additions = [*layout.additions(self.plant.nominal), *found.additions, each.addition]
+        given = layout.additions(self.plant.nominal)
+        additions = [*given, *found.additions, each.addition]
         values = {**(start or at.values), **layout.values(additions)}
-        base = found.variables
-        given = len(additions) - len(found.additions) - 1
+        without = {**at.values, **layout.values(additions)}
+        base = free = renamed(layout, found.variables, additions[:-1], additions)
         own = addition_variables(layout, additions, [len(additions) - 1])
-        exact = each.shape.form in CORNERS
-        fitted, filtered, kept = self._rounds(values, (*base, *own), rounds, exact=exact)
+        exact = each.shape.form in (*CORNERS, "play")
+        fitted, filtered, kept = self._refits.by_chords(values, (*base, *own), rounds, exact=exact)
         if not fitted.cost < at.cost:
             return None
         vague = stood_in_for(each, self.plant, filtered, fitted.values, base, own)
         if vague:
-            base = tuple(v.held(at.values) if v in vague else v for v in base)
-            values = {**values, **{v.parameter: at.values[v.parameter] for v in vague}}
-            fitted, filtered, _ = self._rounds(values, (*base, *own), rounds, kept, exact)
+            base = tuple(v.held(without) if v in vague else v for v in base)
+            values = {**values, **{v.parameter: without[v.parameter] for v in vague}}
+            fitted, filtered, _ = self._refits.by_chords(values, (*base, *own), rounds, kept, exact)
             if not fitted.cost < at.cost:
                 return None
         variables, values = (*base, *own), fitted.values
-        columns = filtered.columns(values, variables)
-        linear = filtered.linearise(values, columns)
-        free = [c.name for c, v in zip(columns, variables, strict=True) if not v.is_held]
-        of_free = dict(zip(free, linear.errors(free, linear.solve(free)[0]), strict=True))
-        errors = [of_free.get(column.name, 0.0) for column in columns]
-        sizes = set(layout.names(additions, len(additions) - 1)[0])
-        shown = tuple(
-            float(error)
-            for variable, error in zip(variables, errors, strict=True)
-            if variable.parameter in sizes
-        )
+        errors = errors_of(filtered, values, variables)
+        sizes = layout.names(additions, len(additions) - 1)[0]
+        shown = tuple(errors.get(name, 0.0) for name in sizes)
         present = refitted(layout, values, additions)
         if not is_possible(self.plant, values, each.place, present[-1]):
             return None
         return _InPlant(
-            each, fitted, filtered, variables, present[-1], shown, tuple(present[given:])
-        )
-
-    def _rounds(
-        self,
-        values: Values,
-        variables: tuple[Variable, ...],
-        rounds: int,
-        kept: Mapping[str, Changes] | None = None,
-        exact: bool = False,
-    ) -> tuple[Fitted, Filtered, Mapping[str, Changes]]:
-        """Return a fit after rounds of computing gains and fitting, and the records with it.
-
-        The rounds end early when one lowers the cost by less than the part `SETTLED_BY` of it. The
-        gains of the result are those of the fit's own values. The changes by the variables are
-        computed at the start and after the first step, and kept from then on (chord method): a
-        table has a column for each knot, and to run the plant for each takes most of the time.
-
-        Args:
-            values: values of all parameters at the start.
-            variables: parameters to fit.
-            rounds: greatest number of rounds.
-            kept: changes by column name that are used from the start; None to compute them.
-            exact: whether they are computed anew in each round, as what a corner's place changes
-                depends on that place.
-
-        Returns:
-            The fit, the records with its gains, and the changes that were kept.
-        """
-        for _ in range(rounds):
-            filtered = self._refits.fitter.filtered(values)
-            before = float(filtered.costs(values).sum())
-            if kept is None or exact:
-                values = filtered.fit(values, variables, 1, 3e-3).values
-                kept = changes_by_name(filtered, values, variables)
-            fitted = filtered.fit(values, variables, 2, 3e-3, kept)
-            values = fitted.values
-            if before - fitted.cost < SETTLED_BY * fitted.cost:
-                break
-        filtered = self._refits.fitter.filtered(values)
-        return Fitted(dict(values), filtered.costs(values)), filtered, kept or {}
+            each, fitted, filtered, variables, free, present[-1], shown,
+            tuple(present[len(given) :]),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -423,6 +415,7 @@ class _InPlant:
         fitted: fit with it.
         filtered: the records, with gains for the fit.
         variables: variables of the fit.
+        base: those of them that were fitted before, none of them held for the explanation.
         addition: the disturbance of the explanation, as fitted.
         errors: standard errors of its values, in their order.
         additions: this and all disturbances discovered before, as fitted; this one is the last.
@@ -432,6 +425,7 @@ class _InPlant:
     fitted: Fitted
     filtered: Filtered
     variables: tuple[Variable, ...]
+    base: tuple[Variable, ...]
     addition: Addition
     errors: tuple[float, ...]
     additions: tuple[Addition, ...]

@@ -28,9 +28,9 @@ _FOLDS: Final = 4
 _TOGETHER: Final = 60
 """Number of columns from which on they are followed through the linearised course at once."""
 
-_ENOUGH: Final = 0.9
-"""Part of the excess that a shape must explain for no lag or resonance to be looked for: these take
-as long as all else, and what remembers leaves more to curves than a tenth."""
+ENOUGH: Final = 0.9
+"""Part of the excess that a shape must explain for nothing that remembers to be looked for: that
+takes as long as all else, and what remembers leaves more to curves than a tenth."""
 
 PART: Final = 0.05
 """Part of the excess in error that a disturbance must take away."""
@@ -144,8 +144,8 @@ class Explaining:
     def explanations(self, only: Wheres | None = None) -> list[Explanation]:
         """Return an explanation for each shape of each place that is tried, by falling gain.
 
-        A gain may be below 0. Shapes that change nothing are left out. Lags and resonances in
-        equations are tried as well, unless one of the others explains `_ENOUGH` of the excess.
+        A gain may be below 0. Shapes that change nothing are left out. What remembers is tried as
+        well (`memories`), unless one of the others explains `ENOUGH` of the excess.
 
         Args:
             only: places and quantities that are looked at; None for all.
@@ -158,15 +158,26 @@ class Explaining:
         ]
         for place in places:
             found += self._of_place(place)
-        if max((each.share for each in found), default=0.0) < _ENOUGH:
+        if max((each.share for each in found), default=0.0) < ENOUGH:
             for place in places:
-                if place.equation is not None:
-                    for name in place.of:
-                        if name != DIRECTION:
-                            found += self.remembered(place, name)
+                for name in self._remembering(place):
+                    found += self.remembered(place, name)
         if only is not None:
             found = [each for each in found if each.where[:2] in only]
         return sorted(found, key=lambda each: -each.gain)
+
+    def _remembering(self, place: Place) -> list[str]:
+        """Return names of the quantities that a disturbance of a place may remember.
+
+        In an equation it may be any of the place but the direction. A reading may follow, with
+        play, what has its own unit.
+        """
+        if place.varying is not None:
+            return []
+        names = [name for name in place.of if name != DIRECTION]
+        if place.equation is not None:
+            return names
+        return [name for name in names if self.plant.regions[name].unit == place.unit]
 
     def _values(self, addition: Addition) -> list[Array]:
         """Return the disturbance of an addition at each sample, SI: for each course one (m,)."""
@@ -231,7 +242,7 @@ class Explaining:
         return found
 
     def remembered(self, place: Place, name: str) -> list[Explanation]:
-        """Return explanations of a place by lags and resonances of one quantity, unsorted."""
+        """Return explanations of a place by what remembers one quantity, unsorted."""
         along = [self._at_course(k) for k in range(len(self.attribution.courses))]
         tried = self.of(place, memories(self.attribution, place, name, along, self._least))
         found = list(tried)
@@ -240,6 +251,9 @@ class Explaining:
             if best is not None and best.gain > self._least:
                 near = finer(best.shape, 0.0)
                 found += self.of(place, [each for each in near if each != best.shape])
+        if place.equation is None:
+            # A reading that follows with play is behind by no more than what it reads has moved.
+            return [each for each in found if 0.0 < each.coefficients[0] <= 1.0]
         return found
 
     def refined(

@@ -1,6 +1,6 @@
 """This module fits a model with one effect more, or with one effect less."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from estimator.gap.prediction import (
@@ -57,6 +57,45 @@ class Refits:
             if before - fitted.cost < SETTLED_BY * fitted.cost:
                 break
         return fitted, filtered
+
+    def by_chords(
+        self,
+        values: Values,
+        variables: tuple[Variable, ...],
+        rounds: int,
+        kept: Mapping[str, Changes] | None = None,
+        exact: bool = False,
+    ) -> tuple[Fitted, Filtered, Mapping[str, Changes]]:
+        """Return a fit after rounds of computing gains and fitting, and the records with it.
+
+        The rounds end early when one lowers the cost by less than the part `SETTLED_BY` of it. The
+        gains of the result are those of the fit's own values. The changes by the variables are
+        computed at the start and after the first step, and kept from then on (chord method): a
+        table has a column for each knot, and to run the plant for each takes most of the time.
+
+        Args:
+            values: values of all parameters at the start.
+            variables: parameters to fit.
+            rounds: greatest number of rounds.
+            kept: changes by column name that are used from the start; None to compute them.
+            exact: whether they are computed anew in each round, as what the place of
+                a corner, or the width of a play, changes depends on that itself.
+
+        Returns:
+            The fit, the records with its gains, and the changes that were kept.
+        """
+        for _ in range(rounds):
+            filtered = self.fitter.filtered(values)
+            before = float(filtered.costs(values).sum())
+            if kept is None or exact:
+                values = filtered.fit(values, variables, 1, 3e-3).values
+                kept = changes_by_name(filtered, values, variables)
+            fitted = filtered.fit(values, variables, 2, 3e-3, kept)
+            values = fitted.values
+            if before - fitted.cost < SETTLED_BY * fitted.cost:
+                break
+        filtered = self.fitter.filtered(values)
+        return Fitted(dict(values), filtered.costs(values)), filtered, kept or {}
 
     def with_effect(
         self, filtered: Filtered, values: Values, variables: Sequence[Variable],

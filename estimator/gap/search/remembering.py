@@ -1,11 +1,11 @@
-"""This module selects lags and resonances of a quantity that are worth an exact look.
+"""This module selects lags, resonances and plays of a quantity that are worth an exact look.
 
 Something on a path may remember: a filter before the valve, a pilot stage, a mass on a spring, oil
-in a dead end. What it does to an equation then depends on the course of a quantity
-(`estimator.gap.plant.memories`). By how much each of some time constants, frequencies and dampings
-would lower the cost follows from two figures, to second order: the slope of the cost by the
-disturbance (`Attribution.pull`), and the curvature, which is that by white noise weighted with the
-disturbance's spectrum.
+in a dead end, a contact that gives way before it slides. What it does to an equation then depends
+on the course of a quantity (`estimator.gap.plant.memories`). By how much each of some time
+constants, frequencies, dampings and widths would lower the cost follows from two figures, to second
+order: the slope of the cost by the disturbance (`Attribution.pull`), and the curvature, which is
+that by white noise weighted with the disturbance's spectrum.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,15 +25,18 @@ _LAGS: Final = (2.0, 0.5)
 """Least time constant in sampling periods, and greatest in s: a longer one than a block of half a
 second has no end within it."""
 _STEP: Final = 2.0
-"""Ratio of one time constant to the next one that is tried."""
+"""Ratio of one time constant, or width, to the next one that is tried."""
 _FREQUENCIES: Final = (2.0, 8.0)
 """Least frequency of a resonance, Hz, and least number of samples in its period: the swing must be
 over, or go round, in a block of half a second."""
 _CLOSE: Final = 1.25
 """Ratio of one frequency to the next one: the best is at most an eighth away, and is refined."""
 _DAMPINGS: Final = (0.08, 0.35)
-_BEST: Final = {"lag": 2, "resonance": 6}
-"""Number of lags and of resonances that are selected."""
+_PLAYS: Final = (1.0 / 256.0, 0.5)
+"""Least and greatest half width of a play, as parts of the range of its quantity: a wider one would
+never be crossed."""
+_BEST: Final = {"lag": 2, "resonance": 6, "play": 2}
+"""Number of lags, resonances and plays that are selected."""
 _LEAST: Final = 0.03
 """Least part of a disturbance's square that counts as more than what the variables could do."""
 _PIECE: Final = 512
@@ -44,13 +47,14 @@ def memories(
     attribution: Attribution, place: Place, of: str, along: Sequence[Mapping[str, Array]],
     least: float = CHANCE,
 ) -> list[Shape]:  # fmt: skip
-    """Return the lags and the resonances that promise the most, as many as `_BEST` says.
+    """Return what remembers a quantity and promises the most, as many of a form as `_BEST` says.
 
-    Each must promise to lower the cost by `least`.
+    In a reading these are plays alone: of a lag there the curve against the rate tells. Each
+    must promise to lower the cost by `least`.
 
     Args:
         attribution: linearised courses, with what is to be explained.
-        place: equation that the disturbance enters.
+        place: equation or reading that the disturbance enters.
         of: name of the quantity that it follows.
         along: quantities by name at each sample of each course, (m,) each, as `Shape.columns` takes
             them.
@@ -63,7 +67,11 @@ def memories(
     # White noise has twice the mean square of a tone.
     weights = 2.0 * np.interp(at, frequencies, curvature)
     promising = _Promising(along, pulls, attribution.base_pulls(place), weights)
-    tried = _tried(of, period, attribution.is_held(of))
+    low, high = np.quantile(np.concatenate([each[of] for each in along]), (0.01, 0.99))
+    held = attribution.is_held(of)
+    tried = _plays(of, float(high - low), held)
+    if place.equation is not None:
+        tried += _tried(of, period, held)
     ranked = sorted(((promising.gain(shape), shape) for shape in tried), key=lambda e: -e[0])
     return [
         shape
@@ -88,6 +96,15 @@ def _tried(of: str, period: float, held: bool) -> list[Shape]:
             Shape(of, "", "resonance", (frequency, damping), (), held) for damping in _DAMPINGS
         ]
         frequency *= _CLOSE
+    return found
+
+
+def _plays(of: str, span: float, held: bool) -> list[Shape]:
+    """Return all plays of a quantity with this range that are tried; none if it does not change."""
+    found, half = [], _PLAYS[0] * span
+    while 0.0 < half <= _PLAYS[1] * span:
+        found.append(Shape(of, "", "play", (half,), (), held))
+        half *= _STEP
     return found
 
 

@@ -49,6 +49,8 @@ _HINGES: Final = 11
 """Number of places at which a corner is tried."""
 _LIMITS_NEAR: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.7)
 """Limits that are tried about one, as parts of it."""
+_PLAYS_NEAR: Final = (0.6, 0.72, 0.85, 1.0, 1.17, 1.38, 1.65)
+"""Widths of a play that are tried about one, as parts of it."""
 _ROUGH: Final = (1e-4, 3e-2)
 """Weights that are tried for the roughness of a table, as parts of its columns' mean square."""
 
@@ -63,7 +65,8 @@ class Shape:
         form: one of `FORMS`.
         at: knots of a table; period of a wave or tone; middle and width of a bump; place of a
             hinge, or the limit beyond which a disturbance acts on either side; time constant of a
-            lag; frequency, Hz, and damping ratio of a resonance, SI; empty for the others.
+            lag; frequency, Hz, and damping ratio of a resonance; half the width of a play; empty
+            for the others.
         recordings: numbers of the recordings that a tone has a phase in; empty for other forms.
         held: of a lag or a resonance, whether the quantity stays as it is from sample to sample.
     """
@@ -279,9 +282,9 @@ def finer(shape: Shape, span: float) -> list[Shape]:
     """Return variants of a wave or bump, itself among them, with periods or places near its own.
 
     A bump varies in its middle and width, a hinge in its place, what is beyond a limit in that, a
-    lag in its time constant, and a resonance in frequency and damping. A shape of another form is
-    returned alone. `span` is the range of the quantity, SI, which sets how far the periods of waves
-    and the places of hinges lie apart.
+    lag in its time constant, a resonance in frequency and damping, and a play in its width. A shape
+    of another form is returned alone. `span` is the range of the quantity, SI, which sets how far
+    the periods of waves and the places of hinges lie apart.
     """
     if shape.form == "hinge":
         (at,), step = shape.at, span / (_HINGES + 1)
@@ -290,6 +293,8 @@ def finer(shape: Shape, span: float) -> list[Shape]:
         return [replace(shape, at=(shape.at[0] * factor,)) for factor in _LIMITS_NEAR]
     if shape.form == "lag":
         return [replace(shape, at=(shape.at[0] * factor,)) for factor in (0.7, 0.84, 1.0, 1.2, 1.4)]
+    if shape.form == "play":
+        return [replace(shape, at=(shape.at[0] * factor,)) for factor in _PLAYS_NEAR]
     if shape.form == "resonance":
         frequency, damping = shape.at
         return [

@@ -135,6 +135,13 @@ def choose(
         return _by_its_curve(discovering, found, alone) or nothing_named
     beside = discovering.run(found.fitted, found.variables, floor)
     both = Choice(beside, True, *_divided(plant, found, beside))
+    # Fewer curves, the first of which is a named effect's own, may do what formulas and curves do.
+    fewer = len(alone.discoveries) < len(found.named) + len(both.discovered)
+    needed = _beats(beside.fitted.costs, alone.fitted.costs, BEYOND * excess)
+    if fewer and not needed and _is_own(plant, found, alone):
+        by_its_curve = _by_its_curve(discovering, found, alone)
+        if by_its_curve is not None:
+            return by_its_curve
     doubted = bool(pinned) or stands_in
     told = found.explained >= EXPLAINED or _is_formula_of(plant, found, alone, excess)
     if own is None and (doubted or not told):

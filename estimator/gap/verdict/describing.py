@@ -36,6 +36,7 @@ _KEYS: Final = {
     "beyond": ("limit",),
     "lag": ("time_constant",),
     "resonance": ("frequency", "damping"),
+    "play": ("half_width",),
 }
 """Names of what is told of a form in symbols besides its size, in the order of `Addition.at`."""
 _UNITS: Final = {"phase": "rad", "time_constant": "s", "frequency": "Hz", "damping": ""}

@@ -65,7 +65,8 @@ LEXICON: Final = {
     "periodic_in_position": Word(
         f"{_SLOW}, at two speeds: the pitch stays the same",
         "something that turns as the ram moves",
-        force="the teeth of a rack, the pitch of a screw, or the poles of a motor",
+        force="the teeth of a rack, the pitch of a screw, a shaft that is bent, or the poles of a "
+        "motor",
         reading="an encoder whose wheel is eccentric, or the teeth that it runs on",
     ),
     "local_in_position": Word(
@@ -167,6 +168,9 @@ LEXICON: Final = {
     "play": Word(
         "small reversals",
         "a worn joint, or a coupling with play",
+        force="a seal or a joint that gives way like a spring before it slides",
+        flow="a hose or a seal that creeps back",
+        reading="a gauge, a linkage or a scale that sticks",
         valve="a spool that sticks, or hysteresis of its magnet",
     ),
     "saturation": Word("large and small steps", "an amplifier or a valve at its end"),

@@ -1,7 +1,7 @@
 """This module says in one sentence, with units, what a disturbance does and what may make it."""
 
 from collections.abc import Sequence
-from math import floor, isfinite, log10
+from math import floor, isfinite, log10, pi
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,8 @@ _NOUNS: Final = {
                        "Friction beside the model's"),
 }  # fmt: skip
 """What a disturbance of a place is called if it is positive, negative, or of both signs."""
+_TURN: Final = 0.01
+"""Part by which a wave along an angle may miss a whole number of periods a turn."""
 _QUANTITIES: Final = {
     "pressure 1": "the pressure in chamber 1",
     "pressure 2": "the pressure in chamber 2",
@@ -129,6 +131,11 @@ class _Predicate:
                 f"that lags behind {self._of} with a time constant of {1e3 * at[0]:.3g} ms: "
                 f"{sizes[0]} {per} of its distance from {self._of}"
             )
+        if self._addition.form == "play":
+            return (
+                f"that follows {self._of} with a play of {self._at(2.0 * at[0])}: "
+                f"{sizes[0]} {per} of its distance from {self._of}"
+            )
         return (
             f"that acts like an oscillator of {at[0]:.3g} Hz (damping ratio {at[1]:.2g}) driven by "
             f"{self._of}: {sizes[0]} {per} of its distance from {self._of}, and {sizes[1]} {per} "
@@ -160,7 +167,12 @@ class _Predicate:
             begins = ", and begins each recording at another phase"
             begins = begins if self._addition.form == "tone" else ""
             return f"that swings {1.0 / period:.4g} times a second, {swings}{begins}"
-        return f"that swings along {self._of} once every {self._at(period)}, {swings}"
+        often = f"once every {self._at(period)}"
+        turns = 2.0 * pi / period if self._of_unit == "rad" else 0.0
+        if round(turns) > 0 and abs(turns / round(turns) - 1.0) < _TURN:
+            count = {1: "once", 2: "twice"}.get(round(turns), f"{round(turns)} times")
+            often = f"{count} a turn"
+        return f"that swings along {self._of} {often}, {swings}"
 
     def _table(self) -> str:
         values = self._addition.values

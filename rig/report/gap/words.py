@@ -160,18 +160,13 @@ def knots(each: Discovered) -> Iterator[tuple[str, str]]:
 def _discovered(result: GapResult) -> str:
     """Return what was discovered, as words for the middle of a sentence.
 
-    A single disturbance beside which no effect was named is described in full; otherwise each
-    disturbance is given only by its place and its shape.
+    A single disturbance beside which no effect was named is described in full; of others all but
+    the figures that follow a colon.
     """
-    if len(result.discovered) == 1 and not result.effects:
-        (only,) = result.discovered
-        return f"{only.what[0].lower()}{only.what[1:]}"
-    return "; ".join(f"a disturbance of the {called(each)}" for each in result.discovered)
-
-
-def called(each: Discovered) -> str:
-    """Return where a discovered disturbance enters, with the name of its shape."""
-    return f"{each.place} ({in_words(each.name)})"
+    whats = [f"{each.what[0].lower()}{each.what[1:]}" for each in result.discovered]
+    if len(whats) == 1 and not result.effects:
+        return whats[0]
+    return "; ".join(what.partition(":")[0] for what in whats)
 
 
 def _explains(result: GapResult) -> str:

@@ -61,14 +61,14 @@ def ran(
     offset: float = 0.0, squared: float = 0.0, lag_s: float = 0.0, late: int = 0,
     quiet: float = 1.0, dry: float = 0.0, hum: float = 0.0, hum_hz: float = 17.0,
     hung: tuple[float, float, float] = (0.0, 1.0, 0.0), creep: tuple[float, float] = (0.0, 1.0),
-    brake: tuple[float, float] = (1.0, 0.0),
+    brake: tuple[float, float] = (1.0, 0.0), play: float = 0.0,
 ) -> Recording:  # fmt: skip
     """Record a wheel that may have what no model of it has: dry friction, a slow or late sensor.
 
     A force that hums begins each recording, by its seed, at another phase. A second wheel may be
     `hung` to it on a spring (mass, kg; frequency, Hz; damping ratio), and a damper that gives way
     in time may hold it (`creep`: N s/m, and the time constant, s). A `brake` acts beyond a speed,
-    m/s, either way, with so many N s/m.
+    m/s, either way, with so many N s/m. The sensor follows with a `play`, m/s, either way.
     The sensor's noise is `quiet` times what the model states.
     """
     generator = np.random.default_rng(seed)
@@ -83,8 +83,10 @@ def ran(
     spring, damper = mass * (2.0 * pi * hertz) ** 2, 2.0 * damping * mass * 2.0 * pi * hertz
     read_of = np.empty(len(time))
     for row in range(len(time)):
-        read += 1.0 if lag_s == 0.0 else 1e-3 / (lag_s + 1e-3) * (speed - read)
-        read_of[row] = read = speed if lag_s == 0.0 else read
+        read += 0.0 if lag_s == 0.0 else 1e-3 / (lag_s + 1e-3) * (speed - read)
+        if lag_s == 0.0:
+            read = min(max(read, speed - play), speed + play)
+        read_of[row] = read
         force = (
             gain * volts[max(row - late, 0)] - drag * speed - offset - dry * np.tanh(6.0 * speed)
         )

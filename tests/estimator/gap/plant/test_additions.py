@@ -6,6 +6,7 @@ import numpy as np
 
 from estimator.gap.plant.additions import SLOT_PARAMETERS, Addition, Layout, in_files
 from estimator.gap.plant.interface import Parameter
+from estimator.gap.search.added_variables import addition_variables, renamed
 from estimator.gap.servo.actuator import servo_actuator
 from rig.plant import Model, Parameters
 
@@ -27,3 +28,16 @@ def test_a_file_holds_what_is_beyond_a_limit_as_a_table_that_is_the_same() -> No
     assert written.form == "table"
     assert np.abs(written.shape(volts) - clipped.shape(volts)).max() < 1e-12 * 2.4e-4
     assert in_files(written) == written
+
+
+def test_a_drag_is_fitted_by_its_own_size_once_a_table_joins_it() -> None:
+    plant = servo_actuator(Model())
+    layout = plant.layout
+    assert layout is not None
+    drag = Addition("force balance", "velocity", "", "x |x|", (), (5.0,))
+    spring = Addition("force balance", "position", "", "table", (0.1, 0.2, 0.3), (1.0, 2.0, 3.0))
+    alone = addition_variables(layout, [drag], [0])
+    # The rig's terms begin with tables, so that the drag is the second of them now.
+    (size,) = renamed(layout, alone, [drag], [drag, spring])
+    values = size.put({**plant.nominal, **layout.values([drag, spring])}, 7.0)
+    assert layout.additions(values) == [spring, replace(drag, values=(7.0,))]

@@ -1,4 +1,4 @@
-"""A lag and a resonance follow a quantity as their differential equations say."""
+"""What remembers follows a quantity: as differential equations say, or as it is pulled along."""
 
 from math import pi
 
@@ -56,11 +56,21 @@ def test_a_command_that_is_held_steps_once_a_sample() -> None:
     assert behind[100:] == pytest.approx(-np.exp(-(after + 0.5 * PERIOD) / 0.02), abs=1e-4)
 
 
+def test_a_play_stays_until_it_is_pulled_along() -> None:
+    up, down = np.linspace(0.0, 1.0, 101), np.linspace(1.0, -1.0, 201)[1:]
+    quantity = np.concatenate([up, down])
+    starts = np.r_[1, np.zeros(len(quantity) - 1, dtype=np.int64)]
+    (behind,) = memory_columns("play", (0.2,), quantity, starts, PERIOD, False).T
+    follower = behind + quantity
+    assert follower[:101] == pytest.approx(np.maximum(up - 0.2, 0.0))
+    assert follower[101:] == pytest.approx(np.minimum(0.8, down + 0.2))
+
+
 def test_a_follower_is_at_rest_where_a_stretch_begins() -> None:
     starts = ONE_STRETCH.copy()
     starts[700] = 1
     quantity = _smooth()
-    for form, at in (("lag", (0.1,)), ("resonance", (5.0, 0.1))):
+    for form, at in (("lag", (0.1,)), ("resonance", (5.0, 0.1)), ("play", (0.2,))):
         found = memory_columns(form, at, quantity, starts, PERIOD, False)
         assert not found[700].any()
         alone = memory_columns(

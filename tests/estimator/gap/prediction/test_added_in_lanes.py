@@ -18,12 +18,13 @@ DRIFT = Addition("bulk modulus", "time", "", "x", (), (1e8,))
 TIGHT = Addition("friction level", "position", "", "bump", (0.3, 0.02), (300.0,))
 CURVE = Addition("spool", "command", "", "table", (-0.1, 0.0, 0.1), (2e-6, 0.0, 3e-6))
 SWING = Addition("flow, chamber 1", "velocity", "", "resonance", (30.0, 0.1), (1e-5, 1e-5))
+STICKS = Addition("reading of pressure_2_Pa", "pressure 2", "", "play", (2e5,), (0.9,))
 TURNED = Addition("reading of pressure_1_Pa", "velocity", "direction", "x", (), (1e5,))
 
 MODELS = pytest.mark.parametrize(
     "additions",
-    [[WAVE], [DRIFT, TIGHT], [CURVE], [SWING, TURNED]],
-    ids=["a reading", "parameters", "an equation", "a memory and a reading"],
+    [[WAVE], [DRIFT, TIGHT], [CURVE], [SWING, STICKS, TURNED]],
+    ids=["a reading", "parameters", "an equation", "memories and readings"],
 )
 
 

@@ -75,6 +75,25 @@ def noise(n: int, size: float) -> Array:
     return np.asarray(size * np.random.default_rng(3).standard_normal(n))
 
 
+@pytest.mark.parametrize(("size", "told"), [(3e4, False), (1e6, True)])
+def test_oil_that_swings_between_rare_readings_is_no_noise(size: float, told: bool) -> None:
+    step, whole = np.arange(3000) * 5e-3, np.arange(15000)
+    swing = np.exp(-11.6 * (step % 0.3)) * np.cos(232.0 * (step % 0.3))
+    read = 7e6 + 1.5e6 * swing + noise(len(step), size)
+    # Neighbours bend more than they move, as noise does.
+    assert np.median(np.abs(np.diff(read, 2))) > np.median(np.abs(np.diff(read)))
+    seldom = whole % 5 == 0
+    channels: dict[str, Array] = {
+        "time_s": np.asarray(TICK * whole, np.float64),
+        "command_V": np.resize(moved()["command_V"], 15000),
+    }
+    for name in CHANNELS[2:]:
+        channels[name] = np.where(seldom, np.resize(moved()[name], 15000), np.nan)
+    channels["pressure_1_Pa"][seldom] = read
+    reasons = reasons_of(Recording(channels))
+    assert any("pressure_1_Pa is mostly noise" in reason for reason in reasons) is told, reasons
+
+
 def test_a_ram_that_moves_is_suitable() -> None:
     assert reasons_of(moved()) == []
 

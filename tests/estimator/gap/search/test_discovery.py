@@ -1,4 +1,4 @@
-"""What is discovered beside what a fit changes: a curve, or a corner at its place."""
+"""What is discovered beside what a fit changes: a curve, a corner at its place, or a play."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -57,3 +57,20 @@ def test_a_brake_that_acts_beyond_a_speed_is_found_with_that_speed_and_nothing_e
     assert abs(brake.values[0]) == pytest.approx(6.0, rel=0.05)
     # What is left is less than another disturbance would have to take away.
     assert looked == [True]
+
+
+def test_a_sensor_that_sticks_is_a_play_of_its_reading_with_the_width_that_it_has() -> None:
+    plant = wheel()
+    records = [record_of(ran(seed, 5.0, play=0.05), plant) for seed in (1, 2)]
+    with ThreadPoolExecutor(1) as pool:
+        refits = Refits(Fitter(Predictor(plant), records, pool))
+        refitted = refits.settled(plant.nominal, refits.nuisances)[0]
+        discovering = Discovering(refits, Twins(refits.fitter, 1))
+        found = discovering.run(refitted, refits.nuisances, 1.0, most=1)
+    (sticks,) = found.additions
+    assert (sticks.place, sticks.of, sticks.form) == ("reading of speed_m_per_s", "speed", "play")
+    assert sticks.at[0] == pytest.approx(0.05, rel=0.05)
+    assert sticks.values[0] == pytest.approx(1.0, rel=0.05)
+    # It has an error, and not by chance the one of another fit.
+    (discovery,) = found.discoveries
+    assert 0.0 < discovery.errors[0] < 0.02

@@ -124,6 +124,21 @@ def test_an_effect_that_is_most_of_its_own_curve_keeps_its_name_whatever_neither
     assert list(choice.corrections) == names
 
 
+@pytest.mark.parametrize(("beside", "curves"), [(0.6, 1), (0.05, 3)])
+def test_a_curve_that_runs_as_the_named_effect_does_spares_what_its_formula_needs_beside_it(
+    beside: float, curves: int
+) -> None:
+    likeness = Likeness("force", "velocity", lambda at, values: float(values[0]))
+    known = effect("drag", (("force", "velocity"),), (likeness,))
+    needs = (beside, ["velocity", "position", "pressure"])
+    finding = found(1.5, "drag")
+    choice, names = chosen(Discovers([known], (0.8, ["velocity"]), needs), finding)
+    assert names == ["drag"]
+    assert len(choice.model.discoveries) == curves
+    assert len(choice.discovered) == curves - 1
+    assert (finding.named[0].read is not None) == (curves == 1)
+
+
 def test_effects_that_share_a_curve_become_one_effect_with_a_correction() -> None:
     other = effect("weight", (("force", "velocity"),))
     discovers = Discovers(

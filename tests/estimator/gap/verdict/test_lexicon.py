@@ -1,6 +1,8 @@
 """A disturbance is named by how it looks, and said in a sentence with units."""
 
+from dataclasses import replace
 from functools import cache
+from math import pi
 
 import numpy as np
 import pytest
@@ -144,6 +146,10 @@ def test_every_table_has_a_name_and_a_sentence_of_its_own(
         (Addition(LEVEL, "position", "", "bump", (0.3, 0.02), (600.0,)), (20.0,), STROKE,
          "Friction beside the model's that acts where the position is about 300 mm, within 20 mm "
          "to either side: 600 ± 39 N in the middle"),
+        (Addition("reading of pressure_1_Pa", "pressure 1", "", "play", (2e5,), (0.998,)), (5e-3,),
+         PRESSURES,
+         "An error of the reading of pressure 1 that follows the pressure in chamber 1 with a play "
+         "of 0.4 MPa: 998.0 ± 9.8 kPa per MPa of its distance from the pressure in chamber 1"),
     ],
 )  # fmt: skip
 def test_a_sentence_says_what_acts_where_with_units(
@@ -151,6 +157,14 @@ def test_a_sentence_says_what_acts_where_with_units(
 ) -> None:
     name = shape_of(addition, *reach, plant())
     assert sentence(addition, name, errors, plant(), *reach) == words
+
+
+@pytest.mark.parametrize(("turns", "words"), [(1, "once a turn"), (3, "3 times a turn")])
+def test_a_wave_along_an_angle_is_told_in_turns(turns: int, words: str) -> None:
+    angle = replace(plant().regions["position"], name="angle", unit="rad", shown=("rad", 1.0))
+    turning = replace(plant(), regions={**plant().regions, "angle": angle})
+    bent = Addition(FORCE, "angle", "", "wave", (2.001 * pi / turns, 0.4), (12.0,))
+    assert f"the angle {words}, by 12 N" in sentence(bent, "", (), turning, 0.0, 30.0)
 
 
 @given(st.floats(1e-6, 1e6), st.floats(1e-4, 1.0))
