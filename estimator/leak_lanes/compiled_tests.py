@@ -13,6 +13,7 @@ from estimator.accounts import (
     NUISANCES,
     AccountBlock,
     AccountSums,
+    compile_ramp_search,
     nuisance_index,
 )
 from estimator.leaks import (
@@ -186,3 +187,4 @@ def load_compiled() -> None:
     CompiledCandidates(raw, None).regression.nuisances()
     standing_out(raw.scores, raw.sizes, raw.usable, raw.gain, 0.0, 1.0, zone)
     log_evidence(raw.scores, raw.sizes, raw.usable, zone, 1.0, 1.0)
+    compile_ramp_search()

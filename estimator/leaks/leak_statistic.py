@@ -45,7 +45,7 @@ from estimator.accounts import (
 from .fault_scores import RIVAL_GAIN, WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes, Sudden
 from .finding import Finding
-from .growing import DURATIONS_S, RAMP_PART, grown_leak
+from .growing import DURATIONS_S, RAMP_PART, grown_leak, grown_ramp, ramp_of
 
 Array = NDArray[np.float64]
 
@@ -239,11 +239,11 @@ class LeakTest:
         begin = self._ramp
         if self.blocks >= self._next_ramps:
             begin, self._next_ramps = None, self.blocks + RAMP_BLOCKS
-        grown = grown_leak(self.sums, self._recent, self.dead_zone, self.model_error,
-                           self._least_variance, begin=begin)  # fmt: skip
-        self._ramp = None if grown is None else grown.ramp
-        if grown is None or grown.likelihood <= explained + RIVAL_GAIN:
+        likely = grown_ramp(self.sums, self._least_variance, begin)
+        self._ramp = None if likely is None else ramp_of(self.sums, likely)
+        if likely is None or likely.gain <= explained + RIVAL_GAIN:
             return None
+        grown = grown_leak(self.sums, self._recent, likely, self.dead_zone, self.model_error)
         return replace(grown, limit=limit) if grown.statistic > limit else None
 
     def _sudden(self) -> list[Finding]:
