@@ -144,9 +144,11 @@ class LeakTest:
             part: part of the stated rate at which it may be exceeded.
         """
         per_block = part * self.false_alarms_per_day * BLOCK_S / 86400.0
-        shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
+        shares = SHARES if self.sums.supply_measured else FAULT_COUNT
         looks = shares * max(self.sums.marks, 1)
         bound = student_quantile(min(per_block / looks, 0.25), freedom)
+        if self.model_error >= 1.0:
+            return bound
         rate = per_block * FAULT_COUNT / shares / DIRECTIONS
         most = max(self.blocks, MINIMUM_BLOCKS)
         exact = noise_limit(rate, WITNESSES, most, freedom) - LEFT_OUT

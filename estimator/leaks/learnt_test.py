@@ -100,7 +100,7 @@ class LearntLeakTest(LeakTest):
 
     def _rate(self) -> float:
         """Return the alarms a day that are left to this test."""
-        part = FAULT_COUNT / SHARES if self.sums.supply(0)[0] else 1.0
+        part = FAULT_COUNT / SHARES if self.sums.supply_measured else 1.0
         return LASTING_PART * part * self.false_alarms_per_day
 
     def _noise_limit(self, freedom: float, part: float = 1.0) -> float:
