@@ -48,6 +48,13 @@ from .nuisances import (
     NuisanceBelief as NuisanceBelief,
     nuisance_index as nuisance_index,
 )
+from .ramp_search import (
+    LikelyRamp as LikelyRamp,
+    RampRules as RampRules,
+    compile_ramp_search as compile_ramp_search,
+    last_mark as last_mark,
+    likeliest_ramp as likeliest_ramp,
+)
 from .ramps import Intervals as Intervals, Ramp as Ramp, RampFit as RampFit
 from .regression import (
     LEAST_INFORMATION as LEAST_INFORMATION,

@@ -62,7 +62,7 @@ def student_quantile(probability: float, freedom: float) -> float:
         probability: probability of exceeding the value, on one side, above 0 and below 0.5.
         freedom: degrees of freedom, above 0.
     """
-    return _students(-NormalDist().inv_cdf(probability), freedom)
+    return _students(_normal_quantile(probability), freedom)
 
 
 def noise_limit(rate: float, least: int, most: int, freedom: float) -> float:
@@ -83,6 +83,11 @@ def between(exact: float, bound: float, model_error: float) -> float:
     """Return a limit that rises linearly with `model_error`: `exact` at 0, `bound` from 1 on."""
     allowed = min(model_error, 1.0)
     return (1.0 - allowed) * exact + allowed * bound
+
+
+@lru_cache(maxsize=4096)
+def _normal_quantile(probability: float) -> float:
+    return -NormalDist().inv_cdf(probability)
 
 
 def _students(z: float, freedom: float) -> float:

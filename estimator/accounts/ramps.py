@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .joint_fit import MOST_LEVERAGE, inverse_of
 from .nuisances import NUISANCE_COUNT, NULL_SHIFT
-from .sums import SHAPE_COUNT, SHIFT, AccountSums, FaultProducts, Places
+from .sums import SHAPE_COUNT, SHIFT, AccountSums, Places
 
 Array = NDArray[np.float64]
 
@@ -85,41 +85,9 @@ class Intervals:
         """Return the products of faults and null shift with the missing flow, (marks, 6)."""
         return self._part(Places.FAULT_PRODUCTS, _M)
 
-    def levels(self, begin_s: Array, seconds: Array) -> Array:
-        """Return the levels, 0 to 1, of ramps in each interval, (ramps, marks).
-
-        Args:
-            begin_s: time at which each ramp begins, s, (ramps,).
-            seconds: how long each lasts, s, (ramps,).
-        """
-        since = self.middle_s - np.asarray(begin_s)[:, None]
-        return np.clip(since / np.asarray(seconds)[:, None], 0.0, 1.0)
-
     def level(self, ramp: Ramp) -> Array:
-        """Return the level, 0 to 1, of one ramp in each interval, (marks,)."""
-        return self.levels(np.array([ramp.begin_s]), np.array([ramp.seconds]))[0]
-
-    def ramped(
-        self, levels: Array, since: FaultProducts, marks: NDArray[np.int64]
-    ) -> FaultProducts:
-        """Return the products of all faults and of a null's shift that grow.
-
-        Args:
-            levels: level of each ramp in each interval, (ramps, marks).
-            since: the products of sudden faults, from which sizes and numbers of blocks are taken.
-            marks: the mark at which each ramp begins, (ramps,).
-        """
-
-        def weighted(weights: Array, of: Array) -> Array:
-            return (weights @ of.reshape(len(of), -1)).reshape(-1, *of.shape[1:])
-
-        return FaultProducts(
-            weighted(levels**2, self.squares),
-            weighted(levels, self.crossed),
-            weighted(levels, self.products),
-            since.sizes[marks],
-            since.blocks[marks],
-        )
+        """Return the level, 0 to 1, of a ramp in each interval, (marks,)."""
+        return np.clip((self.middle_s - ramp.begin_s) / ramp.seconds, 0.0, 1.0)
 
 
 class RampFit:

@@ -184,6 +184,11 @@ class Regression:
         self.variance, used = _noise_variance(self._values, self._projected, total, count, least)
         self.freedom = NOISE_WEIGHT + count - used - 1.0
 
+    @property
+    def axes(self) -> tuple[Array, Array, Array]:
+        """Return eigenvectors (m, m) and eigenvalues (m,) of F'F, and F'y in their axes (m,)."""
+        return self._vectors, self._values, self._projected
+
     def score(self, crossed: Array, products: FaultProducts, variance: float) -> Scores:
         """Return the scores of every fault from every mark on, as one further column each.
 

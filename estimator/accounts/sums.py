@@ -273,6 +273,11 @@ class AccountSums:
         end = self._total if last is None else self._before[last]
         return float(end[_SECONDS] - self._before[first, _SECONDS])
 
+    @property
+    def supply_measured(self) -> bool:
+        """Return whether any block has a measured supply pressure."""
+        return bool(self._total[_SUPPLY])
+
     def supply(self, first: int, last: int | None = None) -> tuple[float, float, float]:
         """Return count, mean and standard deviation of the measured supply pressures of blocks.
 

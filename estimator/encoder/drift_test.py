@@ -175,27 +175,38 @@ class DriftTest:
         at = self._blocks % KEPT
         if self._blocks >= KEPT:
             self._before += self._rows[at].T @ self._rows[at]
+        self._rows[at] = self._row(block)
+        self._starts[at] = block.start_s
+        self._blocks += 1
+
+    def _row(self, block: AccountBlock) -> Array:
+        """Return the row of a block, (2, width), in units of its expected noise."""
         white = whitening(block, self._model_error)
         nuisances = white @ block.nuisances
         null = block.nuisances[:, _NULL_BIAS]
-        # The oil that a chamber seems to take up per metre by which it is taken for too large.
-        middle = 0.5 * (block.position_range[0] + block.position_range[1])
-        stiffer = block.nuisances[:, _BULK] / NUISANCES[_BULK].sigma
-        per_second = stiffer * self._area / np.array(chamber_volumes(middle, self._parameters))
-        per_second *= (1.0, -1.0)
-        moved = np.array([-self._area, self._area])
-        time_s = 0.5 * (block.start_s + block.end_s)
-        row = self._rows[at]
+        moved, per_second = self._moved(block)
+        row = np.empty((2, _WIDTH))
         row[:, 0] = white @ block.missing - nuisances @ self._expected.mean
         row[:, 1:_FIRST] = nuisances @ self._root
         row[:, _FIRST:] = white @ np.column_stack(
-            [
-                block.faults, null, moved + time_s * per_second,
-                self._model_error * null, per_second,
-            ]
-        )  # fmt: skip
-        self._starts[at] = block.start_s
-        self._blocks += 1
+            [block.faults, null, moved, self._model_error * null, per_second]
+        )
+        return row
+
+    def _moved(self, block: AccountBlock) -> tuple[Array, Array]:
+        """Return what a drift of 1 m/s that began at time 0 takes out of both chambers.
+
+        The second value is what it takes for each second by which it began later. Both are (2,), in
+        m^3/s and m^3/s^2.
+        """
+        # The oil that a chamber seems to take up per metre by which it is taken for too large.
+        middle = 0.5 * (block.position_range[0] + block.position_range[1])
+        one, two = (block.nuisances[:, _BULK] / NUISANCES[_BULK].sigma).tolist()
+        volume_1, volume_2 = chamber_volumes(middle, self._parameters)
+        one, two = one * self._area / volume_1, -(two * self._area / volume_2)
+        time_s = 0.5 * (block.start_s + block.end_s)
+        moved = np.array([-self._area + time_s * one, self._area + time_s * two])
+        return moved, np.array([one, two])
 
     def search(self) -> EncoderDrift | None:
         """Return the drift if it stands out and may be the cause, else None.

@@ -13,8 +13,10 @@ from estimator.accounts import (
     NUISANCES,
     AccountBlock,
     AccountSums,
+    compile_ramp_search,
     nuisance_index,
 )
+from estimator.encoder import DriftTest
 from estimator.leaks import (
     RIVAL_GAIN,
     Candidates,
@@ -28,7 +30,7 @@ from estimator.leaks import (
 from .candidates import CompiledCandidates, Scored, log_evidence, scored_blocks, standing_out
 from .dropping import searched
 from .sizing import sized
-from .whitening import whitened
+from .whitening import drift_row, whitened
 
 Array = NDArray[np.float64]
 
@@ -150,24 +152,25 @@ class CompiledLeakTest(LeakTest):
 class CompiledSupplyTest(SupplyTest):
     """A test of the supply pressure whose search for the likeliest drop is compiled."""
 
-    def __init__(self, *setting: Any) -> None:
-        super().__init__(*setting)
-        self._limit = 0, 0.0
-
-    def limit(self) -> float:
-        """Return the value that the statistic exceeds on a healthy rig at the stated rate."""
-        if self._limit[0] != self._blocks or not self._blocks:
-            self._limit = self._blocks, super().limit()
-        return self._limit[1]
-
     def _likeliest_of(
         self, rows: Array, tried: range
     ) -> tuple[int, float, float, float, float] | None:
-        older = np.stack([self._before, self._since])
         fell, at, drop, deviation, statistic, spread = searched(
-            rows, older, tried.start, tried.stop, self._blocks, self.settings
+            rows, self._before, self._since, tried.start, tried.stop, self._blocks, self.settings
         )
         return (at, drop, deviation, statistic, spread) if fell else None
+
+
+class CompiledDriftTest(DriftTest):
+    """A test for a drift of the encoder whose blocks are scaled by compiled code."""
+
+    def _row(self, block: AccountBlock) -> Array:
+        moved, per_second = self._moved(block)
+        row: Array = drift_row(
+            block.missing, block.nuisances, block.faults, block.doubts, moved, per_second,
+            self._model_error,
+        )  # fmt: skip
+        return row
 
 
 class CompiledDetector(OilAccountDetector):
@@ -175,6 +178,7 @@ class CompiledDetector(OilAccountDetector):
 
     leak_test = CompiledLeakTest
     supply_test = CompiledSupplyTest
+    drift_test = CompiledDriftTest
 
 
 def load_compiled() -> None:
@@ -186,3 +190,4 @@ def load_compiled() -> None:
     CompiledCandidates(raw, None).regression.nuisances()
     standing_out(raw.scores, raw.sizes, raw.usable, raw.gain, 0.0, 1.0, zone)
     log_evidence(raw.scores, raw.sizes, raw.usable, zone, 1.0, 1.0)
+    compile_ramp_search()

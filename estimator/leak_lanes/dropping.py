@@ -35,12 +35,13 @@ def _inverse_of_three(matrix):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def searched(rows, older, first, end, blocks, settings):
+def searched(rows, before, later, first, end, blocks, settings):
     """Return the likeliest drop of the supply pressure.
 
     Args:
         rows: rows of the blocks that are kept, oldest first, (n, 4).
-        older: products of older rows before a found drop, and of those since, (2, 4, 4).
+        before: products of older rows before a found drop, (4, 4).
+        later: products of older rows since it, (4, 4).
         first: index of the earliest onset that is tried.
         end: index after the latest one.
         blocks: number of blocks.
@@ -57,9 +58,9 @@ def searched(rows, older, first, end, blocks, settings):
         for a in range(4):
             for b in range(4):
                 since[j, a, b] = since[j + 1, a, b] + rows[j, a] * rows[j, b]
-    total = older[0] + older[1] + since[0]
+    total = before + later + since[0]
     for j in range(count):
-        since[j] += older[1]
+        since[j] += later
     variance, best = noise, first
     falls = False
     u, w = np.zeros(_CONSTANT), np.zeros(2)

@@ -24,6 +24,60 @@ _MODEL: Final = MODEL_NOISE * LITRE_PER_MINUTE
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _noise_factor(nuisances, doubts, model_error):
+    """Return the elements (1, 1), (2, 1), (2, 2) of the Cholesky factor of the expected noise."""
+    first = crossed = second = 0.0
+    for i in range(_PLACES.size):
+        one = nuisances[0, _PLACES[i]] * _PARTS[i]
+        two = nuisances[1, _PLACES[i]] * _PARTS[i]
+        first += one * one
+        crossed += one * two
+        second += two * two
+    model_1 = hypot(model_error * _MODEL, model_error * doubts[0])
+    model_2 = hypot(model_error * _MODEL, model_error * doubts[1])
+    root_1 = sqrt(first + (_OWN + model_1 * model_1))
+    crossed /= root_1
+    return root_1, crossed, sqrt(second + (_OWN + model_2 * model_2) - crossed * crossed)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def drift_row(missing, nuisances, faults, doubts, moved, per_second, model_error):
+    """Return a block's row of the test for a drift of the encoder, in units of its expected noise.
+
+    Args:
+        missing: as for `whitened`.
+        nuisances: as for `whitened`.
+        faults: as for `whitened`.
+        doubts: as for `whitened`.
+        moved: what a drift of 1 m/s that began at time 0 takes out of both chambers, m^3/s, (2,).
+        per_second: what it takes for each second by which it began later, m^3/s^2, (2,).
+        model_error: factor on what is allowed for errors of the model.
+
+    Returns:
+        The missing flow, the nuisances, the faults, the null, the drift, the null that may shift
+        and `per_second`, (2, 1 + n + 5 + 4).
+    """
+    root_1, crossed, root_2 = _noise_factor(nuisances, doubts, model_error)
+    count = faults.shape[1]
+    last = 1 + NUISANCE_COUNT + count
+    row = np.empty((2, last + 4))
+    for c in range(2):
+        row[c, 0] = missing[c]
+        for a in range(NUISANCE_COUNT):
+            row[c, 1 + a] = nuisances[c, a]
+        for i in range(count):
+            row[c, 1 + NUISANCE_COUNT + i] = faults[c, i]
+        row[c, last] = nuisances[c, _NULL_BIAS]
+        row[c, last + 1] = moved[c]
+        row[c, last + 2] = model_error * nuisances[c, _NULL_BIAS]
+        row[c, last + 3] = per_second[c]
+    for k in range(last + 4):
+        row[0, k] /= root_1
+        row[1, k] = (row[1, k] - crossed * row[0, k]) / root_2
+    return row
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def whitened(missing, nuisances, faults, doubts, model_error):
     """Return a block's missing flow, nuisances and faults in units of its expected noise.
 
@@ -38,19 +92,7 @@ def whitened(missing, nuisances, faults, doubts, model_error):
         The missing flow (2,), the nuisances (2, n), and the faults with a shift of the spool's null
         (2, 6).
     """
-    covariance = np.zeros((2, 2))
-    for i in range(_PLACES.size):
-        one = nuisances[0, _PLACES[i]] * _PARTS[i]
-        two = nuisances[1, _PLACES[i]] * _PARTS[i]
-        covariance[0, 0] += one * one
-        covariance[0, 1] += one * two
-        covariance[1, 1] += two * two
-    for c in range(2):
-        model = hypot(model_error * _MODEL, model_error * doubts[c])
-        covariance[c, c] += _OWN + model * model
-    root_1 = sqrt(covariance[0, 0])
-    crossed = covariance[0, 1] / root_1
-    root_2 = sqrt(covariance[1, 1] - crossed * crossed)
+    root_1, crossed, root_2 = _noise_factor(nuisances, doubts, model_error)
     count = faults.shape[1]
     white, scaled = np.empty(2), np.empty((2, NUISANCE_COUNT))
     shapes = np.empty((2, count + 1))

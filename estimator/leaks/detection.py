@@ -79,11 +79,12 @@ class OilAccountDetector:
         drawn_up: the blocks that the samples of the last `update` finished.
         begun: how often the test has started anew and dropped all earlier blocks.
         account: the oil account.
-        leak_test, supply_test: classes of the tests, which a derived class may replace.
+        leak_test, supply_test, drift_test: classes of the tests, which a derived class may replace.
     """
 
     leak_test: ClassVar[type[LeakTest]] = LeakTest
     supply_test: ClassVar[type[SupplyTest]] = SupplyTest
+    drift_test: ClassVar[type[DriftTest]] = DriftTest
 
     def __init__(
         self,
@@ -102,7 +103,7 @@ class OilAccountDetector:
         self.account = OilAccount(model.parameters, self._test)
         self._supply = self.supply_test(model.parameters, false_alarms_per_day, model_error)
         self._returns = ReturnTest(model.parameters, *self._setting) if returning else None
-        self._drift = DriftWatch(partial(DriftTest, model.parameters, *self._setting))
+        self._drift = DriftWatch(partial(self.drift_test, model.parameters, *self._setting))
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._named: tuple[Finding, Decision] | None = None

@@ -92,7 +92,6 @@ def gains_of(
     crossed: Array,
     products: FaultProducts,
     visible: NDArray[np.bool_],
-    either: NDArray[np.bool_] | None = None,
 ) -> tuple[Scores, NDArray[np.bool_], Array]:
     """Return scores, usable candidates, and each candidate's gain in twice the log likelihood.
 
@@ -104,14 +103,11 @@ def gains_of(
         crossed: products of faults and null shift with these nuisances.
         products: products of faults and null shift with each other and with the missing flow.
         visible: which candidates show at all.
-        either: which faults may have a coefficient of either sign, bool (faults,); None for none.
     """
     variance = regression.variance
     for _ in range(3):
         scores = regression.score(crossed, products, variance)
         usable = visible & (scores.coefficient > 0.0)
-        if either is not None:
-            usable |= visible & either
         left = scores.variance.min(where=usable, initial=variance)
         if left > SETTLED_PART * variance:
             break

@@ -45,7 +45,7 @@ from estimator.accounts import (
 from .fault_scores import RIVAL_GAIN, WITNESSES, Candidates, score_faults
 from .fault_size import LEAST_BLOCKS, FaultSizes, Sudden
 from .finding import Finding
-from .growing import DURATIONS_S, RAMP_PART, grown_leak
+from .growing import DURATIONS_S, RAMP_PART, grown_leak, grown_ramp, ramp_of
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,13 @@ DIRECTIONS: Final = 2.0
 LEFT_OUT: Final = 0.3
 """Amount by which the statistic is lower because the block that supports the fault most is left
 out, from the same simulations."""
+TIED_GAIN: Final = 2.0
+"""Gain in twice the log likelihood (odds e) up to which causes are as likely as each other. A fault
+of the lines is like a leak of one chamber while the valve joins only that one to the line."""
+TWO_WITNESSES: Final = 2 * WITNESSES
+"""Fewest blocks since the earlier of two faults began, four for each. Four blocks, of which the
+first ones are from before a leak, fit two faults that begin together better than any single one."""
+_OF_LINES: Final = np.arange(FAULT_COUNT) >= SUPPLY_LEAKAGE
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
 
 
@@ -144,9 +151,11 @@ class LeakTest:
             part: part of the stated rate at which it may be exceeded.
         """
         per_block = part * self.false_alarms_per_day * BLOCK_S / 86400.0
-        shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
+        shares = SHARES if self.sums.supply_measured else FAULT_COUNT
         looks = shares * max(self.sums.marks, 1)
         bound = student_quantile(min(per_block / looks, 0.25), freedom)
+        if self.model_error >= 1.0:
+            return bound
         rate = per_block * FAULT_COUNT / shares / DIRECTIONS
         most = max(self.blocks, MINIMUM_BLOCKS)
         exact = noise_limit(rate, WITNESSES, most, freedom) - LEFT_OUT
@@ -162,6 +171,10 @@ class LeakTest:
     def limit(self) -> float:
         """Return the value that the statistic of a first fault must exceed after the last block."""
         return self.threshold(self.candidates().regression.freedom)
+
+    def limit_beside(self, freedom: float) -> float:
+        """Return what a fault beside another must exceed: `threshold`, or the limit for noise."""
+        return self.threshold(freedom)
 
     def change_limit(self) -> float:
         """Return what the root of the gain of a change of a found fault must exceed (`Candidates`).
@@ -239,11 +252,11 @@ class LeakTest:
         begin = self._ramp
         if self.blocks >= self._next_ramps:
             begin, self._next_ramps = None, self.blocks + RAMP_BLOCKS
-        grown = grown_leak(self.sums, self._recent, self.dead_zone, self.model_error,
-                           self._least_variance, begin=begin)  # fmt: skip
-        self._ramp = None if grown is None else grown.ramp
-        if grown is None or grown.likelihood <= explained + RIVAL_GAIN:
+        likely = grown_ramp(self.sums, self._least_variance, begin)
+        self._ramp = None if likely is None else ramp_of(self.sums, likely)
+        if likely is None or likely.gain <= explained + RIVAL_GAIN:
             return None
+        grown = grown_leak(self.sums, self._recent, likely, self.dead_zone, self.model_error)
         return replace(grown, limit=limit) if grown.statistic > limit else None
 
     def _sudden(self) -> list[Finding]:
@@ -251,7 +264,7 @@ class LeakTest:
         first = self.best()
         if first is None:
             return self._pair()
-        second = self.best(first)
+        second = self._second(first)
         if second is not None:
             return [self.beside(first, second), second]
         # Two leaks at once may look like one fault of the lines, which explains a little of both.
@@ -259,6 +272,13 @@ class LeakTest:
         if pair and self._explained(*pair) > first.likelihood + RIVAL_GAIN:
             return pair
         return [first]
+
+    def _second(self, first: Finding) -> Finding | None:
+        """Return the fault that stands out most beside another; None if the blocks are too few."""
+        second = self.best(first)
+        if second is None or self.blocks - min(first.onset, second.onset) < TWO_WITNESSES:
+            return None
+        return second
 
     def _explained(self, first: Finding, second: Finding) -> float:
         """Return the gain in twice the log likelihood of two faults that are fitted together.
@@ -275,8 +295,8 @@ class LeakTest:
         """
         pairs = []
         for likely in self.likely():
-            second = self.best(likely)
-            first = None if second is None else self.best(second)
+            second = self._second(likely)
+            first = None if second is None else self._second(second)
             if first is not None and second is not None:
                 pairs.append([first, second])
         return max(pairs, key=lambda pair: sum(f.likelihood for f in pair), default=[])
@@ -289,8 +309,8 @@ class LeakTest:
         """
         if len(self._found_last) < 2:
             return []
-        second = self.best(self._found_last[0])
-        first = None if second is None else self.best(second)
+        second = self._second(self._found_last[0])
+        first = None if second is None else self._second(second)
         return [] if first is None or second is None else [first, second]
 
     def _slow(self) -> list[Finding]:
@@ -382,7 +402,8 @@ class LeakTest:
         """Return the fault with the greatest gain whose statistic exceeds the limit; else None.
 
         The gain is that in twice the log likelihood. A fault does not count if another cause has a
-        gain greater by more than `RIVAL_GAIN`.
+        gain greater by more than `RIVAL_GAIN`. A leak is preferred to a fault of the lines that is
+        as likely (`TIED_GAIN`).
 
         Args:
             beside: a fault that was found and is fitted along; None for the first fault.
@@ -392,12 +413,13 @@ class LeakTest:
         if beside is not None:
             flow = beside.coefficient * candidates.products.sizes[self.mark(beside), beside.fault]
             dead_zone = np.maximum(dead_zone, self.relative_dead_zone * flow)
-        limit = self.threshold(candidates.regression.freedom)
+        freedom = candidates.regression.freedom
+        limit = self.threshold(freedom) if beside is None else self.limit_beside(freedom)
         gain, marks = self._standing_out(beside, limit, dead_zone)
-        for fault in np.argsort(-gain):
+        for fault in np.argsort(TIED_GAIN * _OF_LINES - gain):
             mark = int(marks[fault])
             if gain[fault] <= 0.0:
-                return None
+                continue
             variance = float(candidates.scores.variance[mark, fault])
             finding = self._sizes().sudden(int(fault), mark, beside, dead_zone[fault], variance)
             if finding.statistic > limit:

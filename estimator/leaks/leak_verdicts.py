@@ -70,7 +70,7 @@ def may_be_lines(test: LeakTest, findings: Sequence[Finding]) -> bool:
     that grows leaves much to a fault of the lines while its size is taken for constant; it is then
     compared as one that may grow.
     """
-    if not findings or test.sums.supply(0)[0]:
+    if not findings or test.sums.supply_measured:
         return False
     if any(finding.fault >= SUPPLY_LEAKAGE for finding in findings):
         return True

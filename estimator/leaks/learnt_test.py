@@ -86,6 +86,13 @@ class LearntLeakTest(LeakTest):
             return max(self._noise_limit(freedom, part), tail.limit(part * self._rate()))
         return tail.limit(part * self._rate(), self._regime, self._noise_limit(freedom, part))
 
+    def limit_beside(self, freedom: float) -> float:
+        """Return what the statistic of a second fault must exceed: what noise alone reaches.
+
+        The limit was learnt from healthy hours, which say nothing of what is left beside a leak.
+        """
+        return max(self.threshold(freedom), self._noise_limit(freedom))
+
     def change_limit(self) -> float:
         """Return what the root of a change's gain must exceed: not less than noise alone reaches.
 
@@ -100,7 +107,7 @@ class LearntLeakTest(LeakTest):
 
     def _rate(self) -> float:
         """Return the alarms a day that are left to this test."""
-        part = FAULT_COUNT / SHARES if self.sums.supply(0)[0] else 1.0
+        part = FAULT_COUNT / SHARES if self.sums.supply_measured else 1.0
         return LASTING_PART * part * self.false_alarms_per_day
 
     def _noise_limit(self, freedom: float, part: float = 1.0) -> float:

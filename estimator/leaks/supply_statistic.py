@@ -16,6 +16,7 @@ makes the same drop as a leak.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from math import exp, log, pi, sqrt
 from typing import Final
 
@@ -113,6 +114,17 @@ class SupplyTest:
         if not block.complete or np.isnan(block.supply_pressure):
             return
         at = self._blocks % ONSETS
+        if self._blocks >= ONSETS:
+            self._leave(at)
+        supply, droop = self._assumed
+        flow, square = block.supply_flow
+        self._rows[at, :3] = self._scale * (1.0, -flow, -square)
+        self._rows[at, 3] = block.supply_pressure - supply + droop * square
+        self._starts[at] = block.start_s
+        self._blocks += 1
+
+    def _leave(self, at: int) -> None:
+        """Add the products of the row at an index, which is to be overwritten, to the sums."""
         found = self.search()
         dropped = found is not None and found.onset <= self._blocks - ONSETS
         if not dropped:
@@ -120,12 +132,6 @@ class SupplyTest:
             self._since[:] = 0.0
         leaving = self._since if dropped else self._before
         leaving += np.outer(self._rows[at], self._rows[at])
-        supply, droop = self._assumed
-        flow, square = block.supply_flow
-        self._rows[at, :3] = self._scale * (1.0, -flow, -square)
-        self._rows[at, 3] = block.supply_pressure - supply + droop * square
-        self._starts[at] = block.start_s
-        self._blocks += 1
 
     @property
     def settings(self) -> tuple[float, ...]:
@@ -147,11 +153,7 @@ class SupplyTest:
         With a model error of 1 or more it holds as if all onsets were independent; for an exact
         model (0) the dependence is taken into account, and values between 0 and 1 interpolate.
         """
-        freedom = _NOISE_WEIGHT + self._blocks
-        onsets = min(max(self._blocks, 1), ONSETS)
-        bound = student_quantile(min(self._share / onsets, 0.25), freedom)
-        exact = noise_limit(self._share, WITNESSES, max(onsets, MINIMUM_BLOCKS), freedom)
-        return between(exact, bound, self._model_error)
+        return _limit(self._share, self._blocks, self._model_error)
 
     def search(self) -> Finding | None:
         """Return the likeliest drop, as a supply leakage, if it exceeds the limit; else None.
@@ -185,7 +187,9 @@ class SupplyTest:
         return self._likeliest
 
     def _searched(self) -> Finding | None:
-        rows = self._rows[np.arange(max(self._blocks - ONSETS, 0), self._blocks) % ONSETS]
+        rows = self._rows[: self._blocks]
+        if self._blocks > ONSETS:
+            rows = self._rows[np.arange(self._blocks - ONSETS, self._blocks) % ONSETS]
         # A drop older than the rows keeps its onset.
         held = self._since[0, 0] > 0.0
         first = 0 if self._blocks > ONSETS else WITNESSES
@@ -281,6 +285,16 @@ class SupplyTest:
         # Two unknowns are fitted to the blocks since the onset alone.
         uneven = float((left[onset:] ** 2).sum()) / (left[onset:].size - 2) / variance
         return max(uneven, 1.0) * lasting_noise(left[:, None], self._model_error)
+
+
+@lru_cache(maxsize=4096)
+def _limit(share: float, blocks: int, model_error: float) -> float:
+    """Return `SupplyTest.limit` for a number of blocks; `share` is the test's alarms a block."""
+    freedom = _NOISE_WEIGHT + blocks
+    onsets = min(max(blocks, 1), ONSETS)
+    bound = student_quantile(min(share / onsets, 0.25), freedom)
+    exact = noise_limit(share, WITNESSES, max(onsets, MINIMUM_BLOCKS), freedom)
+    return between(exact, bound, model_error)
 
 
 def _fitted(since: Array, total: Array, variance: float) -> tuple[Array, Array, Array]:

@@ -24,7 +24,7 @@ from control import (
     expected_position,
     offset_of_change,
 )
-from estimator.accounts import compile_fits
+from estimator.accounts import compile_fits, compile_ramp_search
 from estimator.filters import (
     DEFAULT_FILTER,
     OUTPUTS,
@@ -180,6 +180,7 @@ def _detector(needs: Needs) -> None:
     detector.update(*_swinging(needs, round(_JUDGED_S / TICK)))
     detector.decide()
     compile_fits()
+    compile_ramp_search()
     compile_openings()
     moving_average_absolute(np.zeros(1))
 

@@ -3,7 +3,7 @@
 import pytest
 
 from estimator.leaks.finding import Finding
-from estimator.leaks.leak_statistic import LeakTest
+from estimator.leaks.leak_statistic import TWO_WITNESSES, LeakTest
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .test_leak_statistic import ROOT, blocks
@@ -43,3 +43,27 @@ def test_a_leak_that_seems_to_begin_later_alone_does_not_hide_the_second(
     again = test.search()
     assert sorted(finding.fault for finding in again) == [0, 1]
     assert sorted(finding.onset for finding in again) == [FIRST, SECOND]
+
+
+def test_a_leak_is_preferred_to_a_loss_of_supply_that_is_as_likely() -> None:
+    """While the valve joins only one chamber to the supply, both have the same signature."""
+    test = LeakTest(1.0)
+    for k, block in enumerate(blocks(70, 2)):
+        # What the supply's has besides fits the noise a little better.
+        block.faults[:, 3] = 1e-3 * block.faults[:, 0] + 1e-5 * block.missing / LITRE_PER_MINUTE
+        block.missing[:] += 0.2 * LITRE_PER_MINUTE / ROOT * block.faults[:, 0] * (k >= FIRST)
+        test.add(block)
+        assert all(finding.fault == 0 for finding in test.search())
+    assert test.search()
+
+
+def test_two_faults_are_told_apart_only_by_four_blocks_for_each() -> None:
+    test = LeakTest(1.0)
+    named = []
+    for k, block in enumerate(blocks(70, 1, noise=0.001)):
+        both = block.faults[:, 0] + block.faults[:, 2]
+        block.missing[:] += 0.5 * LITRE_PER_MINUTE / ROOT * both * (k >= FIRST)
+        test.add(block)
+        if len(test.search()) == 2:
+            named.append(k + 1 - min(finding.onset for finding in test.search()))
+    assert TWO_WITNESSES <= named[0] <= TWO_WITNESSES + 4
