@@ -50,7 +50,7 @@ class Residuals:
     spool_correction: float = 0.0
 
 
-def measured_noise(recordings: Sequence[Residuals]) -> dict[str, RegimeNoise]:
+def measured_noise(recordings: Sequence[Residuals], counted: float = 1.0) -> dict[str, RegimeNoise]:
     """Return the noise of each regime that lasts for `LEAST_REGIME_S` or more, all but near stops.
 
     Variances are those of the residuals less the sensors' own, in parts of the default's allowance,
@@ -58,12 +58,16 @@ def measured_noise(recordings: Sequence[Residuals]) -> dict[str, RegimeNoise]:
     correlation from block to block is the larger of two: that of the residuals, the sensors' noise
     included, with one standard error added; and what makes the mean of a stretch as uncertain as an
     error that stays for a whole stretch does (`_Stretches`).
+
+    Args:
+        recordings: what the nuisances leave of each recording.
+        counted: part of the blocks that count where few blocks are reason for care.
     """
     found = {}
     for regime in REGIMES:
         if regime == NEAR_STOP:
             continue
-        noise = _noise_of(regime, recordings)
+        noise = _noise_of(regime, recordings, counted)
         if noise is not None:
             found[regime] = noise
     return found
@@ -125,7 +129,7 @@ class _Stretches:
         return sum(m / (1.0 + (m - 1) * part) for m in self._lengths)
 
 
-def _noise_of(regime: str, recordings: Sequence[Residuals]) -> RegimeNoise | None:
+def _noise_of(regime: str, recordings: Sequence[Residuals], counted: float) -> RegimeNoise | None:
     squares: list[Array] = []
     products: list[float] = []
     stretches = _Stretches()
@@ -161,12 +165,12 @@ def _noise_of(regime: str, recordings: Sequence[Residuals]) -> RegimeNoise | Non
     if regime == STANDSTILL:
         # Nothing changes while a ram stands: its stretch is one value, also if none stood out yet.
         part, expected = 1.0, LAP_CHAMBERS
-    independent = stretches.independent(part)
+    independent = counted * stretches.independent(part)
     expected_variance = careful(variance, independent)
     if regime == STANDSTILL:
         shared = careful(shared, independent)
     lasting = lagged / power if power > 0.0 else 0.0
-    lasting = min(lasting + float(1.0 / np.sqrt(2.0 * seconds / BLOCK_S)), _MOST_FADING)
+    lasting = min(lasting + float(1.0 / np.sqrt(2.0 * counted * seconds / BLOCK_S)), _MOST_FADING)
     lasting = max(
         lasting, _as_lasting(1.0 + (stretches.length() - 1.0) * shared / expected_variance)
     )

@@ -43,6 +43,13 @@ def test_size_and_correlations_are_measured() -> None:
     assert 0.1 < found["moving"].lasting < 0.4
 
 
+def test_noise_is_as_careful_as_that_from_the_part_of_the_blocks_that_count() -> None:
+    part, whole = [standstills([0.0])] * 2, [standstills([0.0])] * 3
+    few, careful = measured_noise(part), measured_noise(whole, counted=2.0 / 3.0)
+    assert careful["standstill"].factor == pytest.approx(few["standstill"].factor)
+    assert careful["standstill"].factor > 1.1 * measured_noise(whole)["standstill"].factor
+
+
 def test_a_regime_that_hardly_occurred_is_not_learnt() -> None:
     assert measured_noise([residuals(0.5, 0.0, 0.0, count=40)]) == {}
 
