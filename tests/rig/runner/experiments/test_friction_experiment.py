@@ -115,7 +115,7 @@ def test_a_valve_farther_off_null_than_the_interlock_grants_trips_as_on_hardware
     tmp_path: Path,
 ) -> None:
     plant = Model().with_effect("spool_null_bias", value=-5e-5)
-    with pytest.raises(ExperimentStoppedError, match="tripped: the position does not move as"):
+    with pytest.raises(ExperimentStoppedError, match="tripped; the position does not move as"):
         run(replace(load_rig("simulated"), plant=plant), tmp_path)
 
 
