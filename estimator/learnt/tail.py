@@ -41,8 +41,8 @@ HOURS_DIFFER: Final = 0.01
 
 On three rigs of the other simulator (seeds 4040, 4043 and 4044; 5.6 h) the logarithm of the mean
 excess differed from an hour of baseline to an hour judged by a variance of 0.143, of which 0.125 is
-chance; the rest is that of two hours. On five rigs that were not seen (4060 to 4064) there were 0.65
-times the 100 alarms a day that were set, and one of 4 at 10 (docs/detection.md).
+chance; the rest is that of two hours. On five rigs that were not seen (4060 to 4064) there were
+0.65 times the 100 alarms a day that were set, and one of 4 at 10 (docs/detection.md).
 """
 _DRAWS: Final = 5_000
 
