@@ -137,8 +137,8 @@ def show(run: str, below: Path, as_json: bool, verify: bool) -> int:
     """Show a run: its folder, state, size, tests with their verdicts, and events outside the tests.
 
     RUN is the name of a folder below --runs, or a path. With --verify the exit code is 2 if a
-    recording of the run, or an export in its folder, is damaged or holds other values, or if its
-    journal is damaged; each is then named on stderr.
+    recording of the run, or an export in its folder, is damaged or holds other values, if a
+    recording is gone, or if the journal is damaged; each is then named on stderr.
     """
     found = _run(run, below)
     if verify:
@@ -271,9 +271,13 @@ def _verify(run: Run) -> None:
     An export has its recording's name with the extension of another format.
 
     Raises:
-        RecordingError: some are damaged, or an export has other values than its recording.
+        RecordingError: some are damaged or gone, or an export has other values than its recording.
     """
     problems = _journal_problems(run)
+    problems += [
+        RecordingProblem(str(path), "file", "is gone", "put it back from a copy of the run")
+        for path in run.missing_recordings
+    ]
     exported = 0
     for recording in run.recordings:
         others = [recording.with_name(f"{recording.stem}{end}") for end in EXTENSIONS]

@@ -16,6 +16,8 @@ from mcap.writer import MCAP0_MAGIC
 
 from .sample_collector import DAMAGE
 
+_DATA_END: Final = struct.Struct("<BQI")
+"""The record that ends the data: opcode, length, and the checksum of all before it."""
 _PIECE: Final = 1 << 20
 
 
@@ -67,6 +69,25 @@ def check_summary(file: IO[bytes]) -> None:
         raise ValueError("the summary begins behind its end")
     if zlib.crc32(file.read(length) + footer[:-4]) != crc:
         raise ValueError(f"the summary's checksum is {'wrong' if crc else 'missing'}")
+
+
+def check_data(file: IO[bytes]) -> None:
+    """Check the checksum of all data before the summary, which notices a changed metadata value.
+
+    Recordings of earlier versions have none.
+
+    Raises:
+        ValueError: the data does not end where the summary begins, or the checksum is wrong.
+    """
+    file.seek(-FOOTER_SIZE - MAGIC_SIZE, os.SEEK_END)
+    _, _, start, _, _ = struct.unpack("<BQQQI", file.read(FOOTER_SIZE))
+    end = start - _DATA_END.size
+    file.seek(max(end, 0))
+    opcode, _, crc = _DATA_END.unpack(file.read(_DATA_END.size))
+    if end < 0 or opcode != Opcode.DATA_END:
+        raise ValueError("the data does not end where the summary begins")
+    if crc and checksum_before(file, end) != crc:
+        raise ValueError("the checksum of all data is wrong")
 
 
 def copies_at_end(file: IO[bytes]) -> EndCopies:

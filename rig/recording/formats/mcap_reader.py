@@ -19,7 +19,7 @@ from zstandard import ZstdError
 from rig.recording.errors import RecordingError
 from rig.recording.recording import REPLAY_CHANNELS, FloatArray, Table
 
-from .mcap_end import check_summary, ends_properly
+from .mcap_end import check_data, check_summary, ends_properly
 from .mcap_writer import EVENTS_TOPIC, SAMPLES_TOPIC
 from .sample_collector import DAMAGE, ForeignSchemaError, SampleCollector
 from .sample_layout import RECORD_PREFIX
@@ -62,6 +62,7 @@ def read_mcap(path: str) -> Table:
         try:
             check_summary(file)
             _collect(file, collector)
+            check_data(file)
         except ForeignSchemaError as error:
             raise foreign(path, str(error)) from None
         except RecordingError:

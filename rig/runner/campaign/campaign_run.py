@@ -46,6 +46,7 @@ from rig.runner.run_folder import (
     learn_again,
     prepare_directory,
     recording_names,
+    require_journal,
     resumable,
     sync,
     write_junit,
@@ -134,6 +135,8 @@ def run_campaign(
     started = datetime.now(UTC)
     directory = out or default_directory(campaign.name, started)
     names = recording_names(test.name for test in campaign.tests)
+    if resume:
+        require_journal(directory, names)
     if not (resume and (directory / JOURNAL).is_file()):
         prepare_directory(directory, names)
     with (

@@ -60,6 +60,7 @@ from .resuming import (
     fingerprint as fingerprint,
     keep_attempt as keep_attempt,
     learn_again as learn_again,
+    require_journal as require_journal,
     resumable as resumable,
     unfinished_run as unfinished_run,
 )

@@ -84,8 +84,15 @@ class Run:
     @property
     def recordings(self) -> list[Path]:
         """Paths of the recordings of its tests, without earlier attempts and missing files."""
-        names = [test["recording"] for test in self.tests if test["recording"]]
-        return [path for path in (self.folder / str(name) for name in names) if path.is_file()]
+        return [path for path in self._named() if path.is_file()]
+
+    @property
+    def missing_recordings(self) -> list[Path]:
+        """Paths of the recordings of its tests that are not there."""
+        return [path for path in self._named() if not path.is_file()]
+
+    def _named(self) -> list[Path]:
+        return [self.folder / str(test["recording"]) for test in self.tests if test["recording"]]
 
     @property
     def size(self) -> int:
@@ -136,6 +143,8 @@ def _check(run: Run) -> None:
         name, recording = test["name"], test["recording"]
         if not isinstance(name, str) or not isinstance(test["status"], str):
             raise ValueError("a test without name or status")
+        if not name.isprintable():
+            raise ValueError(f"a test's name with characters that cannot be shown: {name!a}")
         found = test["found"] or {}
         leak = found.get("leak_L_per_min")
         if not isinstance(leak, int | float | None) or not isinstance(found, dict):

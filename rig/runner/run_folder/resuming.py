@@ -30,7 +30,7 @@ from rig.runner.outcomes import (
     with_estimates,
 )
 
-from .directory import attempt_path
+from .directory import RESULTS, attempt_path
 from .journal import JOURNAL, Entry, JournalError, read_journal, since_end
 
 CAMPAIGN: Final = "campaign"
@@ -334,6 +334,30 @@ def unfinished_run(campaign: str, below: Path) -> Path:
         remedy = "give its folder: --out DIR"
         raise JournalError(f"{below}: holds no unfinished run of {campaign}; {remedy}")
     return max(found)[1]
+
+
+def require_journal(folder: Path, recordings: Sequence[str]) -> None:
+    """Check that a run which is to be resumed has a journal, if it has anything else.
+
+    Without what the journal says of finished tests, their results would be lost, and the ram moved
+    for them again.
+
+    Args:
+        folder: folder of the run.
+        recordings: file names of its tests' recordings.
+
+    Raises:
+        JournalError: the folder holds results or recordings, and a journal that says nothing.
+    """
+    journal = folder / JOURNAL
+    if journal.is_file() and read_journal(journal):
+        return
+    for name in (RESULTS, *recordings):
+        if (folder / name).exists():
+            raise JournalError(
+                f"{journal}: is {'empty' if journal.exists() else 'not there'}, but {name} is; put "
+                "the journal back from a copy, or run anew with another --out"
+            )
 
 
 def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: Rig) -> JournalState:

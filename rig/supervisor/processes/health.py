@@ -141,10 +141,11 @@ class Health:
         """Return who tripped and why, in order of time, and which steps of the trip were confirmed.
 
         Times are in s after the first trip; the time of an unconfirmed step is None. {} if nobody
-        tripped.
+        tripped. A session that has read no row yet cannot trip: where it ends as it connects, its
+        processes note that they are alone.
         """
         found = trips_of(self._board)
-        if not found:
+        if not found or not self._words[Word.ROWS]:
             return {}
         channel = loop_channel(self._board)
         first_ns = next(iter(found.values()))[1]

@@ -330,6 +330,35 @@ def test_the_recordings_of_a_run_and_their_exports_are_verified(
     assert "could not verify page integrity" in second
 
 
+def test_a_changed_metadata_value_and_a_recording_that_is_gone_are_told_by_verify(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    (recording,) = make_run("one").glob("*.mcap")
+    content = recording.read_bytes()
+    start = content.index(b'"bulk_modulus": ') + len(b'"bulk_modulus": ')
+    changed = content[:start] + b"9" + content[start + 1 :]
+    assert changed != content
+    recording.write_bytes(changed)
+    verified = invoke("runs", "show", "one", "--verify")
+    assert verified.code == 2
+    assert "the checksum of all data is wrong" in verified.err
+    recording.unlink()
+    verified = invoke("runs", "show", "one", "--verify")
+    assert verified.code == 2
+    assert f"{recording.name}: file: is gone" in verified.err
+
+
+def test_names_that_would_steer_a_terminal_are_refused(invoke: Invoke, make_run: MakeRun) -> None:
+    path = make_run("one") / "results.json"
+    results = json.loads(path.read_text())
+    results["tests"][0]["name"] = "a\x1b[31m\nall passed"
+    path.write_text(json.dumps(results))
+    shown = invoke("runs", "show", "one")
+    assert shown.code == 2
+    assert "characters that cannot be shown" in shown.err
+    assert "\x1b" not in shown.err + shown.out
+
+
 def test_a_journal_that_no_run_could_be_resumed_from_is_told_by_verify(
     invoke: Invoke, make_run: MakeRun
 ) -> None:

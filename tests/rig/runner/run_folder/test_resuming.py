@@ -135,6 +135,18 @@ def test_where_an_attempt_cannot_be_kept_the_run_ends_and_nothing_is_lost(
     assert (tmp_path / "two~1.mcap").read_bytes() == recorded
 
 
+@pytest.mark.parametrize("journal", [None, b"", bytes(1000)], ids=["gone", "empty", "zeros"])
+def test_a_run_whose_journal_says_nothing_is_not_begun_anew_over_its_results(
+    tmp_path: Path, rig: Rig, campaign: Campaign, journal: bytes | None
+) -> None:
+    (tmp_path / "results.json").write_text("what was found")
+    if journal is not None:
+        (tmp_path / JOURNAL).write_bytes(journal)
+    with pytest.raises(JournalError, match=r"results\.json is; put the journal back"):
+        run_campaign(campaign, rig, tmp_path, resume=True)
+    assert (tmp_path / "results.json").read_text() == "what was found"
+
+
 def test_a_run_that_is_going_on_is_not_resumed_beside_it_and_nothing_is_touched(
     tmp_path: Path, rig: Rig, campaign: Campaign
 ) -> None:
