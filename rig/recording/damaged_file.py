@@ -11,6 +11,7 @@ from typing import IO, Any, Final
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
@@ -108,6 +109,12 @@ class DamagedFile:
                 until = f"bytes {position} to {following} of {size}: unreadable"
             self._lost.append(until)
             return following
+        behind = size - position - FOOTER_SIZE - len(MCAP0_MAGIC)
+        if behind > 0:
+            self._lost.append(
+                f"{behind} bytes behind the recording's end: if they are another recording, cut "
+                "them off into a file of their own"
+            )
         return None
 
     def _contents(self) -> Iterator[tuple[int, bytes]]:

@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -87,6 +88,8 @@ class JournalState:
         """
         match entry.kind:
             case "begin":
+                if entry["started"] is not None:
+                    datetime.fromisoformat(entry["started"])
                 self.begun, self.tests = entry, tuple(entry["tests"])
                 if entry["by"]:
                     self._happened(entry, entry["by"], "begun")
@@ -95,7 +98,7 @@ class JournalState:
             case "phase":
                 self._enters(entry)
             case "outcome":
-                self._ends(entry["test"], outcome_of(entry["outcome"]))
+                self._ends(self._index_in(entry), outcome_of(entry["outcome"]))
             case "operator":
                 self._asked(entry)
             case "held":
@@ -157,8 +160,19 @@ class JournalState:
             )
         return replace(known or not_run, attempts=tuple(self.attempts.get(index, ())))
 
+    def _index_in(self, entry: Entry) -> int:
+        """Return the index of the test that an entry is about.
+
+        Raises:
+            ValueError: the campaign has no such test.
+        """
+        index: int = entry["test"]
+        if type(index) is not int or not 0 <= index < len(self.tests):
+            raise ValueError(f"the test {index!a} of {len(self.tests)}")
+        return index
+
     def _enters(self, entry: Entry) -> None:
-        index = entry["test"]
+        index = self._index_in(entry)
         if entry["phase"] == "setup":
             last = self._open.pop(index, None)
             self._partial.pop(index, None)

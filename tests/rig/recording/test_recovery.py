@@ -178,6 +178,13 @@ def test_a_sound_file_is_recovered_whole(healthy: Recording, whole: bytes, tmp_p
     assert saved.content_hash() == healthy.content_hash()
 
 
+def test_what_lies_behind_a_recording_is_told_as_lost(whole: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "two.mcap"
+    path.write_bytes(whole + whole)
+    summary = recover(path, tmp_path / "out.mcap")
+    assert f"{len(whole)} bytes behind the recording's end" in str(summary)
+
+
 @pytest.mark.parametrize("target", ["run.mcap", "other.mcap"])
 def test_recovery_overwrites_neither_its_input_nor_anything_else(
     whole: bytes, tmp_path: Path, target: str

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,8 +17,8 @@ from rig.recording import read_recording
 from rig.runner import Observer, Status, StopFlag, run_campaign
 from rig.runner.outcomes.outcome import TestOutcome
 from rig.runner.outcomes.outcome_record import outcome_of, record_of
-from rig.runner.run_folder.journal import JOURNAL, Journal, JournalError, read_journal
-from rig.runner.run_folder.resuming import standing_of, unfinished_run
+from rig.runner.run_folder.journal import JOURNAL, Entry, Journal, JournalError, read_journal
+from rig.runner.run_folder.resuming import JournalState, standing_of, unfinished_run
 
 MakeTest = Callable[..., CampaignTest]
 MakeCampaign = Callable[..., Campaign]
@@ -219,6 +220,23 @@ def test_another_campaign_s_run_is_not_resumed(
     run_campaign(campaign, rig, tmp_path)
     with pytest.raises(JournalError, match="holds a run of the campaign bench campaign, not of"):
         run_campaign(replace(campaign, name="another"), rig, tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "details"),
+    [
+        ("begin", {"tests": ["one"], "started": "never"}),
+        ("phase", {"test": "a", "phase": "setup"}),
+        ("phase", {"test": 1, "phase": "setup"}),
+        ("outcome", {"test": -1}),
+    ],
+)
+def test_an_entry_of_no_time_or_of_no_test_of_the_campaign_is_no_journal_s(
+    kind: str, details: dict[str, Any]
+) -> None:
+    state = JournalState(tests=("one",))
+    with pytest.raises(ValueError, match=r"isoformat|the test .* of 1"):
+        state.take(Entry(0, "2026-11-27T10:00:00+00:00", kind, details))
 
 
 def test_where_nothing_was_begun_a_resumed_campaign_begins(
