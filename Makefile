@@ -32,9 +32,9 @@ demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write it
 unexport PYTHONDONTWRITEBYTECODE
 
 # A file's tests share what they set up, so that files are what the workers share out, in the order
-# that tests/conftest.py gives them. Three of them on two processors: tests of processes mostly wait.
+# that tests/conftest.py gives them. Four of them on two processors: tests of processes mostly wait.
 test: $(INSTALLED_DEV) ## run the tests
-	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 
 test-long: $(INSTALLED_DEV) ## run the tests that test leaves out for their length
 	@$(BIN)/python -m pytest -n 2 -m long
