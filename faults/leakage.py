@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from rig.plant import LITRE_PER_MINUTE, signed_roots
 
+from .verdict import Verdict
+
 Value = TypeVar("Value", float, NDArray[np.float64])
 """A number, or an array of any shape."""
 
@@ -38,8 +40,19 @@ def linear_flow(coefficient: float, pressure_drop: Value) -> Value:
     return coefficient * pressure_drop
 
 
-def size_shown(coefficient: float, *, linear: bool) -> str:
-    """Return a leak's size as text: its flow in L/min at `TYPICAL_PRESSURE`, and a linear law."""
+def size_shown(kind: str, coefficient: float, *, linear: bool) -> str:
+    """Return a fault's size as text.
+
+    That of a leak is its flow in L/min at `TYPICAL_PRESSURE`, with a note if its law is linear;
+    that of a return blockage is its coefficient.
+
+    Args:
+        kind: one of `faults.verdict.FAULT_KINDS`.
+        coefficient: coefficient of the fault, SI.
+        linear: whether a leak is proportional to the pressure drop.
+    """
+    if kind == Verdict.RETURN_BLOCKAGE:
+        return f"{coefficient:.4g} Pa/(m^3/s)^2"
     law = linear_flow if linear else square_root_flow
     flow = float(to_litres_per_minute(law(coefficient, TYPICAL_PRESSURE)))
     law_shown = " (linear)" if linear else ""

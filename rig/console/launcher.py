@@ -402,7 +402,7 @@ def _takes_a_stop(folder: Path, said: str, by: str) -> bool:
             note_interruption(folder, said)
             ask(folder, "abort", said, wait_s=ASK_S, person=by)
             taken.set()
-            interrupted_by(folder)
+            interrupted_by(folder)  # it has taken the stop, so that nobody need interrupt it
 
     # It asks in a thread, so that a disk that hangs delays the stop by no more than `ASK_S`.
     thread = threading.Thread(target=asking, name="stop", daemon=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from rig.stream import Answer, StreamClient
+from rig.stream import Answer, KeyFileError, StreamClient
 
 STANDS_S: Final = 15.0
 """Time in s for which a stop stands. A rig changes hands, and is heard again, in 2 to 5 s, and in
@@ -42,7 +42,7 @@ class StandingStop:
         answers: list[Answer] = []
 
         def saying() -> None:
-            with suppress(Exception):  # a key that is gone has been told of with the first attempt
+            with suppress(KeyFileError):  # told of with the first attempt
                 answer = self._client.send_until_heard("abort", rig or None, said, STANDS_S, person)
                 answers.append(answer)
                 came = "was heard, and is obeyed" if answer.accepted else "stands no longer"

@@ -116,7 +116,7 @@ def injected_size(fault: InjectedFault) -> str:
         return f"{flow(fault.mean_flow_m3_per_s)} L/min"
     if fault.kind == "return_blockage":
         return f"{fault.coefficient:.3g} Pa/(m³/s)²"
-    return size_shown(fault.coefficient, linear=fault.linear)
+    return size_shown(fault.kind, fault.coefficient, linear=fault.linear)
 
 
 def acted(fault: InjectedFault, recorded_s: float) -> str:

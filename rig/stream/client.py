@@ -281,7 +281,8 @@ class StreamClient:
         until = time.monotonic() + wait_s
         answer = Answer(False, "no answer: the client is closed")
         this = threading.current_thread()
-        self._asking.append(this)  # so that `close` waits for it
+        with self._lock:
+            self._asking = [*self._asking, this]  # so that `close` waits for it
         try:
             while not self._closing.is_set():
                 try:
@@ -292,8 +293,8 @@ class StreamClient:
                     break
                 self._closing.wait(HEARD_AGAIN_S)
         finally:
-            with suppress(ValueError):
-                self._asking.remove(this)
+            with self._lock:
+                self._asking = [each for each in self._asking if each is not this]
         return answer
 
     def _sent(

@@ -16,7 +16,6 @@ from rig.cli.screen import Screen
 from rig.runner import CampaignOutcome, InjectedFault, Observer, Status, TestOutcome
 from rig.runner.leak_test import leak_test_lines
 from rig.runner.outcomes import chance, in_passing, onset_shown, reaction
-from rig.runner.run_folder import coefficient_unit
 
 STYLES: Final = {
     Status.PASSED: "green",
@@ -165,11 +164,9 @@ def injected(fault: InjectedFault) -> str:
 
     The size is the mean flow in L/min; if that is not known, what was asked for.
     """
-    if fault.kind == "return_blockage":
-        size = f"{fault.coefficient:.3g} {coefficient_unit(fault)}"
+    if fault.mean_flow_m3_per_s is None:
+        size = size_shown(fault.kind, fault.coefficient, linear=fault.linear)
     else:
-        size = size_shown(fault.coefficient, linear=fault.linear)
-    if fault.mean_flow_m3_per_s is not None:
         size = f"{to_litres_per_minute(fault.mean_flow_m3_per_s):.3f} L/min"
     return f"{fault.kind} {size} at {fault.at_s:g} s"
 

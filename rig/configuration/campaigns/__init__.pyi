@@ -18,7 +18,6 @@ from .dry_run import (
     plan_campaign as plan_campaign,
     valve_speed as valve_speed,
 )
-from .faults import TYPICAL_PRESSURE as TYPICAL_PRESSURE
 from .following import expected_following as expected_following
 from .judged_controls import (
     Expected as Expected,

@@ -372,9 +372,7 @@ def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> Iterat
 
 
 def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:
-    opening, size = None, f"{fault.coefficient:.4g} Pa/(m^3/s)^2"
-    if fault.kind != Verdict.RETURN_BLOCKAGE:
-        size = size_shown(fault.coefficient, linear=fault.linear)
-        valve = None if fault.linear else rig.bypass_valves.get(fault.kind)
-        opening = valve.needle_opening_for(fault.coefficient) if valve else None
+    size = size_shown(fault.kind, fault.coefficient, linear=fault.linear)
+    valve = None if fault.linear else rig.bypass_valves.get(fault.kind)
+    opening = valve.needle_opening_for(fault.coefficient) if valve else None
     return PlannedFault(fault, size, opening)

@@ -5,14 +5,7 @@ from math import inf, sqrt
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from control import RequestError
-from faults import (
-    LEAK_KINDS,
-    TYPICAL_PRESSURE as TYPICAL_PRESSURE,
-    BypassValve,
-    Fault,
-    Verdict,
-    linked,
-)
+from faults import LEAK_KINDS, TYPICAL_PRESSURE, BypassValve, Fault, Verdict, linked
 from rig.configuration.reading import (
     AnyQuantity,
     Located,

@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 from typing import Annotated, Any, Final, get_args
 
-from faults import LEAK_KINDS
-from rig.configuration.campaigns import TYPICAL_PRESSURE
+from faults import LEAK_KINDS, TYPICAL_PRESSURE
 from rig.configuration.reading import (
     Located,
     Physical,

@@ -81,7 +81,7 @@ class Injection:
         self._channels = channels
         self._flows = [self._flow_of(fault) for fault in faults]
         self._time_s = -inf
-        begins = [(each.at_s, "fault_on", f"{each.kind}: {_size(each)}") for each in faults]
+        begins = [(each.at_s, "fault_on", _shown(each)) for each in faults]
         # Where another fault goes on at the same place, its begin says so.
         ends = [(each.until_s, "fault_off", str(each.kind)) for each in faults if not each.goes_on]
         events = (event for event in begins + ends if event[0] != inf)
@@ -134,7 +134,5 @@ class Injection:
         )
 
 
-def _size(fault: Fault) -> str:
-    if fault.kind == Verdict.RETURN_BLOCKAGE:
-        return f"{fault.coefficient:.4g} Pa/(m^3/s)^2"
-    return size_shown(fault.coefficient, linear=fault.linear)
+def _shown(fault: Fault) -> str:
+    return f"{fault.kind}: {size_shown(fault.kind, fault.coefficient, linear=fault.linear)}"

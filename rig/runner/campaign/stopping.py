@@ -53,8 +53,11 @@ def stop_on_signals(stop: StopFlag, folder: Path | None = None) -> Iterator[None
     """
 
     def request(number: int, _: FrameType | None) -> None:
-        who, name = interrupted_by(folder) if folder else "", signal.Signals(number).name
-        stop.request(f"{who} ({name})" if who else name)
+        name, is_first = signal.Signals(number).name, not stop.requested
+        # The stop is asked for before any file is read, as a disk may hang.
+        stop.request(name)
+        if is_first and folder and (who := interrupted_by(folder)):
+            stop.reason = f"{who} ({name})"
 
     previous = {number: signal.getsignal(number) for number in SIGNALS}
     caught = [number for number in SIGNALS if previous[number] is not signal.SIG_IGN]

@@ -114,11 +114,11 @@ def _release_after(first: Exception, lockable: Lockable) -> None:
     except Exception as second:
         trip = (first.report, first.cause) if isinstance(first, TripError) else ()
         both = ExceptionGroup("a leak test, and the release after it", [first, second])
-        text = f"{_told(first)}; then, as the rig was released: {_told(second)}"
+        text = f"{_text_of(first)}; then, as the rig was released: {_text_of(second)}"
         raise TripError(text, *trip) from both
 
 
-def _told(error: Exception) -> str:
+def _text_of(error: Exception) -> str:
     """Return the text of an error of this program; of one of Python its type and place, too."""
     return failure(error) if type(error).__module__ == "builtins" else str(error)
 

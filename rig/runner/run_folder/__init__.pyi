@@ -45,7 +45,6 @@ from .junit import write_junit as write_junit
 from .keeping import MOST_HELD as MOST_HELD, FolderKeeper as FolderKeeper
 from .refused import discard_refused as discard_refused
 from .results import (
-    coefficient_unit as coefficient_unit,
     drift_of as drift_of,
     findings as findings,
     leak_figures as leak_figures,

@@ -76,7 +76,7 @@ def _test(test: TestOutcome) -> dict[str, Any]:
 def _fault(fault: InjectedFault) -> dict[str, Any]:
     return {
         **named(fault, "kind", "at_s", "until_s", "coefficient"),
-        "coefficient_unit": coefficient_unit(fault),
+        "coefficient_unit": _coefficient_unit(fault),
         "leak_L_per_min": litres_per_minute(fault.mean_flow_m3_per_s),
     }
 
@@ -181,7 +181,7 @@ def leak_figures(decision: Decision) -> dict[str, Any]:
     }
 
 
-def coefficient_unit(fault: InjectedFault) -> str:
+def _coefficient_unit(fault: InjectedFault) -> str:
     """Return the SI unit of a fault's coefficient, which depends on kind and leak law."""
     if fault.kind == "return_blockage":
         return "Pa/(m^3/s)^2"

@@ -62,6 +62,7 @@ class FakeClient(StreamClient):
         self.answer = Answer(True)
         self.rows = 0
         self._closing, self._asking = threading.Event(), []
+        self._lock = threading.RLock()
 
     def become(self, rig: str, **changed: Any) -> None:
         """Change fields of a rig's snapshot."""

@@ -31,31 +31,6 @@ from tests.rig.supervisor.processes.streamed_rig import CHANNELS, Bench
 from tests.waiting import PATIENCE_S, until
 
 
-@pytest.fixture
-def bench(tmp_path: Path, port: int) -> Iterator[Bench]:
-    bench = Bench(tmp_path, port)
-    bench.stream.attach(bench.board, CHANNELS)
-    yield bench
-    bench.stream.close()
-    os.close(bench.board.fd)
-
-
-@pytest.fixture
-def port() -> int:
-    import socket
-
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
-
-
-@pytest.fixture
-def client(bench: Bench) -> Iterator[StreamClient]:
-    with StreamClient(bench.settings) as client:
-        client.wait_for_rig(PATIENCE_S)
-        yield client
-
-
 def texts(client: StreamClient) -> list[str]:
     return [event["text"] for event in client.snapshot("bench").events]
 

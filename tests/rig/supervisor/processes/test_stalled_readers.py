@@ -1,40 +1,17 @@
 """Readers of the live stream that are stalled cost the others next to nothing."""
 
-import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from rig.stream import sessions
 from rig.stream.client import StreamClient
-from tests.rig.supervisor.processes.streamed_rig import CHANNELS, Bench
+from tests.rig.supervisor.processes.streamed_rig import Bench
 from tests.waiting import PATIENCE_S, until
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
-    import socket
-
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = int(free.getsockname()[1])
-    bench = Bench(tmp_path, port)
-    bench.stream.attach(bench.board, CHANNELS)
-    yield bench
-    bench.stream.close()
-    os.close(bench.board.fd)
-
-
-@pytest.fixture
-def client(bench: Bench) -> Iterator[StreamClient]:
-    with StreamClient(bench.settings) as client:
-        client.wait_for_rig(PATIENCE_S)
-        yield client
 
 
 def status(process: "subprocess.Popen[bytes]") -> str:
