@@ -369,8 +369,8 @@ def require_journal(folder: Path, recordings: Sequence[str]) -> None:
     for name in (RESULTS, *recordings):
         if (folder / name).exists():
             raise JournalError(
-                f"{journal}: is {'empty' if journal.exists() else 'not there'}, but {name} is; put "
-                "the journal back from a copy, or run anew with another --out"
+                f"{journal}: is {'empty' if journal.exists() else 'gone'}, while {name} is there; "
+                "put the journal back from a copy, or run anew with another --out"
             )
 
 

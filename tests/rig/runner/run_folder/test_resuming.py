@@ -143,7 +143,7 @@ def test_a_run_whose_journal_says_nothing_is_not_begun_anew_over_its_results(
     (tmp_path / "results.json").write_text("what was found")
     if journal is not None:
         (tmp_path / JOURNAL).write_bytes(journal)
-    with pytest.raises(JournalError, match=r"results\.json is; put the journal back"):
+    with pytest.raises(JournalError, match=r"while results\.json is there; put the journal"):
         run_campaign(campaign, rig, tmp_path, resume=True)
     assert (tmp_path / "results.json").read_text() == "what was found"
 
