@@ -134,6 +134,14 @@ def test_a_file_that_may_not_be_read_is_named(
     assert "mcap: cannot be read: permission denied; let this user read it" in done.err
 
 
+def test_results_whose_exit_code_is_no_number_are_damaged(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    make_run("one", 0.0, lambda results: results.update(exit_code="0"))
+    done = invoke("runs", "show", "one")
+    assert (done.code, "the exit code '0'" in done.err) == (2, True)
+
+
 def test_two_equal_runs_do_not_differ(invoke: Invoke, make_run: MakeRun, tmp_path: Path) -> None:
     make_run("one"), make_run("two")
     done = invoke("runs", "compare", "one", "two", "--out", "page.html")
