@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from .entry_types import check_types
-from .journal import JOURNAL, Entry, Journal, JournalError, read_journal
-from .resuming import not_of_a_campaign
+from .journal import JOURNAL, Entry, Journal, JournalError, not_of_a_campaign, read_journal
 
 _UNSEEN = frozenset({"failed", "error", "tripped", "interrupted"})
 """Statuses of tests at whose ends somebody should look."""

@@ -33,7 +33,7 @@ from rig.runner.outcomes import (
 
 from .directory import RESULTS, attempt_path
 from .entry_types import check_types
-from .journal import JOURNAL, Entry, JournalError, read_journal, since_end
+from .journal import JOURNAL, Entry, JournalError, not_of_a_campaign, read_journal, since_end
 
 CAMPAIGN: Final = "campaign"
 """Name in place of an operator's for events that no operator asked for."""
@@ -330,12 +330,6 @@ def begun_in(folder: Path) -> Entry:
     return entries[0]
 
 
-def not_of_a_campaign(folder: Path, why: ValueError) -> JournalError:
-    """Return the error of a journal whose entries are not those of a campaign's."""
-    remedy = "put it back from a copy, or run anew with another --out"
-    return JournalError(f"{folder / JOURNAL}: is not a campaign's journal ({why}); {remedy}")
-
-
 def unfinished_run(campaign: str, below: Path) -> Path:
     """Return the folder of the newest unfinished run of a campaign, directly below another folder.
 
@@ -385,6 +379,21 @@ def require_journal(folder: Path, recordings: Sequence[str]) -> None:
                 f"{journal}: is {'empty' if journal.exists() else 'gone'}, while {name} is there; "
                 "put the journal back from a copy, or run anew with another --out"
             )
+
+
+def check_journal(folder: Path) -> None:
+    """Check that the journal of a run that has results is there, whole, and a campaign's.
+
+    Raises:
+        JournalError: it is not, so that the run could not be resumed.
+    """
+    require_journal(folder, ())
+    entries = read_journal(folder / JOURNAL)
+    try:
+        if standing_of(entries).begun is None:
+            raise ValueError("no begin")
+    except ValueError as error:
+        raise not_of_a_campaign(folder, error) from None
 
 
 def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: Rig) -> JournalState:

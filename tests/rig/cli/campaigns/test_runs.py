@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import warnings
+import zlib
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from math import hypot
@@ -377,6 +378,12 @@ def test_a_journal_that_no_run_could_be_resumed_from_is_told_by_verify(
     verified = invoke("runs", "show", "one", "--verify")
     assert verified.code == 2
     assert "journal.jsonl:2: journal: is damaged, and lines follow it" in verified.err
+    foreign = b'{"n": 0, "at": "", "kind": "collected"}'
+    sealed = foreign[:-1] + b', "crc": "%08x"}\n' % zlib.crc32(foreign)
+    for content, said in ((b"", "is empty"), (sealed, "is not a campaign's"), (None, "is gone")):
+        journal.unlink() if content is None else journal.write_bytes(content)
+        verified = invoke("runs", "show", "one", "--verify")
+        assert (verified.code, f"journal: {said}" in verified.err) == (2, True)
 
 
 @pytest.mark.parametrize(
