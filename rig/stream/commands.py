@@ -244,7 +244,7 @@ def _mapping(
     known = {**kinds, **optional}
     try:
         content = msgpack.unpackb(
-            payload, raw=False, strict_map_key=True, max_map_len=len(known), max_array_len=0,
+            payload, raw=False, strict_map_key=True, max_map_len=2 * len(known), max_array_len=0,
             max_ext_len=0, object_pairs_hook=unique_keys,
         )  # fmt: skip
     except RepeatedKeyError as error:
