@@ -17,6 +17,8 @@ import click
 
 import rig
 
+from .plain_output import plain_output
+
 EXIT_CRASHED: Final = 1
 EXIT_BAD_INPUT: Final = 2
 EXIT_STOPPED: Final = 3
@@ -123,7 +125,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if reconfigure is not None:
             reconfigure(errors="replace")
     warnings.showwarning = _show_warning
-    sys.exit(_run(arguments))
+    with plain_output():
+        code = _run(arguments)
+    sys.exit(code)
 
 
 def _run(arguments: Sequence[str] | None) -> int:

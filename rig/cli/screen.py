@@ -2,13 +2,16 @@
 
 import os
 import sys
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Final
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+
+from .plain_output import PlainOutput, shown
 
 _PLAIN_WIDTH: Final = 240
 """Width in columns of an output that is no terminal; it is large so that tables do not wrap."""
@@ -25,8 +28,10 @@ class Screen(Console):
     def __init__(self, on_closed: Callable[[], None] | None = None) -> None:
         self._on_closed = on_closed
         terminal = sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+        out: object = sys.stdout
         super().__init__(
-            file=sys.stdout,
+            # Its own colours and moves of the cursor must arrive; `render` makes the texts plain.
+            file=out.unfiltered if isinstance(out, PlainOutput) else sys.stdout,
             force_terminal=terminal,
             no_color=None if terminal else True,
             width=None if terminal else _PLAIN_WIDTH,
@@ -44,6 +49,13 @@ class Screen(Console):
         # Otherwise the flush of the stream's buffer at exit would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         self._on_closed()
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Yield the pieces of what is printed, in whose texts nothing is left to obey."""
+        for piece in super().render(renderable, options):
+            yield piece if piece.control else piece._replace(text=shown(piece.text))
 
     def print_table(
         self,
@@ -72,6 +84,7 @@ class Screen(Console):
                 overflow="fold" if heading in fold else "ellipsis",
             )
         for row in rows:
-            cells = tuple(row)
+            # Before the columns are laid out, as what is shown in its place is wider.
+            cells = tuple(shown(cell) if isinstance(cell, str) else cell for cell in row)
             table.add_row(*cells) if cells else table.add_section()
         self.print(table)

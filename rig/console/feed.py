@@ -176,11 +176,12 @@ class Feed:
         `now` is a monotonic time in s. An error with one rig becomes a notice and stops no other.
         """
         living: dict[str, Life] = {}
-        for rig in self._client.rigs():
+        snapshots = {snapshot.rig: snapshot for snapshot in self._client.snapshots()}
+        self._rigs = {rig: feed for rig, feed in self._rigs.items() if rig in snapshots}
+        for rig, snapshot in snapshots.items():
             if rig not in self._rigs:
                 self._rigs[rig] = RigFeed(rig, is_kept=len(self._rigs) < MOST_RIGS)
             feed = self._rigs[rig]
-            snapshot = self._client.snapshot(rig)
             # The life is noted first: a rig whose data cannot be shown still counts as alive.
             living[rig] = snapshot.life
             with self._survives:

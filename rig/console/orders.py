@@ -10,6 +10,7 @@ from typing import Final, cast
 
 from rig.accounts import why_not
 from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient, UnknownRigError
+from rig.unique_keys import RepeatedKeyError, unique_keys
 
 from .launcher import ASKED, ENDING, INTERRUPTED, Launched, Launcher, LaunchRefused
 from .queue import Queue, QueueError
@@ -76,11 +77,13 @@ def parse(body: bytes) -> Order:
     """Return the order in the body of a request.
 
     Raises:
-        MalformedError: the body is not a JSON object of texts with the keys of `Order`, its kind is
-            not in `ORDERS`, or a text is too long.
+        MalformedError: the body is not a JSON object of texts with the keys of `Order`, a key comes
+            twice, its kind is not in `ORDERS`, or a text is too long.
     """
     try:
-        content = json.loads(body)
+        content = json.loads(body, object_pairs_hook=unique_keys)
+    except RepeatedKeyError as error:
+        raise MalformedError(str(error)) from None
     except (ValueError, RecursionError):
         raise MalformedError("is no JSON") from None
     if not isinstance(content, dict) or not content.keys() <= _KEYS:
@@ -292,24 +295,22 @@ class Orders:
 
     def rig_of_run(self, folder: str) -> str:
         """Return the living rig whose campaign runs in a folder of this name; "" if none does."""
-        for rig in self._client.living() if folder else []:
-            if self._client.snapshot(rig).campaign.get("directory") == folder:
-                return rig
+        for shot in self._client.snapshots() if folder else []:
+            if shot.alive and shot.campaign.get("directory") == folder:
+                return shot.rig
         return ""
 
     def _was_heard(self, run: Launched) -> bool:
         """Return whether a run's stream has told of its campaign since the run was started here."""
-        campaigns = [self._client.snapshot(rig).campaign for rig in self._client.rigs()]
+        campaigns = [shot.campaign for shot in self._client.snapshots()]
         mine = [each for each in campaigns if each.get("directory") == run.folder.name]
         begun = [each.get("begun_ns") for each in mine]
         return any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
 
-    def _drives(self, rig: str) -> bool:
-        """Return whether something drives a living rig, which its station does not only read."""
-        return self._client.snapshot(rig).campaign.get("status") != "idle"
-
     def _launch(self, order: Order, visitor: Visitor) -> None:
-        alive = [rig for rig in self._client.living() if self._drives(rig)]
+        # A rig that its station only reads is alive too, and driven by nothing.
+        shots = [shot for shot in self._client.snapshots() if shot.alive]
+        alive = [shot.rig for shot in shots if shot.campaign.get("status") != "idle"]
         same = Path(self._launcher.rig_of(order.name)).stem in alive
         if alive and (order.order == "go on" or same):
             raise LaunchRefused(f"{', '.join(alive)} has a campaign running")

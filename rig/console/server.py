@@ -23,6 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rig.accounts import AccountFile, Passwords, refusals
 from rig.stream import StreamClient
 from rig.surviving import Surviving
+from rig.unique_keys import unique_keys
 
 from .address import Address
 from .feed import TICK_S, Cursor, Feed
@@ -426,7 +427,7 @@ class Console:
 def _chosen(message: Any) -> str | None:
     """Return the rig that a websocket's message asks for; None if the message is malformed."""
     try:
-        content = json.loads(message["text"])
+        content = json.loads(message["text"], object_pairs_hook=unique_keys)
     except (KeyError, TypeError, ValueError, RecursionError):
         return None
     if not isinstance(content, dict) or content.keys() != {"rig"}:

@@ -61,8 +61,12 @@ def replacing(path: Path) -> Iterator[Path]:
 def replace_text(path: Path, text: str) -> None:
     """Write a UTF-8 text file in one step; a reader finds either the old or the whole new file.
 
+    That is so after a power cut, too.
+
     Raises:
         OSError: the file cannot be written.
     """
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    with replacing(path) as partial, partial.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())

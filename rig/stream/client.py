@@ -13,7 +13,6 @@ client goes on.
 import sys
 import threading
 import time
-from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -27,6 +26,7 @@ from rig.surviving import Surviving
 
 from .answers import Answer, answered
 from .commands import Credentials, Sender, asked_digest, credentials_of
+from .heard_rigs import HeardRigs
 from .known import Snapshot, UnknownRigError, Window
 from .messages import (
     KEPT,
@@ -112,11 +112,11 @@ class StreamClient:
         self._settings = settings
         self._wanted = rig
         self._window_s = window_s
+        self._rigs = HeardRigs(window_s)
         self._history = history
         self._credentials = credentials
         self._on_message = on_message
         self._survives = Surviving("following the stream", on_failure or _to_stderr)
-        self._views: dict[str, RigView] = {}
         self._lock = threading.RLock()
         self._clock = SteadyClock()
         self._closing = threading.Event()
@@ -124,8 +124,6 @@ class StreamClient:
         self._session: zenoh.Session | None = None
         self._voice = reader_s_voice_of(settings)
         self._asking: list[threading.Thread] = []
-        self._again_at: defaultdict[str, float] = defaultdict(float)
-        """By rig, the monotonic time in s before which it is asked for no lost messages again."""
         self._look_at = 0.0
         check_files(settings)
         if settings.mode != "client":
@@ -160,11 +158,16 @@ class StreamClient:
     def rigs(self) -> tuple[str, ...]:
         """Return the sorted ids of all rigs that were heard on the stream, dead ones included."""
         with self._lock:
-            return tuple(sorted(self._views))
+            return tuple(view.rig for view in self._rigs)
+
+    def snapshots(self) -> list[Snapshot]:
+        """Return what is known of each of these rigs now, in the order of their ids."""
+        with self._lock:
+            return [view.snapshot(self._clock.now_ns()) for view in self._rigs]
 
     def living(self) -> list[str]:
         """Return the sorted ids of all rigs that are alive."""
-        return [rig for rig in self.rigs() if self.snapshot(rig).alive]
+        return [snapshot.rig for snapshot in self.snapshots() if snapshot.alive]
 
     def wait_for_rig(self, timeout_s: float = 5.0) -> str:
         """Wait until a rig is alive, and return its id; the first id if there are several.
@@ -186,7 +189,7 @@ class StreamClient:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
         """
         with self._lock:
-            return self._view(rig).snapshot(self._clock.now_ns())
+            return self._rigs.known(rig).snapshot(self._clock.now_ns())
 
     def window(self, last_s: float, names: tuple[str, ...] = (), rig: str | None = None) -> Window:
         """Return a rig's stored samples of the last seconds of rig time, in whole batches.
@@ -200,7 +203,7 @@ class StreamClient:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
         """
         with self._lock:
-            return self._view(rig).window(last_s, names)
+            return self._rigs.known(rig).window(last_s, names)
 
     def history(self, last_s: float, rig: str | None = None, timeout_s: float = ANSWER_S) -> Window:
         """Ask a rig for its past messages, await them, and return the samples of the last seconds.
@@ -218,9 +221,10 @@ class StreamClient:
             UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
         """
         with self._lock:
-            view = self._view(rig)
+            view = self._rigs.known(rig)
         self._ask(view, last_s, timeout_s)
-        return self.window(last_s, rig=view.rig)
+        with self._lock:
+            return view.window(last_s)
 
     def send(
         self,
@@ -308,7 +312,7 @@ class StreamClient:
     ) -> Answer:
         """Send a command once; see `send`."""
         with self._lock:
-            view = self._view(rig)
+            view = self._rigs.known(rig)
             is_proven = view.snapshot(self._clock.now_ns()).proven
             payload = self._sender.sign(view.rig, view.session, command, text, test, person)
 
@@ -333,27 +337,12 @@ class StreamClient:
         operators = self._settings.operators or (Operator("local", ()),)
         return Sender(self._credentials or credentials_of(operators[0]))
 
-    def _view(self, rig: str | None) -> RigView:
-        if rig is None:
-            if len(self._views) != 1:
-                known = ", ".join(sorted(self._views)) or "none"
-                raise UnknownRigError(f"name the rig; known are: {known}")
-            return next(iter(self._views.values()))
-        if rig not in self._views:
-            raise UnknownRigError(f"rig {rig} was not heard of")
-        return self._views[rig]
-
-    def _view_of(self, rig: str) -> RigView:
-        if rig not in self._views:
-            self._views[rig] = RigView(rig, self._window_s)
-        return self._views[rig]
-
     def _token_changed(self, sample: zenoh.Sample) -> None:
         with self._survives, suppress(MessageError):
             rig, _ = rig_and_kind(str(sample.key_expr))
             present = sample.kind == zenoh.SampleKind.PUT
             with self._lock:
-                view = self._view_of(rig)
+                view = self._rigs.of(rig, self._clock.now_ns())
                 view.has_token = present
             if present and self._history:
                 # This runs in a thread of Zenoh, which must not wait for answers, as these come in
@@ -402,22 +391,22 @@ class StreamClient:
             return
         self._look_at = now + LOOK_S
         with self._lock:
-            due = (view for view in self._views.values() if now >= self._again_at[view.rig])
+            due = (view for view in self._rigs if now >= view.asked_again_at)
             lost = [(view, *view.to_ask_again()) for view in due]
         for view, kinds, since_ns in lost:
             if kinds:
-                self._again_at[view.rig] = now + ASK_S
+                view.asked_again_at = now + ASK_S
                 last_s = 1e-9 * (self._clock.now_ns() - since_ns) + LATE_S
                 self._begin_asking(self._ask_again, view, min(last_s, self._window_s), kinds)
 
     def _ask_again(self, view: RigView, last_s: float, kinds: frozenset[str]) -> None:
         """Ask a rig for lost messages, and for no others before and soon after the answers came."""
-        begun, self._again_at[view.rig] = time.monotonic(), inf
+        begun, view.asked_again_at = time.monotonic(), inf
         try:
             self._ask(view, last_s, ANSWER_S, kinds)
         finally:
             now = time.monotonic()
-            self._again_at[view.rig] = now + max((now - begun) / ASKED_PART, ASK_S)
+            view.asked_again_at = now + max((now - begun) / ASKED_PART, ASK_S)
 
     def _follow(self) -> None:
         session = subscriber_session(self._settings, self._connect)
@@ -462,13 +451,14 @@ class StreamClient:
         If it is not valid, it is only counted in the view, provided that the rig was known before.
         """
         with self._lock:
-            known = self._views.get(rig)
+            known = self._rigs.get(rig)
         try:
             content, is_proven = self._heard(sample)
             with self._lock:
-                view = self._view_of(rig)
-                view.admit(content, self._clock.now_ns(), is_proven=is_proven)
-                (view.take_past if is_past else view.take)(kind, content, self._clock.now_ns())
+                now_ns = self._clock.now_ns()
+                view = self._rigs.of(rig, now_ns, is_proven=is_proven)
+                view.admit(content, now_ns, is_proven=is_proven)
+                (view.take_past if is_past else view.take)(kind, content, now_ns)
         except MessageError as error:
             if known is not None:
                 with self._lock:

@@ -20,6 +20,8 @@ from typing import Any, Final
 
 import msgpack
 
+from rig.unique_keys import RepeatedKeyError, unique_keys
+
 from .messages import VERSION, pack
 from .settings import COMMANDS, Operator, StreamSettings
 
@@ -242,9 +244,11 @@ def _mapping(
     known = {**kinds, **optional}
     try:
         content = msgpack.unpackb(
-            payload, raw=False, strict_map_key=True, max_map_len=len(known), max_array_len=0,
-            max_ext_len=0,
+            payload, raw=False, strict_map_key=True, max_map_len=2 * len(known), max_array_len=0,
+            max_ext_len=0, object_pairs_hook=unique_keys,
         )  # fmt: skip
+    except RepeatedKeyError as error:
+        raise Refused("malformed", str(error), by) from None
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         raise Refused("malformed", f"is no MessagePack: {error}"[:200], by) from None
     fits = isinstance(content, dict) and kinds.keys() <= content.keys() <= known.keys()

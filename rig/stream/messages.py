@@ -13,6 +13,8 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.unique_keys import RepeatedKeyError, unique_keys
+
 from .fields import FIELDS, HEADER, NEEDED, wrong_keys
 
 VERSION: Final = 1
@@ -95,7 +97,11 @@ def unpack(payload: bytes) -> dict[str, Any]:
     if len(payload) > LARGEST_MESSAGE:
         raise MessageError(f"{len(payload)} bytes are too many")
     try:
-        content = msgpack.unpackb(payload, raw=False, strict_map_key=True)
+        content = msgpack.unpackb(
+            payload, raw=False, strict_map_key=True, object_pairs_hook=unique_keys
+        )
+    except RepeatedKeyError as error:
+        raise MessageError(str(error)) from None
     except Exception as error:  # the parser may raise anything, as the bytes may be anything
         raise MessageError(f"is no MessagePack: {error}") from None
     if not isinstance(content, dict) or content.get("version") != VERSION:

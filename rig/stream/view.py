@@ -48,11 +48,13 @@ class RigView:
         rig: the rig's id.
         session: name of the publisher's present session, for commands; empty if unknown.
         has_token: whether the rig's liveliness token is there.
+        asked_again_at: monotonic time in s before which it is asked for no lost messages again.
     """
 
     def __init__(self, rig: str, window_s: float = 30.0) -> None:
         self.rig = rig
         self.has_token = False
+        self.asked_again_at = 0.0
         self._window_ns = round(1e9 * window_s)
         self._begin()
 
@@ -106,8 +108,22 @@ class RigView:
             return
         if content["session"] == self.session or content["sent_ns"] >= self._sent_ns:
             return
-        if self._last_ns is not None and received_ns - self._last_ns < self._silence_ns:
+        if self._last_ns is not None and not self.is_silent(received_ns):
             raise MessageError("of an earlier session: another program repeats what the rig said")
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether the rig has proven to be this user's."""
+        return self._known.proven
+
+    @property
+    def heard_ns(self) -> int:
+        """Time of its last message by the reader's clock, ns since 1970; 0 if none came."""
+        return self._last_ns or 0
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Return whether no message has come for so long that the stream counts as dead."""
+        return now_ns - self.heard_ns >= self._silence_ns
 
     def _newest(self, kind: str) -> int:
         """Number of the newest message of a kind in `LASTING` in this session; -1 if none is known.
@@ -208,7 +224,7 @@ class RigView:
         since_ns, last_ns = self._session_ns, self._last_ns
         age_s = None if since_ns is None or last_ns is None else 1e-9 * (now_ns - last_ns)
         # Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
-        is_heard = age_s is not None and age_s < DEAD_AFTER * self._heartbeat_s
+        is_heard = age_s is not None and not self.is_silent(now_ns)
         newer_ns = now_ns - 10**9 if since_ns is None else max(now_ns - 10**9, since_ns - 1)
         recent = (batch for batch in self._batches if batch.received_ns > newer_ns)
         shown: dict[str, Any] = {kind: self._lasting.get(kind, {}) for kind in _SHOWN}

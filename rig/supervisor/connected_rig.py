@@ -366,10 +366,14 @@ class ConnectedRig:
         The state becomes TRIPPED. The first call writes the trip report.
         """
         safe = self.safety.wait_until_safe()
-        if self.state is not State.TRIPPED:
-            self.handle(Event.TRIP)
         if not safe:
             self.note("supervisor", "not everything was made safe in time")
+        return self._reported()
+
+    def _reported(self) -> TripError:
+        """Return the error of a trip; the first call writes the trip report."""
+        if self.state is not State.TRIPPED:
+            self.handle(Event.TRIP)
         return self.event_log.tripped(self.board, self._channels, self.safety.made_safe)
 
     @contextmanager
@@ -441,12 +445,18 @@ class ConnectedRig:
                 self.ramp_down()
             if not self.safety.tripped:
                 unsafe |= self.make_field_safe()
-            if self.safety.tripped and self.event_log.report is None:
+            if self._is_unreported:
                 ended = self.tripped()
         finally:
-            self.safety.stop()
-            unsafe |= self._close_loop()
-            self._end_parts()
+            self.safety.stand_down()
+            try:
+                unsafe |= self._close_loop()
+                # On a busy machine a part may have tripped since, or an error may have come before.
+                if self._is_unreported:
+                    ended = self._reported()
+            finally:
+                self._end_parts()
+                self.safety.stop()
             self.event_log.complete_report()
         self.handle(Event.DISCONNECT)
         line = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
@@ -457,6 +467,11 @@ class ConnectedRig:
             ended = TripError(f"{line}; look at the rig before going near it")
         if ended is not None:
             raise ended
+
+    @property
+    def _is_unreported(self) -> bool:
+        """Whether a part has tripped, of which there is no trip report yet."""
+        return self.safety.tripped and self.event_log.report is None
 
     def make_field_safe(self) -> Mapping[str, str]:
         """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones.
@@ -492,6 +507,7 @@ class ConnectedRig:
     def _end_parts(self) -> None:
         self._reserve.release()
         for part in (self.parts.loop, self.parts.field, self.parts.recorder):
+            self.safety.alive()
             part.end()
         os.close(self.board.fd)
         self._devices.close()

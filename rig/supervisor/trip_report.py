@@ -7,6 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from itertools import count
@@ -33,12 +34,14 @@ from rig.loop import (
 from rig.plant import TICK
 from rig.recording import Recording, unit_of, write_csv
 from rig.supervisor.processes import STEPS, Driven, News, loop_channel, stage_times, trips_of
+from rig.surviving import failure
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 """A function that takes a line or sentence for the operator or the journal."""
 
 SCHEMA: Final = "rig-trip"
+_UNWRITTEN: Final = "the trip report cannot be written"
 LAST_S: Final = 2.0
 """Length in s of the last samples of all channels that a trip report holds."""
 LAST_NEWS_S: Final = 0.2
@@ -297,18 +300,27 @@ def write_trip_report(report: TripReport, directory: Path, path: Path | None = N
 
 
 def kept_trip_report(
-    report: TripReport, directory: Path, say: Say, path: Path | None = None
+    report: TripReport,
+    directory: Path,
+    say: Say,
+    path: Path | None = None,
+    journal: Say = lambda sentence: None,
 ) -> Path | None:
     """Write a trip report (`write_trip_report`) and return the path of its JSON.
 
     If it cannot be written, the reason and the report are shown by `say`, the report as one text
-    of several lines, so that it is one event of the live stream; None is returned then.
+    of several lines, so that it is one event of the live stream; the reason is passed to `journal`,
+    and None is returned then.
     """
     try:
         return write_trip_report(report, directory, path)
-    except OSError as error:
-        say(f"the trip report cannot be written: {error.strerror}")
+    except Exception as error:  # the rig's parts must be ended after any error
+        why = error.strerror if isinstance(error, OSError) else failure(error)
+        say(f"{_UNWRITTEN}: {why}")
         say("\n".join(report.lines()))
+        # Where the disk is full, the journal is too.
+        with suppress(OSError):
+            journal(f"{_UNWRITTEN}: {why}; its cause: {report.sentence}")
         return None
 
 
@@ -353,7 +365,8 @@ class EventLog:
         rig: the rig's configuration.
         directory: folder of the run, in which a trip report is written.
         say: shows a line to the operator.
-        journal: is called with a sentence when another master drives a part of the rig.
+        journal: is called with a sentence when another master drives a part of the rig, and when
+            the trip report cannot be written.
 
     Attributes:
         report: the report of the trip; None before a trip was reported.
@@ -400,7 +413,7 @@ class EventLog:
             made_safe: `TripReport.made_safe`.
 
         The first call waits for `LAST_NEWS_S`. If the report cannot be written, its lines are shown
-        to the operator.
+        to the operator, and the journal says so.
         """
         if self.report is None:
             # Slow drivers are read again now, and an error of one may be why the loop tripped.
@@ -418,7 +431,7 @@ class EventLog:
                 passed=_passed_in_segment(board, len(self._rig.ladder) + len(self.test_limits)),
                 made_safe=made_safe,
             )
-            self._reported = kept_trip_report(self.report, self._directory, self._say)
+            self._keep()
         return trip_error(self.report, self._reported)
 
     def complete_report(self) -> None:
@@ -429,6 +442,10 @@ class EventLog:
         report, driven = self.report, tuple(self._driven.values())
         if report is not None and report.driven != driven:
             self.report = replace(report, driven=driven, notes=tuple(self._notes))
+            self._keep()
+
+    def _keep(self) -> None:
+        if self.report is not None:
             self._reported = kept_trip_report(
-                self.report, self._directory, self._say, self._reported
+                self.report, self._directory, self._say, self._reported, self._journal
             )

@@ -163,7 +163,7 @@ def test_a_session_whose_safety_thread_does_not_start_ends_its_parts(
     started = SimpleNamespace(loop=parts[0], field=parts[1], recorder=parts[2])
     monkeypatch.setattr(connected_rig, "held", held)
     monkeypatch.setattr("rig.supervisor.connected_rig.Parts.start", lambda *_: started)
-    safety = SimpleNamespace(start=refuse, tripped=False)
+    safety = SimpleNamespace(start=refuse, tripped=False, alive=lambda: None)
     monkeypatch.setattr(connected_rig, "SafetyThread", lambda *_: safety)
     monkeypatch.setattr(ConnectedRig, "_open", lambda self: None)
     stop: Any = SimpleNamespace(requested=False, reason="")

@@ -27,14 +27,16 @@ from rig.runner.run_folder import (
     Run,
     RunError,
     acknowledged,
+    check_journal,
     is_plain,
-    read_journal,
     read_run,
     run_named,
     runs_below,
 )
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
+_AT_LINE: Final = re.compile(r"(?:(\d+):)? ?(.*)", re.DOTALL)
+"""What an error says of a file: perhaps a line, and what is wrong."""
 _UNITS: Final = {"min": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 
 _below = click.option(
@@ -138,7 +140,8 @@ def show(run: str, below: Path, as_json: bool, verify: bool) -> int:
 
     RUN is the name of a folder below --runs, or a path. With --verify the exit code is 2 if a
     recording of the run, or an export in its folder, is damaged or holds other values, if a
-    recording is gone, or if the journal is damaged; each is then named on stderr.
+    recording is gone, or if the journal is damaged, empty, gone or no campaign's; each is then
+    named on stderr.
     """
     found = _run(run, below)
     if verify:
@@ -301,16 +304,15 @@ def _verify(run: Run) -> None:
 
 
 def _journal_problems(run: Run) -> list[RecordingProblem]:
-    """Return a problem if a run's journal is damaged so that the run could not be resumed."""
+    """Return a problem if a run's journal is such that the run could not be resumed."""
     path = run.folder / JOURNAL
-    if not path.exists():
-        return []
     try:
-        read_journal(path)
+        check_journal(run.folder)
     except JournalError as error:
-        value, _, remedy = str(error).partition("; ")
-        where, _, value = value.removeprefix(f"{path}:").partition(": ")
-        line = int(where) if where.isdigit() else None
+        said, _, remedy = str(error).partition("; ")
+        found = _AT_LINE.fullmatch(said.removeprefix(f"{path}:"))
+        where, value = found.groups() if found else (None, said)
+        line = None if where is None else int(where)
         return [RecordingProblem(str(path), "journal", value, remedy, line=line)]
     return []
 

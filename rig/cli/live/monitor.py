@@ -105,7 +105,7 @@ def _await(client: "StreamClient", wait_s: float) -> None:
     """
     until = time.monotonic() + wait_s
     while time.monotonic() < until:
-        living = [shot.rig for shot in _snapshots(client) if shot.alive and shot.health]
+        living = [shot.rig for shot in client.snapshots() if shot.alive and shot.health]
         for rig in living:
             client.history(1.0, rig)
         if living:
@@ -113,13 +113,9 @@ def _await(client: "StreamClient", wait_s: float) -> None:
         time.sleep(SCREEN_S)
 
 
-def _snapshots(client: "StreamClient") -> list[Snapshot]:
-    return [client.snapshot(rig) for rig in client.rigs()]
-
-
 def _write(client: "StreamClient", as_json: bool) -> list[Snapshot]:
     """Write a line for each rig, and return the rigs' snapshots."""
-    found = _snapshots(client)
+    found = client.snapshots()
     for shot in found:
         click.echo(json.dumps(document(shot), allow_nan=False) if as_json else line(shot))
     return found
@@ -131,7 +127,7 @@ def _follow(client: "StreamClient", as_json: bool) -> int:
         if console.is_terminal and not as_json:
             with Live(console=console, screen=True, auto_refresh=False) as live:
                 while True:
-                    shown = [screen(snapshot) for snapshot in _snapshots(client)]
+                    shown = [screen(snapshot) for snapshot in client.snapshots()]
                     live.update(Group(*(shown or ["waiting for a rig ..."])), refresh=True)
                     time.sleep(SCREEN_S)
         while True:

@@ -1,5 +1,6 @@
 """Replaces a rig file by a new text, with a backup, if it reads back as it is meant."""
 
+import os
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -18,8 +19,9 @@ def rewrite_rig(
 ) -> list[str]:
     """Write a new text into a rig file, or to a new file; return what was written, in lines.
 
-    Before a rig file is replaced, it is copied to FILE.TIME.bak. A file that does not read back as
-    meant is not kept: the old one is put back, and a new one is removed.
+    Before a rig file is replaced, it is copied to FILE.TIME.bak. The new text is read back from a
+    file of its own, which takes the rig file's place only if it is as meant: not even a kill leaves
+    one that is not.
 
     Args:
         file: the rig file from which the text was made.
@@ -38,14 +40,13 @@ def rewrite_rig(
         backup = file.with_name(f"{file.name}.{begun:%Y%m%dT%H%M%SZ}.bak")
         replace_text(backup, old)
         lines.append(f"backup: {backup}")
-    replace_text(target, text)
+    # Beside the target, as paths in it count from its folder.
+    candidate = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
     try:
-        if not is_meant(load_rig(target)):
+        replace_text(candidate, text)
+        if not is_meant(load_rig(candidate)):
             raise NotAsMeantError(f"{target}: does not read back as written")
-    except BaseException:
-        if out is None:
-            replace_text(file, old)
-        else:
-            out.unlink()
-        raise
+        os.replace(candidate, target)
+    finally:
+        candidate.unlink(missing_ok=True)
     return [*lines, f"rig file: {target}"]

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 from rig.configuration import ConfigError, suggestion
 from rig.emulator.addresses import listen
 from rig.surviving import failure
+from rig.unique_keys import RepeatedKeyError, unique_keys
 
 from .fault_script import fault_from
 from .injection import NotServedError
@@ -85,7 +86,9 @@ class ControlPort:
 
     def _answer(self, line: bytes) -> dict[str, Any]:
         try:
-            request = json.loads(line)
+            request = json.loads(line, object_pairs_hook=unique_keys)
+        except RepeatedKeyError as error:
+            return _refusal(f"request: {error}; write each once")
         except (ValueError, RecursionError) as error:
             return _refusal(f"request: is not JSON: {error}; write one object a line")
         keys = request if isinstance(request, dict) else {}

@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from rig.control_socket import SOCKET, EndlessLineError, address_of, line_from, name_of
 from rig.surviving import Surviving, failure, start
+from rig.unique_keys import RepeatedKeyError, unique_keys
 
 from .operator_requests import Desk, RefusedError, Request
 
@@ -176,9 +177,11 @@ def _parsed(line: bytes) -> tuple[Request, str, str, str]:
         RefusedError: the line is no valid request; the message says why.
     """
     try:
-        content = json.loads(line.decode())
+        content = json.loads(line.decode(), object_pairs_hook=unique_keys)
     except UnicodeDecodeError:
         raise RefusedError("a malformed request: is no UTF-8") from None
+    except RepeatedKeyError as error:
+        raise RefusedError(f"a malformed request: {error}") from None
     except (ValueError, RecursionError):
         raise RefusedError("a malformed request: is no JSON") from None
     if not isinstance(content, dict) or not content.keys() <= _KEYS:

@@ -28,9 +28,12 @@ def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
     """Return the outcome from which `record_of` made a record.
 
     Raises:
-        ValueError, TypeError, KeyError: the record is not that of an outcome.
+        ValueError: the record is not that of an outcome.
     """
-    outcome: TestOutcome = _made(TestOutcome, record)
+    try:
+        outcome: TestOutcome = _made(TestOutcome, record)
+    except (TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"no outcome of a test: {error}") from None
     return outcome
 
 

@@ -56,6 +56,7 @@ from .resuming import (
     acknowledged as acknowledged,
     begun_in as begun_in,
     changes_of as changes_of,
+    check_journal as check_journal,
     fingerprint as fingerprint,
     keep_attempt as keep_attempt,
     learn_again as learn_again,

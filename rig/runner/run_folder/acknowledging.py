@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .journal import JOURNAL, Entry, Journal, JournalError, read_journal
+from .entry_types import check_types
+from .journal import JOURNAL, Entry, Journal, JournalError, not_of_a_campaign, read_journal
 
 _UNSEEN = frozenset({"failed", "error", "tripped", "interrupted"})
 """Statuses of tests at whose ends somebody should look."""
@@ -24,12 +25,17 @@ def acknowledge_ended(folder: Path, who: str, text: str = "", person: str = "") 
 
     Raises:
         JournalError: no campaign was begun in the folder, a campaign is running in it, or its
-            journal cannot be read or written.
+            journal cannot be read or written, or is not that of a campaign.
     """
     if not read_journal(folder / JOURNAL):
         raise JournalError(f"{folder}: no campaign was begun in it; give the folder of a run")
     try:
         with Journal(folder, resume=True) as journal:
+            try:
+                for entry in journal.entries:
+                    check_types(entry)
+            except ValueError as error:
+                raise not_of_a_campaign(folder, error) from None
             seen = _wanting_attention(journal.entries)
             details: dict[str, Any] = {"person": person} if person else {}
             details |= {"text": text} if text else {}
@@ -49,7 +55,7 @@ def _wanting_attention(entries: Sequence[Entry]) -> list[str]:
             case "begin":
                 names = entry["tests"] or ()
             case "outcome":
-                statuses[int(entry["test"])] = str(entry["outcome"]["status"])
+                statuses[entry["test"]] = entry["outcome"]["status"]
             case "resume":
                 reason = ""
             case "end":

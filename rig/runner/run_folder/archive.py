@@ -139,6 +139,8 @@ def _check(run: Run) -> None:
         ValueError, KeyError, TypeError, AttributeError: something is missing or malformed.
     """
     _ = run.campaign, run.rig, run.started, run.verdicts, run.counts
+    if type(code := run.results.get("exit_code")) not in (int, type(None)):
+        raise ValueError(f"the exit code {code!a}")
     for test in run.tests:
         name, recording = test["name"], test["recording"]
         if not isinstance(name, str) or not isinstance(test["status"], str):

@@ -43,6 +43,12 @@ class JournalError(RunFolderError):
     """Raised for a journal that cannot be used."""
 
 
+def not_of_a_campaign(folder: Path, why: ValueError) -> JournalError:
+    """Return the error of a journal whose entries are not those of a campaign's."""
+    remedy = "put it back from a copy, or run anew with another --out"
+    return JournalError(f"{folder / JOURNAL}: is not a campaign's journal ({why}); {remedy}")
+
+
 def reason_of(error: OSError) -> str:
     """Return why a file cannot be used, in words of the system, in lower case."""
     return (error.strerror or str(error)).lower()

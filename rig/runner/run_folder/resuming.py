@@ -32,7 +32,8 @@ from rig.runner.outcomes import (
 )
 
 from .directory import RESULTS, attempt_path
-from .journal import JOURNAL, Entry, JournalError, read_journal, since_end
+from .entry_types import check_types
+from .journal import JOURNAL, Entry, JournalError, not_of_a_campaign, read_journal, since_end
 
 CAMPAIGN: Final = "campaign"
 """Name in place of an operator's for events that no operator asked for."""
@@ -84,7 +85,7 @@ class JournalState:
         An entry of an unknown kind changes nothing.
 
         Raises:
-            KeyError, TypeError, ValueError: the entry does not belong to a campaign's journal.
+            ValueError: the entry does not belong to a campaign's journal.
         """
         match entry.kind:
             case "begin":
@@ -113,7 +114,7 @@ class JournalState:
                 where = "" if self._present is None else f"{self.tests[self._present]}: "
                 self._happened(entry, CAMPAIGN, f"limit: {where}{entry['what']}")
             case "control":
-                where = self.tests[entry["test"]]
+                where = self.tests[self._index_in(entry)]
                 at_s = entry["at_s"]
                 when = "was not changed, as it ended" if at_s is None else f"from {at_s:.3f} s"
                 self._happened(entry, entry["who"], f"control of {where} {when}: {entry['what']}")
@@ -213,10 +214,11 @@ class JournalState:
         self._happened(entry, entry["by"] or CAMPAIGN, what)
 
     def _asked(self, entry: Entry) -> None:
-        request, text, index = entry["request"], entry["text"] or "", entry["test"]
-        if request == "skip":
+        request, text = entry["request"], entry["text"] or ""
+        index = None if entry["test"] is None else self._index_in(entry)
+        if request == "skip" and index is not None:
             self.skipped.add(index)
-        if request == "retry" and index in self.finished:
+        if request == "retry" and index is not None and index in self.finished:
             last = self._partial[index] = self.finished.pop(index)
             self._leave_open(index, last.status, last.message, last.recording)
         words = (
@@ -238,10 +240,11 @@ def standing_of(entries: Sequence[Entry]) -> JournalState:
     """Return the state of a campaign after all entries of its journal.
 
     Raises:
-        KeyError, TypeError, ValueError: the entries are not those of a campaign's journal.
+        ValueError: the entries are not those of a campaign's journal.
     """
     state = JournalState()
     for entry in entries:
+        check_types(entry)
         state.take(entry)
     return state
 
@@ -307,7 +310,7 @@ def acknowledged(folder: Path) -> Sequence[Happening]:
         entries = read_journal(folder / JOURNAL)
         count = len(since_end(entries))
         return standing_of(entries).history[-count:] if count else ()
-    except (JournalError, KeyError, TypeError, ValueError):
+    except ValueError:
         return ()
 
 
@@ -320,6 +323,10 @@ def begun_in(folder: Path) -> Entry:
     entries = read_journal(folder / JOURNAL)
     if not entries or entries[0].kind != "begin":
         raise JournalError(f"{folder}: no campaign was begun in it; run one: rig run CAMPAIGN")
+    try:
+        check_types(entries[0])
+    except ValueError as error:
+        raise not_of_a_campaign(folder, error) from None
     return entries[0]
 
 
@@ -339,7 +346,7 @@ def unfinished_run(campaign: str, below: Path) -> Path:
     for journal in below.glob(f"*/{JOURNAL}"):
         try:
             state = standing_of(read_journal(journal))
-        except (JournalError, KeyError, TypeError, ValueError, AttributeError):
+        except ValueError:
             continue
         begun, is_unfinished = state.begun, len(state.finished) < len(state.tests)
         if begun is not None and begun["campaign"] == campaign and is_unfinished:
@@ -374,6 +381,21 @@ def require_journal(folder: Path, recordings: Sequence[str]) -> None:
             )
 
 
+def check_journal(folder: Path) -> None:
+    """Check that the journal of a run that has results is there, whole, and a campaign's.
+
+    Raises:
+        JournalError: it is not, so that the run could not be resumed.
+    """
+    require_journal(folder, ())
+    entries = read_journal(folder / JOURNAL)
+    try:
+        if standing_of(entries).begun is None:
+            raise ValueError("no begin")
+    except ValueError as error:
+        raise not_of_a_campaign(folder, error) from None
+
+
 def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: Rig) -> JournalState:
     """Return the state from which a campaign can be resumed.
 
@@ -392,10 +414,10 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
         begun = state.begun
         if begun is None:
             raise ValueError("no begin")
-        known, now = begun["fingerprint"], fingerprint(campaign, rig)
-        other = [part for part, digest in now.items() if known.get(part) != digest]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise JournalError(f"{folder / JOURNAL}: is not a campaign's journal ({error})") from None
+    except ValueError as error:
+        raise not_of_a_campaign(folder, error) from None
+    known, now = begun["fingerprint"] or {}, fingerprint(campaign, rig)
+    other = [part for part, digest in now.items() if known.get(part) != digest]
     names = [test.name for test in campaign.tests]
     if begun["campaign"] != campaign.name or (not other and list(state.tests) != names):
         raise JournalError(

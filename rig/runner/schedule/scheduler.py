@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from rig.configuration import Entry, Missed, Schedule
 from rig.runner.outcomes import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_STOPPED
-from rig.runner.run_folder import Entry as JournalEntry, Journal, file_stem, new_path
+from rig.runner.run_folder import Entry as JournalEntry, Journal, JournalError, file_stem, new_path
 
 from .additions import asked_of
 
@@ -108,7 +108,7 @@ class ScheduleState:
         details = entry.details
         match entry.kind:
             case "collected":
-                self.collected = datetime.fromisoformat(details["upto"])
+                self.collected = _time(details["upto"])
                 self.queue += [_job(job) for job in details.get("due", ())]
                 for name, count in details.get("missed", {}).items():
                     self.missed[name] = self.missed.get(name, 0) + int(count)
@@ -118,14 +118,14 @@ class ScheduleState:
             case "busy":
                 id_, why = str(details["id"]), str(details["why"])
                 known = self.busy.get(id_)
-                since = datetime.fromisoformat(entry.at) if known is None else known.since
+                since = _time(entry.at) if known is None else known.since
                 self.busy[id_] = Busy(why, since)
             case "put_back" if self.present is not None:
                 self.queue.insert(0, replace(self.present, folder=None))
                 self.present = None
             case "gave_up":
                 self.busy.pop(details["id"], None)
-                at = datetime.fromisoformat(entry.at)
+                at = _time(entry.at)
                 given_up = [job for job in self.queue if job.id == details["id"]]
                 self.history += [Ended(job, int(details["exit_code"]), at) for job in given_up]
                 self.queue = [job for job in self.queue if job.id != details["id"]]
@@ -136,11 +136,11 @@ class ScheduleState:
                 mine = next((job for job in self.queue if job.id == details["id"]), None)
                 if mine is not None:
                     self.queue.remove(mine)
-                    self.present = replace(mine, folder=details["folder"])
+                    self.present = replace(mine, folder=_text_or_none(details["folder"]))
                 elif self.present is not None:
                     self.present = replace(self.present, resumes=self.present.resumes + 1)
             case "ended" if self.present is not None:
-                at = datetime.fromisoformat(entry.at)
+                at = _time(entry.at)
                 self.history.append(Ended(self.present, int(details["exit_code"]), at))
                 self.present = None
                 self.halted = str(details.get("halted") or "")
@@ -171,18 +171,41 @@ def _job(details: Any) -> Job:
         id=str(details["id"]),
         entry=str(details["entry"]),
         campaign=str(details["campaign"]),
-        rig=details["rig"],
-        due=datetime.fromisoformat(details["due"]),
+        rig=_text_or_none(details["rig"]),
+        due=_time(details["due"]),
         attempt=int(details.get("attempt", 1)),
-        not_before=None if later is None else datetime.fromisoformat(later),
+        not_before=None if later is None else _time(later),
     )
 
 
+def _time(text: str) -> datetime:
+    found = datetime.fromisoformat(text)
+    if found.tzinfo is None:
+        raise ValueError(f"the time {text!a} has no zone")
+    return found
+
+
+def _text_or_none(value: Any) -> str | None:
+    if value is not None and not isinstance(value, str):
+        raise TypeError(f"{value!a} is no text")
+    return value
+
+
 def state_of(entries: Iterable[JournalEntry]) -> ScheduleState:
-    """Return the state of a schedule after all entries of its journal."""
+    """Return the state of a schedule after all entries of its journal.
+
+    Raises:
+        JournalError: an entry is none of a schedule's journal.
+    """
     state = ScheduleState()
     for entry in entries:
-        state.take(entry)
+        try:
+            state.take(entry)
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise JournalError(
+                f"{JOURNAL}:{entry.number + 1}: is no entry of a schedule ({error}); put the file "
+                "back from a copy, or move it away to begin the schedule anew"
+            ) from None
     return state
 
 

@@ -21,6 +21,7 @@ from rig import __version__
 from rig.configuration import Rig
 from rig.control_socket import line_from
 from rig.io import connection_of
+from rig.unique_keys import unique_keys
 
 PROTOCOL: Final = 1
 """Number of the protocol; programs with different numbers do not talk to each other."""
@@ -72,10 +73,11 @@ def received(connection: socket.socket, longest: int) -> dict[str, Any]:
     """Receive a line and return its object.
 
     Raises:
-        ValueError: the line does not end in time, is longer than `longest` bytes, or is no object.
+        ValueError: the line does not end in time, is longer than `longest` bytes, is no object,
+            or has a key twice.
         OSError: the connection is lost.
     """
-    found = json.loads(line_from(connection, longest))
+    found = json.loads(line_from(connection, longest), object_pairs_hook=unique_keys)
     if not isinstance(found, dict):
         raise ValueError("the line is no object")
     return found

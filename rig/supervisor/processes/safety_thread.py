@@ -77,7 +77,7 @@ class Parts:
 
 
 class SafetyThread:
-    """The safety thread of a session, which watches its parts from `start` to `stop`.
+    """The safety thread of a session, which watches its parts from `start` to `stand_down`.
 
     Args:
         board: the memory that all parts share.
@@ -117,6 +117,8 @@ class SafetyThread:
         self._kept_at = 0.0
         self._alive_at = time.monotonic()
         self._stopping = threading.Event()
+        self._standing_down = threading.Event()
+        self._stood_down = threading.Event()
         self._safe = threading.Event()
         self._thread = threading.Thread(target=self._run, name="safety", daemon=True)
 
@@ -127,6 +129,16 @@ class SafetyThread:
             OSError: the system grants no further thread.
         """
         start(self._thread)
+
+    def stand_down(self) -> None:
+        """Wait until the thread watches the parts no more, as they are ended now; it beats on.
+
+        So none of them trips because the supervisor were silent, however long their end takes.
+        """
+        self.alive()
+        self._standing_down.set()
+        while self._thread.is_alive() and not self._stood_down.wait(POLL_S):
+            pass
 
     def stop(self) -> None:
         """End the thread and wait for that; nobody watches the parts any more."""
@@ -175,6 +187,9 @@ class SafetyThread:
         while not self._stopping.wait(POLL_S):
             with self._survives:
                 self._beat()
+                if self._standing_down.is_set():
+                    self._stood_down.set()
+                    continue
                 self._look()
                 if self.tripped and not self._safe.is_set():
                     self._reserve.release()

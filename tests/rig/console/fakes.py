@@ -71,6 +71,9 @@ class FakeClient(StreamClient):
     def rigs(self) -> tuple[str, ...]:
         return tuple(self.shots)
 
+    def snapshots(self) -> list[Snapshot]:
+        return list(self.shots.values())
+
     def snapshot(self, rig: str | None = None) -> Snapshot:
         if rig not in self.shots:
             raise UnknownRigError(f"rig {rig} was not heard of")

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, Offer, Served
-from rig.console.orders import REASONS, Order, Orders
+from rig.console.orders import REASONS, MalformedError, Order, Orders, parse
 from rig.console.visitors import ControlHolder, Visitor
 from rig.stream.answers import Answer
 from rig.stream.commands import OTHER_SESSION
@@ -78,6 +78,11 @@ def test_a_stop_that_the_stream_answers_leaves_processes_alone(
     launcher = FakeLauncher(tmp_path, ASKED)
     assert orders(client, launcher).carry_out(Order("stop", "bench"), ANNA) == Answer(True)
     assert (client.sent, launcher.asked) == ([("abort", "bench", "Anna", "")], [])
+
+
+def test_an_order_with_a_key_twice_is_refused_by_the_key_s_name() -> None:
+    with pytest.raises(MalformedError, match="has the key 'rig' twice"):
+        parse(b'{"order": "stop", "rig": "bench", "rig": "other"}')
 
 
 @pytest.mark.parametrize("rig", ["bench", "unheard"])

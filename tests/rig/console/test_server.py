@@ -154,6 +154,7 @@ def test_nothing_is_started_by_a_path_and_that_is_logged(
     [
         "", "stop", "[]", "null", "1", "{}", '{"order": 1}', '{"order": "stop", "more": ""}',
         '{"order": "explode"}', '{"order": "stop", "rig": null}', "[" * 2000, b"\xff\xfe",
+        '{"order": "note", "order": "stop"}',
         '{"order": "skip", "name": "%s"}' % ("x" * 201),
         '{"order": "note", "text": "%s"}' % ("x" * (LONGEST_TEXT + 1)),
     ],
@@ -333,6 +334,7 @@ def test_who_is_logged_out_watches_no_more(site: Site) -> None:
         ('{"rig": 7}', 1008, "a malformed message"),
         ('{"rig": "bench", "order": "stop"}', 1008, "a malformed message"),
         ('{"order": "stop"}', 1008, "a malformed message"),
+        ('{"rig": "bench", "rig": "other"}', 1008, "a malformed message"),
     ],
 )
 def test_oversized_and_malformed_messages_end_the_view_and_are_logged(

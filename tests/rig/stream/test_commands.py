@@ -163,6 +163,14 @@ def test_a_signed_body_of_other_fields_is_malformed(
     assert why(gate, signed(ann.sign("bench", "s1", "abort"), **changes)) == "malformed"
 
 
+def test_a_command_with_a_key_twice_is_refused_by_the_key_s_name(gate: Gate, ann: Sender) -> None:
+    payload = ann.sign("bench", "s1", "hold")
+    assert payload[0] == 0x84, "a map of four"
+    twice = b"\x85" + payload[1:] + msgpack.packb("by") + msgpack.packb("ann")
+    with pytest.raises(Refused, match="malformed: has the key 'by' twice"):
+        gate.judge("hold", twice)
+
+
 def test_a_nested_bomb_is_refused(gate: Gate) -> None:
     assert why(gate, b"\x91" * LARGEST_COMMAND) == "malformed"
 

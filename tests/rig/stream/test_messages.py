@@ -40,6 +40,13 @@ def test_bytes_that_are_no_message_are_refused(payload: bytes) -> None:
         unpack(payload)
 
 
+def test_a_message_with_a_key_twice_is_refused_by_the_key_s_name() -> None:
+    payload = pack({**HEADER, "verdict": "healthy"})
+    twice = bytes([payload[0] + 1]) + payload[1:] + msgpack.packb("verdict") + msgpack.packb("x")
+    with pytest.raises(MessageError, match="the key 'verdict' twice"):
+        unpack(twice)
+
+
 @pytest.mark.parametrize(
     "change", [{"version": 2}, {"session": 1}, {"sequence": "0"}, {"sent_ns": None}], ids=str
 )

@@ -1,5 +1,6 @@
 """What a rig's connection waits for: an answer of a part, but not after one that cannot be read."""
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
@@ -13,12 +14,14 @@ import pytest
 from rig.configuration.rigs.rig import load_rig
 from rig.io.driver import DriverError
 from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
-from rig.loop import Board, StopRequestedError
+from rig.loop import Board, Cause, StopRequestedError, TripError, Word
 from rig.plant import Model
 from rig.runner.campaign.stopping import StopFlag
 from rig.supervisor.connected_rig import ConnectedRig
 from rig.supervisor.processes import Onlooker, Parts
 from rig.supervisor.processes.child import Child, ChildError, NoAnswerError
+from rig.supervisor.processes.health import trip
+from rig.supervisor.states import State
 from tests.waiting import PATIENCE_S
 
 
@@ -120,3 +123,61 @@ def test_a_stop_while_the_devices_are_opened_ends_that_and_says_who_asked(
     with pytest.raises(StopRequestedError, match="stopped by Ada"):
         rig.connect()
     assert done == ["connecting", "off"]
+
+
+class Leaving(ConnectedRig):
+    """A rig that is at rest, of which a part trips at a moment of its leaving.
+
+    Attributes:
+        trips_at: "check", before the first look; "end", while the loop is closed; "never"; or
+            "error", with which making the field safe fails otherwise.
+    """
+
+    trips_at: str
+
+    def made(self, trips_at: str) -> "Leaving":
+        self.trips_at = trips_at
+        self._channels = ("time_s", "estop_closed", "valve_enabled")
+        self.board, self.state = Board.create(len(self._channels)), State.DISARMED
+        tripped = property(lambda safety: bool(self.board.words[Word.LOOP_TRIP]))
+        nothing = {name: lambda *_: None for name in ("stand_down", "stop", "alive")}
+        kind = type("Safety", (), {"tripped": tripped, "made_safe": {}, **nothing})
+        kind.wait_until_safe = lambda safety: True
+        self.safety = kind()
+        self.ended: list[str] = []
+        return self
+
+    def _trips_if(self, at: str) -> None:
+        if self.trips_at == at:
+            trip(self.board.words, "loop", Cause.OVERRUN)
+
+    def make_field_safe(self) -> dict[str, str]:
+        self._trips_if("check")
+        if self.trips_at == "error":
+            trip(self.board.words, "loop", Cause.OVERRUN)
+            raise MemoryError
+        return {}
+
+    def _close_loop(self) -> dict[str, str]:
+        self._trips_if("end")
+        return {}
+
+    def _end_parts(self) -> None:
+        self.ended.append("parts")
+
+
+@pytest.mark.parametrize(
+    ("at", "raised"),
+    [("check", TripError), ("end", TripError), ("error", MemoryError), ("never", None)],
+)
+def test_every_trip_has_its_report_also_one_that_comes_while_the_rig_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str, raised: type[BaseException] | None
+) -> None:
+    monkeypatch.setattr("rig.supervisor.trip_report.LAST_NEWS_S", 0.0)
+    stop = SimpleNamespace(requested=False, reason="")
+    rig = Leaving(load_rig("emulated"), "product", Model(), tmp_path, stop, lambda line: None)
+    with nullcontext() if raised is None else pytest.raises(raised):
+        rig.made(at).leave()
+    assert rig.ended == ["parts"]
+    reports = [json.loads(path.read_text()) for path in tmp_path.glob("trip-*.json")]
+    assert [report["cause"] for report in reports] == ([] if raised is None else ["OVERRUN"])

@@ -205,6 +205,21 @@ def test_a_report_that_cannot_be_written_is_told_as_one_text_and_floods_no_list(
 ) -> None:
     said: list[str] = []
     report = REPORT
-    assert kept_trip_report(report, tmp_path / "gone", said.append) is None
+    written: list[str] = []
+    gone = tmp_path / "gone"
+    assert kept_trip_report(report, gone, said.append, journal=written.append) is None
     assert said[0].startswith("the trip report cannot be written")
     assert said[1:] == ["\n".join(report.lines())]
+    assert written == [f"{said[0]}; its cause: {report.sentence}"]
+
+
+def test_no_error_of_a_report_keeps_what_follows_a_trip_from_being_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def short(*_: object) -> Path:
+        raise MemoryError("no more")
+
+    monkeypatch.setattr("rig.supervisor.trip_report.write_trip_report", short)
+    said: list[str] = []
+    assert kept_trip_report(REPORT, tmp_path, said.append) is None
+    assert "MemoryError: no more" in said[0]

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import warnings
+import zlib
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from math import hypot
@@ -132,6 +133,14 @@ def test_a_file_that_may_not_be_read_is_named(
     done = invoke("runs", *command)
     assert done.code == 2
     assert "mcap: cannot be read: permission denied; let this user read it" in done.err
+
+
+def test_results_whose_exit_code_is_no_number_are_damaged(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    make_run("one", 0.0, lambda results: results.update(exit_code="0"))
+    done = invoke("runs", "show", "one")
+    assert (done.code, "the exit code '0'" in done.err) == (2, True)
 
 
 def test_two_equal_runs_do_not_differ(invoke: Invoke, make_run: MakeRun, tmp_path: Path) -> None:
@@ -369,6 +378,12 @@ def test_a_journal_that_no_run_could_be_resumed_from_is_told_by_verify(
     verified = invoke("runs", "show", "one", "--verify")
     assert verified.code == 2
     assert "journal.jsonl:2: journal: is damaged, and lines follow it" in verified.err
+    foreign = b'{"n": 0, "at": "", "kind": "collected"}'
+    sealed = foreign[:-1] + b', "crc": "%08x"}\n' % zlib.crc32(foreign)
+    for content, said in ((b"", "is empty"), (sealed, "is not a campaign's"), (None, "is gone")):
+        journal.unlink() if content is None else journal.write_bytes(content)
+        verified = invoke("runs", "show", "one", "--verify")
+        assert (verified.code, f"journal: {said}" in verified.err) == (2, True)
 
 
 @pytest.mark.parametrize(

@@ -68,11 +68,12 @@ def test_a_request_that_cannot_be_granted_is_answered_with_the_reason_and_hurts_
 def test_what_is_not_json_is_answered_so(emulator: EmulatorThread) -> None:
     address = ("127.0.0.1", int(emulator.ports["control"]))
     with socket.create_connection(address, timeout=20.0) as line, line.makefile("rw") as text:
-        text.write("status\n[1]\n")
+        text.write('status\n[1]\n{"do": "status", "do": "stop"}\n')
         text.flush()
-        replies = [json.loads(text.readline()) for _ in range(2)]
-    assert [reply["ok"] for reply in replies] == [False, False]
+        replies = [json.loads(text.readline()) for _ in range(3)]
+    assert [reply["ok"] for reply in replies] == [False, False, False]
     assert "is not JSON" in replies[0]["problems"][0]
+    assert "the key 'do' twice" in replies[2]["problems"][0]
 
 
 NONSENSE = {

@@ -88,6 +88,7 @@ MALFORMED = {
     "not JSON": (b"abort\n", "no JSON"),
     "two requests": (2 * request(request="pause"), "no JSON"),
     "a list": (b'["abort"]\n', "keys"),
+    "a key twice": (b'{"request": "note", "request": "abort"}\n', "the key 'request' twice"),
     "another key": (request(request="abort", sudo="yes"), "keys"),
     "a number for a text": (request(request="note", text=7), "no text"),
     "infinity": (b'{"request": "note", "text": 1e999}\n', "no text"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.configuration import ConfigError, load_rig
+from rig.configuration import ConfigError, NotAsMeantError, Rig, load_rig, rewrite_rig
 from rig.io.wiring import Wiring
 from rig.runner.commissioning.findings import Changes
 from rig.runner.commissioning.rig_file import write_rig_file
@@ -63,4 +63,18 @@ def test_a_change_that_makes_the_file_unusable_is_taken_back(file: Path) -> None
     beyond = Changes(position_max=0.7)
     with pytest.raises(ConfigError, match="reaches beyond the stroke"):
         write_rig_file(file, None, load_rig(file), beyond, BEGUN)
+    assert file.read_text() == TEXT
+
+
+def test_the_old_file_is_in_its_place_until_the_new_one_is_known_to_be_as_meant(file: Path) -> None:
+    found: list[str] = []
+
+    def is_meant(rig: Rig) -> bool:
+        found.append(file.read_text())
+        return False
+
+    with pytest.raises(NotAsMeantError):
+        rewrite_rig(file, None, TEXT + "# more\n", is_meant, BEGUN)
+    assert found == [TEXT]
+    assert {path.suffix for path in file.parent.iterdir()} == {".yaml", ".bak"}
     assert file.read_text() == TEXT

@@ -13,7 +13,14 @@ from hypothesis import Phase, given, settings, strategies as st
 from rig.configuration.campaigns.schedule import MOST_TIMES, Entry, Missed, Schedule
 from rig.runner.run_folder.journal import Journal, JournalError, read_journal
 from rig.runner.schedule.additions import ADDITIONS, add
-from rig.runner.schedule.scheduler import JOURNAL, MOST_RESUMES, Job, Scheduler, ScheduleState
+from rig.runner.schedule.scheduler import (
+    JOURNAL,
+    MOST_RESUMES,
+    Job,
+    Scheduler,
+    ScheduleState,
+    state_of,
+)
 
 EVENING = datetime(2026, 11, 21, 20, 0, tzinfo=UTC)
 NIGHT = timedelta(hours=12)
@@ -349,6 +356,25 @@ def test_a_hook_that_fails_ends_nothing_and_is_in_the_journal(schedule: Schedule
     night(schedule, hands)
     assert len(hands.ran) == 5
     assert b"hook notify: exit code 1" in (schedule.folder / JOURNAL).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("kind", "details"),
+    [
+        ("collected", {"upto": 7}),
+        ("collected", {"upto": "2026-11-21T20:00:00"}),
+        ("collected", {"upto": EVENING.isoformat(), "due": 7}),
+        ("added", {"id": "a", "entry": "a", "campaign": "c", "rig": 7, "due": EVENING.isoformat()}),
+        ("busy", {"id": "a"}),
+    ],
+)
+def test_a_journal_of_wrong_types_is_refused_by_its_line(
+    tmp_path: Path, kind: str, details: dict[str, object]
+) -> None:
+    with Journal(tmp_path, name=JOURNAL) as written:
+        written.write(kind, **details)
+    with pytest.raises(JournalError, match=rf"{JOURNAL}:1: is no entry of a schedule"):
+        state_of(read_journal(tmp_path / JOURNAL))
 
 
 def test_two_schedulers_cannot_run_the_same_schedule(schedule: Schedule) -> None:

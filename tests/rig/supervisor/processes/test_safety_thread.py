@@ -164,6 +164,21 @@ def test_while_all_is_well_it_beats_and_trips_nothing(scene: Scene) -> None:
     assert SAFE == []
 
 
+def test_while_the_parts_are_ended_it_beats_on_and_takes_none_for_lost(scene: Scene) -> None:
+    watch = scene.watch()
+    watch.stand_down()
+    scene.loop.exit_code = scene.field.exit_code = 0
+    beats: set[int] = set()
+
+    def look() -> None:
+        beats.add(int(scene.board.words[Word.SUPERVISOR_BEAT]))
+
+    until(lambda: len(beats) >= 5, "five beats", meanwhile=look)
+    watch.stop()
+    assert not watch.tripped
+    assert SAFE == []
+
+
 def test_a_supervisor_that_hangs_beats_no_more(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
