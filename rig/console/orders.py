@@ -249,7 +249,7 @@ class Orders:
         if answer.accepted:
             meant = "" if order.rig else f"on {rig}, the only one that lives"
             # Until the started run's stream is received, the page may show another rig: stop both.
-            if running and not self._was_heard(running):
+            if running and not self.was_heard(running):
                 done = self._launcher.stop(_said(order, visitor), visitor.name)
                 if done:
                     also = f"and what was started here, not heard yet, was {done}"
@@ -297,12 +297,15 @@ class Orders:
                 return rig
         return ""
 
-    def _was_heard(self, run: Launched) -> bool:
+    def was_heard(self, run: Launched) -> bool:
         """Return whether a run's stream has told of its campaign since the run was started here."""
+        if run.heard:
+            return True
         campaigns = [self._client.snapshot(rig).campaign for rig in self._client.rigs()]
         mine = [each for each in campaigns if each.get("directory") == run.folder.name]
         begun = [each.get("begun_ns") for each in mine]
-        return any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
+        run.heard = any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
+        return run.heard
 
     def _drives(self, rig: str) -> bool:
         """Return whether something drives a living rig, which its station does not only read."""

@@ -60,6 +60,12 @@ export class Manual {
     for (const valve of bypass ?? []) this.bypass(valve);
   }
 
+  // Another rig has bypasses of its own.
+  clear() {
+    this.rows.clear();
+    by("manual-bypasses").replaceChildren();
+  }
+
   // A row with the bypass's own buttons, its opening and the reading of its meter.
   bypass(valve) {
     let row = this.rows.get(valve.name);
