@@ -30,11 +30,14 @@ function unconfirmed({ confirmed } = {}, isOver) {
   return isOver ? `NOT CONFIRMED SAFE: ${open.join(", ")}. Keep away from the ram, press the emergency stop at the rig, and look at its valves and pump there.`
     : `Not confirmed yet: ${open.join(", ")}. Keep away from the ram; if this does not go within 5 s, press the emergency stop at the rig.`;
 }
-const tripped = (interlocks, isOver) => [trip(interlocks.first_out[0]), unconfirmed(interlocks, isOver)].filter(Boolean).reverse().join(" ");
+function tripped(interlocks, isOver) {
+  const [what, open] = [trip(interlocks.first_out[0]), unconfirmed(interlocks, isOver)];
+  return open ? `${open} ${capital(what)}` : what;
+}
 
 // Who began what is under way.
 const begunBy = (campaign) => (campaign?.begun_by ? ` Begun by ${campaign.begun_by}.` : "");
-const capital = (text) => `${text[0].toUpperCase()}${text.slice(1)}`;
+const capital = (text) => `${text.slice(0, 1).toUpperCase()}${text.slice(1)}`;
 
 // The rig is left by its station, and not read yet by who has asked for it. After so many seconds that one has failed to connect.
 const LONGEST_HANDOVER_S = 60;
@@ -134,7 +137,7 @@ export function lastState(link) {
   if (!use) return null;
   const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
   const who = use.campaign.begun_by ? `, begun by ${use.campaign.begun_by}` : "";
-  return [tone, word, `${capital(use.campaign.name)}${who}, ended at ${clock(use.ended_ms)}. ${why.replace(` Begun by ${use.campaign.begun_by}.`, "")}`];
+  return [tone, word, `${capital(use.campaign.name)}${who}, ended at ${clock(use.ended_ms)}. ${capital(why.replace(` Begun by ${use.campaign.begun_by}.`, ""))}`];
 }
 
 // Returns tone, word and sentence.

@@ -53,6 +53,7 @@ export function holder({ common, you }) {
   const mine = number !== null && number === you;
   by("holder").textContent = number === null ? "nobody has control"
     : mine ? "you have control" : `${name} has control since ${clock(since)}${here ? "" : " (away)"}`;
+  by("holder").title = by("holder").textContent;
   by("holder").className = mine ? "mine" : "";
   by("holder-button").textContent = mine ? "Give up" : number === null ? "Take control" : "Take over";
 }

@@ -87,7 +87,7 @@ def test_what_ended_stands_beside_the_idle_station_until_somebody_has_acknowledg
         expect(page.locator("#rig-last-word")).to_have_text("Tripped")
         why = page.locator("#rig-last-why")
         expect(why).to_contain_text("Leaks, begun by Bo, ended at ")
-        expect(why).to_contain_text("the emergency stop is open. Remedy: make the rig safe")
+        expect(why).to_contain_text("The emergency stop is open. Remedy: make the rig safe")
         # What is not safe comes first, and with what is to be done about it.
         expect(why).to_contain_text("NOT CONFIRMED SAFE: pump unloaded. Keep away from the ram")
         assert lowest(page, "#rig-last-seen") <= 0.75 * SIZES[size]["height"]
