@@ -232,7 +232,7 @@ function actions() {
   const may = {
     start: isFree && launch.offers.length + launch.unfinished.length > 0,
     reset: isFree && toReset() !== undefined,
-    acknowledge: isLive || unseen() !== undefined || unseenUse(link) !== null,
+    acknowledge: isLive && !campaign.activity || unseen() !== undefined || unseenUse(link) !== null,
   };
   may.abort = isLive;
   may.note = isLive && !campaign.activity;
