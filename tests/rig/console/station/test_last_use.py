@@ -17,7 +17,7 @@ from ..test_rig_state import LATER, SIZES, TRIPPED, campaign, launched, lowest
 
 expect.set_options(timeout=WAIT_MS)
 
-IDLE = {
+IDLE: dict[str, Any] = {
     "status": "idle", "name": "idle: the station reads, nothing drives", "begun_by": "bo",
     "activity": "idle: the station reads, nothing drives", "begun_ns": LATER, "tests": [],
 }  # fmt: skip
@@ -66,7 +66,12 @@ def reads(site: Site, **more: Any) -> None:
     """Have the station of a rig read it, and tell what drove it last."""
     told = RUNNING.campaign | IDLE | more
     told = {name: value for name, value in told.items() if name not in ("directory", "rig")}
-    idle = {"campaign": told, "progress": {}, "state": {"state": "disarmed"}, "health": {}}
+    idle: dict[str, Any] = {
+        "campaign": told,
+        "progress": {},
+        "state": {"state": "disarmed"},
+        "health": {},
+    }
     site.client.shots = {"bench": replace(RUNNING, **idle)}
 
 
@@ -147,8 +152,10 @@ def test_a_start_that_compiles_beside_an_idle_station_is_said_until_it_is_heard_
 
 
 def test_a_use_that_did_not_say_how_it_ended_is_no_success(opened: Open, site: Site) -> None:
-    untold = {"status": "ended", "name": "homing", "activity": "homing", "begun_by": "Bo",
-              "exit_code": None, "reason": "how it ended was not told", "tests": []}  # fmt: skip
+    untold: dict[str, Any] = {
+        "status": "ended", "name": "homing", "activity": "homing", "begun_by": "Bo",
+        "exit_code": None, "reason": "how it ended was not told", "tests": [],
+    }  # fmt: skip
     reads(site, last={"campaign": untold, "decision": {}, "trips": {}, "ended_ns": LATER})
     page = opened("desk")
     expect(page.locator("#rig-last")).to_have_class("banner warn")
@@ -158,8 +165,12 @@ def test_a_use_that_did_not_say_how_it_ended_is_no_success(opened: Open, site: S
 def test_a_console_that_comes_back_where_no_rig_is_heard_shows_nothing_of_the_old_one(
     opened: Open, site: Site
 ) -> None:
-    tripping = {"health": TRIPPED, "state": {"state": "running"}, "decision": LAST["decision"]}
-    site.client.shots = {"bench": replace(RUNNING, **tripping)}  # type: ignore[arg-type]
+    tripping: dict[str, Any] = {
+        "health": TRIPPED,
+        "state": {"state": "running"},
+        "decision": LAST["decision"],
+    }
+    site.client.shots = {"bench": replace(RUNNING, **tripping)}
     page = opened("desk")
     expect(page.locator("#rig-state-word")).to_have_text("Tripped")
     # Nothing runs beside a trip.
