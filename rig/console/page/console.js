@@ -11,7 +11,7 @@ import { Manual } from "./manual.js";
 import { preview } from "./preview.js";
 import { QueueCard } from "./queue.js";
 import { Trigger } from "./trigger.js";
-import { ofStation, shownUse, underWay, unseenUse } from "./uses.js";
+import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
 import * as views from "./views.js";
 import { answered, clock, element, lasted } from "./words.js";
 
@@ -194,10 +194,11 @@ function banners(life) {
     told.push(["warn", interlocks.action, interlocks.sentence]);
   }
   const run = underWay(link);
-  const isElsewhere = run && (!ofStation(campaign) || run.on && run.on !== link.rig);
+  const isRead = life?.life === "live" && campaign?.status === "idle" && !campaign.hands_over;
+  const isElsewhere = run && !run.heard && (!ofStation(campaign) || isOfAnother(link, run));
   if (isElsewhere && !run.rig && life?.life === "live") {
-    told.push(["warn", `${run.name} is under way`, `started here, as ${run.folder}; its rig is not heard yet, or no longer.`]);
-  } else if (run?.heard && ofStation(campaign)) {
+    told.push(["warn", `${run.name} is under way`, `started here, as ${run.folder}; its rig is not heard yet.`]);
+  } else if (run?.heard && isRead) {
     told.push(["off", `${run.name} writes its report`, "and has left the rig. Another one can be started in some seconds."]);
   }
   const key = JSON.stringify([told, progress?.number]);

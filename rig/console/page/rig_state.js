@@ -1,7 +1,7 @@
 // How the rig stands, in a word and a sentence: what the page says first, and says only once.
 
 import { clock, lasted } from "./words.js";
-import { ofStation, shownUse, underWay, unseenUse } from "./uses.js";
+import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
 
 const STARTING = {
   __proto__: null,
@@ -90,6 +90,8 @@ function live({ life, campaign, progress, interlocks }) {
   if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
   if (campaign?.status === "idle" && life.state === "connecting") return READ_SOON;
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
+  // What has said that it has ended is heard for another moment.
+  if (campaign?.status === "ended") return ended({ life, campaign, interlocks });
   if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
   const tests = campaign.tests ?? [];
   const failed = of(tests, "failed", "error");
@@ -119,11 +121,11 @@ function acknowledged({ common }, folder) {
 }
 
 // A run that was begun here, of this rig or of one that is not known, and that is not heard yet; or null.
-function starting({ sections, rig }, run) {
+function starting({ sections, common, rig }, run) {
   const { campaign, life } = sections;
   // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
   if (!run || run.heard || life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms) return null;
-  if (life?.life === "live" && run.on && run.on !== rig) return null;
+  if (life?.life === "live" && isOfAnother({ common, rig }, run)) return null;
   if (run.stopped) return ["warn", `Stopping ${run.name}`, `It was stopped by ${sentence(run.stopped)} Nothing has moved yet; its program ends.`];
   return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
 }
@@ -137,7 +139,7 @@ export function lastState(link) {
   if (!use) return null;
   const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
   const who = use.campaign.begun_by ? `, begun by ${use.campaign.begun_by}` : "";
-  return [tone, word, `${capital(use.campaign.name)}${who}, ended at ${clock(use.ended_ms)}. ${capital(why.replace(` Begun by ${use.campaign.begun_by}.`, ""))}`];
+  return [tone, word, `${capital(use.campaign.name)}${who}${use.ended_ms ? `, ended at ${clock(use.ended_ms)}` : ""}. ${capital(why.replace(` Begun by ${use.campaign.begun_by}.`, ""))}`];
 }
 
 // Returns tone, word and sentence.
@@ -152,7 +154,7 @@ export function rigState(link, lost, silent) {
   const starts = starting(link, run);
   // What moves a rig, or has moved another one, stands before what was begun here and is not heard yet.
   if (life?.life === "live" && !(starts && ofStation(campaign) && !campaign.hands_over)) return live(sections);
-  if (starts) return starts;
+  if (starts) return ofStation(campaign) && campaign.hands_over && !(life?.age_s > LONGEST_HANDOVER_S) ? handsOver(campaign) : starts;
   const failed = failedStart(link);
   if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending) + acknowledged(link, failed.folder)];
   if (life?.life === "dead") {

@@ -14,3 +14,6 @@ export function unseenUse(link) {
 
 // A run that was started here and has not ended; it may be on its way still, or writing its report.
 export const underWay = ({ common }) => (common.launch?.last?.exit_code === null ? common.launch.last : null);
+
+// Whether a run is known to be on another rig than the one that is shown. By its file's name a rig that is not heard is not known.
+export const isOfAnother = ({ common, rig }, run) => run.on !== rig && (common.rigs ?? []).some((each) => each.rig === run.on);

@@ -19,7 +19,7 @@ from rig.supervisor import LONGEST_WORD, Lease
 
 LAST: Final = "last.json"
 """Name of the file in the station's folder."""
-NOT_TOLD: Final = "how it ended was not told to the station"
+NOT_TOLD: Final = "its program has not told the station how it ended"
 DIED: Final = "its process died without a word"
 SEEN_ALREADY: Final = "nothing that has ended waits to be acknowledged"
 LOOK_S: Final = 1.0
@@ -69,7 +69,7 @@ class LastUse:
             "reason": NOT_TOLD,
             "tests": [],
         }
-        self._become({"campaign": campaign, "ended_ns": time.time_ns()})
+        self._become({"campaign": campaign, "ended_ns": None})
 
     def ended(self, lease: Lease) -> None:
         """Take what somebody has said who drove the rig, or that he died without a word."""
@@ -77,8 +77,9 @@ class LastUse:
         if said is not None:
             known = {name: said[name] for name in ("campaign", "decision", "trips", "folder")}
             self._become({**known, "ended_ns": time.time_ns()})
-        elif not lease.said_end and self._content.get("campaign", {}).get("reason") == NOT_TOLD:
-            campaign = {**self._content["campaign"], "exit_code": EXIT_STOPPED, "reason": DIED}
+        elif self._content.get("ended_ns") is None:
+            died = {} if lease.said_end else {"exit_code": EXIT_STOPPED, "reason": DIED}
+            campaign = {**self._content["campaign"], **died}
             self._become({"campaign": campaign, "ended_ns": time.time_ns()})
 
     def acknowledge(self, who: str, person: str, text: str) -> str:

@@ -135,6 +135,9 @@ class Resident:
         self._last = LastUse(folder, lambda line: log.write("last", line))
         self._lent: Lease | None = None
         """Who had the rig last, and may still say how that ended."""
+        self._onlooker = Onlooker()
+        """The onlooker of the present idle session, or of the last one."""
+        keeper.heard = self._tell_end
 
     def run(self) -> None:
         """Read the rig and lend it, until the station is asked to end; then leave it safe.
@@ -179,14 +182,15 @@ class Resident:
         else:
             text = f"{lease.what}, asked by {lease.by}, ended without a word: its process died"
             self._log.write("died", text)
-        self._hear_end()
+        self._tell_end()
 
-    def _hear_end(self) -> bool:
-        """Take how what drove last has ended, if that is told; return whether anything is new."""
+    def _tell_end(self) -> None:
+        """Take how what drove last has ended, if that is told; tell the onlooker what is new."""
         lease = self._lent
         if lease is not None and not self._keeper.holds(lease):
             self._last.ended(lease)
-        return self._last.look()
+        if self._last.look():
+            self._onlooker.came_before(self._last.content)
 
     def _idle(self) -> None:
         """Read the rig until somebody asks for it, the station is to end, or something fails."""
@@ -230,7 +234,7 @@ class Resident:
             self._rig, DEFAULT_FILTER, self._model, self._folder, yielding, told, onlooker,
             lambda text: self._log.write("driven by another master", text),
         )  # fmt: skip
-        self._hear_end()
+        self._onlooker = onlooker
         onlooker.came_before(self._last.content)
         session.connect()
         tripped: TripError | None = None
@@ -244,8 +248,7 @@ class Resident:
             self._keeper.stands("idle", f"{WATCH}; found {found}")
             while not yielding.requested:
                 session.going_on()
-                if self._hear_end():
-                    onlooker.came_before(self._last.content)
+                self._tell_end()
                 self._keeper.changed.wait(POLL_S)
                 self._keeper.changed.clear()
             if not self._stop.requested:

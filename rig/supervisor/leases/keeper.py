@@ -4,7 +4,7 @@ import os
 import selectors
 import socket
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -82,6 +82,8 @@ class Keeper:
 
     Attributes:
         changed: is set whenever somebody has asked for the rig or left it; who waits clears it.
+        heard: is called, from the thread that serves the socket, when somebody has told how it
+            ended what he did with the rig.
     """
 
     def __init__(self, rig: Rig, survives: Surviving) -> None:
@@ -98,6 +100,7 @@ class Keeper:
         self._selector = selectors.DefaultSelector()
         self._thread = threading.Thread(target=self._serve, name="leases", daemon=True)
         self.changed = threading.Event()
+        self.heard: Callable[[], None] = lambda: None
 
     def __enter__(self) -> "Keeper":
         """Lock the rig's station and open its socket.
@@ -287,7 +290,7 @@ class Keeper:
             return
         lease.told = said
         send(connection, {"ok": True})
-        self.changed.set()
+        self.heard()
 
     def _hear(self, lease: Lease) -> None:
         """Take what the connection of a lease says, which is that it has done, or has ended."""

@@ -40,6 +40,7 @@ class Keeper:
         self.lease: Any = None
         self.state = ""
         self.refused: list[str] = []
+        self.heard: Callable[[], None] = lambda: None
         self.granted = threading.Event()
 
     @property
@@ -226,6 +227,7 @@ def used(station: Station, *, said: bool = True, **told: Any) -> None:
     until(lambda: len(station.kept("found")) == times + 1, "the rig to be read again")
     if told:
         lease.told = {"decision": {}, "trips": {}, "folder": ""} | told
+        station.keeper.heard()
 
 
 def test_how_what_drove_last_ended_is_told_until_and_when_somebody_has_acknowledged_it(
@@ -249,10 +251,27 @@ def test_how_what_drove_last_ended_is_told_until_and_when_somebody_has_acknowled
     assert LastUse(tmp_path, print).content["acknowledged"].items() >= seen.items()
     assert station.obey(acknowledge) != ""
     used(station)
-    assert station.last("campaign")["reason"] == "how it ended was not told to the station"
+    assert station.last("campaign")["reason"] == "its program has not told the station how it ended"
     assert station.last("acknowledged") is None
     used(station, said=False)
     assert station.last("campaign")["reason"] == "its process died without a word"
+
+
+def test_how_it_ended_is_told_at_once_also_while_the_station_still_opens_the_devices(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    station.thread.start()
+    station.reads()
+    opening, opened = threading.Event(), threading.Event()
+    monkeypatch.setattr(Session, "connect", lambda _: (opening.set(), opened.wait(60.0)))
+    lease = station.keeper.asks()
+    assert station.keeper.granted.wait(60.0)
+    station.keeper.ends(said=True)
+    assert opening.wait(60.0)
+    lease.told = {"campaign": {"name": "leaks"}, "decision": {}, "trips": {}, "folder": ""}
+    station.keeper.heard()
+    assert station.last("campaign") == {"name": "leaks"}
+    opened.set()
 
 
 @pytest.mark.parametrize("elsewhere", [False, True])
