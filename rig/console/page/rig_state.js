@@ -62,7 +62,7 @@ function ended({ life, campaign, interlocks }) {
   if (ofStation(campaign) && !first && campaign.exit_code) return ["warn", "Idle", `The station cannot read the rig: ${sentence(campaign.reason)}`];
   if (ofStation(campaign) && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
   if (campaign.activity && !first && !stopped) {
-    if (campaign.exit_code === null && campaign.reason) return ["warn", "Ended", `${capital(campaign.activity)}: ${sentence(campaign.reason)}`];
+    if (campaign.exit_code === null && campaign.reason) return ["warn", "Ended", sentence(campaign.reason)];
     return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
       : ["good", "Ended", `${capital(campaign.activity)} came to its end.${begunBy(campaign)}`];
   }
@@ -138,8 +138,10 @@ export function lastState(link) {
   const use = unseenUse(link);
   if (!use) return null;
   const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
-  const who = use.campaign.begun_by ? `, begun by ${use.campaign.begun_by}` : "";
-  return [tone, word, `${capital(use.campaign.name)}${who}${use.ended_ms ? `, ended at ${clock(use.ended_ms)}` : ""}. ${capital(why.replace(` Begun by ${use.campaign.begun_by}.`, ""))}`];
+  const { name, begun_by: by } = use.campaign;
+  const begun = by ? `, begun by ${by}` : "";
+  const at = use.ended_ms ? `, ended at ${clock(use.ended_ms)}` : "";
+  return [tone, word, `${capital(name)}${begun}${at}: ${why.replace(`${capital(name)} `, "").replace(` Begun by ${by}.`, "")}`];
 }
 
 // Returns tone, word and sentence.
