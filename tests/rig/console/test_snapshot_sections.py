@@ -161,7 +161,7 @@ def test_texts_are_kept_as_texts_and_short(text: str) -> None:
 
 def test_what_drove_a_rig_last_is_shown_as_it_would_be_itself() -> None:
     trips = {"first_out": [{"by": "loop", "sentence": "open"}], "confirmed": {"pump": None}}
-    campaign = RUNNING.campaign | {"status": "ended", "exit_code": 3}
+    campaign = {**RUNNING.campaign, "status": "ended", "exit_code": 3}
     last = {"campaign": campaign, "decision": DECIDED, "trips": trips, "ended_ns": 10**18}
     idle = {"status": "idle", "begun_ns": 3 * 10**18}
     shown = told(campaign=idle | {"last": last}, verdicts=(DECIDED,))

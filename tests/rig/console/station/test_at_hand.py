@@ -18,7 +18,9 @@ from ..site import CHEAP, Site, site_served
 expect.set_options(timeout=WAIT_MS)
 PASSWORD = "four words that differ"
 LONG = "Annabella Müller-Thurgau"
-MANUAL = RUNNING.campaign | {"name": "manual", "activity": "manual", "begun_by": "bo", "tests": []}
+MANUAL = {
+    **RUNNING.campaign, "name": "manual", "activity": "manual", "begun_by": "bo", "tests": [],
+}  # fmt: skip
 NEEDLES = {"internal_leakage_ball": 0.0, "internal_leakage_needle": 0.4,
            "external_leakage_1_ball": 0.0, "external_leakage_1_needle": 0.0}  # fmt: skip
 SIZES = {"desk": {"width": 1280, "height": 800}, "phone": {"width": 390, "height": 844}}

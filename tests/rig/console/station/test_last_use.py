@@ -64,7 +64,7 @@ def opened(browser: Browser, site: Site) -> Iterator[Open]:
 
 def reads(site: Site, **more: Any) -> None:
     """Have the station of a rig read it, and tell what drove it last."""
-    told = RUNNING.campaign | IDLE | more
+    told: dict[str, Any] = {**RUNNING.campaign, **IDLE, **more}
     told = {name: value for name, value in told.items() if name not in ("directory", "rig")}
     idle: dict[str, Any] = {
         "campaign": told,

@@ -263,7 +263,12 @@ def test_how_it_ended_is_told_at_once_also_while_the_station_still_opens_the_dev
     station.thread.start()
     station.reads()
     opening, opened = threading.Event(), threading.Event()
-    monkeypatch.setattr(Session, "connect", lambda _: (opening.set(), opened.wait(60.0)))
+
+    def connect(_: Session) -> None:
+        opening.set()
+        opened.wait(60.0)
+
+    monkeypatch.setattr(Session, "connect", connect)
     lease = station.keeper.asks()
     assert station.keeper.granted.wait(60.0)
     station.keeper.ends(said=True)
