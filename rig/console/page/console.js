@@ -153,6 +153,14 @@ function alive() {
   pill.className = `pill ${how}`;
   const stale = lost || !life || life.life !== "live";
   document.body.classList.toggle("stale", stale);
+  // What says above that it has tripped says so everywhere at once, however slowly a busy machine draws.
+  const hasTripped = views.hasTripped(link.sections);
+  if (hasTripped !== alive.hasTripped) {
+    alive.hasTripped = hasTripped;
+    if (life) views.life(link);
+    views.campaign(link);
+    views.queue(link);
+  }
   if (lost !== link.lost) { link.lost = lost; actions(); queue.show(); }
   stands(lost, silent);
   banners(life);

@@ -130,7 +130,10 @@ export class Manual {
     const speed = Math.min(by("manual-speed").value, 20);
     const answer = await this.ask(`hold ${way} speed ${speed}mm/s`);
     // Why nothing moved is told to who has let go already as well, and not only that it rests.
-    if (!answer.accepted) held.refusal = `hold ${way}: ${answer.reason}`;
+    if (!answer.accepted) {
+      held.refusal = `hold ${way}: ${answer.reason}`;
+      this.say(held.refusal, true);
+    }
     if (this.held !== held || answer.accepted) return;
     clearInterval(held.beating);
     this.held = null;

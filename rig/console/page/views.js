@@ -67,6 +67,7 @@ export function viewers({ common }) {
 // ---- rig ----------------------------------------------------------------------------------------
 
 export function life({ sections, rig }) {
+  // What has tripped is not running any more, whatever its session has said last.
   by("state").textContent = sections.life.life !== "live" ? "" : hasTripped(sections) ? "tripped" : sections.life.state;
   by("rig-name").textContent = rig;
   loop(sections);
@@ -97,9 +98,7 @@ export function bypass({ sections }) {
   ]);
 }
 
-export function interlocks({ sections, rig }) {
-  // What has tripped is not running any more, whatever its session has said last.
-  if (sections.life) life({ sections, rig });
+export function interlocks({ sections }) {
   const { contacts, action, sentence } = sections.interlocks;
   // A trip of what drove last stands here until somebody has seen it, as at the top.
   const { first_out: firstOut, confirmed } = unseenUse({ sections })?.interlocks ?? sections.interlocks;

@@ -143,6 +143,8 @@ def test_a_start_that_compiles_beside_an_idle_station_is_said_until_it_is_heard_
     run(heard=True)
     expect(page.locator("#rig-state-word")).to_have_text("Idle")
     expect(page.locator("#banners")).to_contain_text("leaks writes its report")
+    # On another rig that is known it is told beside the state of this one.
+    site.client.shots["other"] = replace(RUNNING, rig="other", alive=False, age_s=9.0)
     run(on="other")
     expect(page.locator("#banners")).to_contain_text("leaks is under way")
     expect(page.locator("#rig-state-word")).to_have_text("Idle")
