@@ -23,6 +23,8 @@ from typing import Any, Final
 DRIVERS: Final = "hydraulic_rig.drivers"
 """Name of the group of entry points by which packages announce their driver classes."""
 
+COMPILED_ONCE: Final = "once for each version of the program"
+"""How often a program that compiles for this machine does so, in words for the operator."""
 _COMPILED: Final = (
     "rig/channels.py",
     "rig/jit.py",

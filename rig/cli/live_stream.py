@@ -1,6 +1,6 @@
 """The live stream of commands that drive a rig: what is sent by it, and what is obeyed."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -79,8 +79,8 @@ def streamed(
         idle: whether it only reads the rig, as a station does that nobody has asked for it.
     """
     from rig.runner.campaign import StreamedRun
-    from rig.stream import rig_id
-    from rig.supervisor import LOG, Stream
+    from rig.stream import finite, rig_id
+    from rig.supervisor import LOG, Stream, tell_station
 
     stream = Stream(settings, rig_id(rig.name), folder / LOG, observer.rig_tells, obey)
     simulated = rig.backend == "simulated"
@@ -88,13 +88,17 @@ def streamed(
         stream, observer, simulated=simulated, live=paced, by=by, activity=activity, idle=idle
     )
     failed = ""
+
+    def tell(ended: Mapping[str, Any]) -> None:
+        tell_station(rig, finite({**ended, "folder": str(folder.absolute())}))
+
     try:
         yield run
     except BaseException as error:
         failed = str(error) or type(error).__name__
         raise
     finally:
-        run.ends(failed)
+        run.ends(failed, None if idle or simulated else tell)
 
 
 @contextmanager

@@ -95,6 +95,7 @@ class Launched:
         exit_code: exit code of the process; None while it runs.
         asked: whether the run has accepted a stop.
         stopped: who has stopped it, by asking or by interrupting it, and why; empty if nobody has.
+        heard: whether its stream has told of it.
         log_begins: size of the output's file as the run began, which may go on with an older one.
     """
 
@@ -107,6 +108,7 @@ class Launched:
     exit_code: int | None = None
     asked: bool = False
     stopped: str = ""
+    heard: bool = False
     log_begins: int = 0
 
 
@@ -417,6 +419,9 @@ def _content(launched: Launched) -> dict[str, Any]:
     return {
         "name": launched.name,
         "folder": launched.folder.name,
+        "on": launched.rig,
+        "heard": launched.heard,
+        "stopped": launched.stopped,
         "started_ms": launched.started_ns // 10**6,
         "exit_code": launched.exit_code,
         "ending": _ending(launched) if ended else "",

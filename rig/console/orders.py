@@ -252,7 +252,7 @@ class Orders:
         if answer.accepted:
             meant = "" if order.rig else f"on {rig}, the only one that lives"
             # Until the started run's stream is received, the page may show another rig: stop both.
-            if running and not self._was_heard(running):
+            if running and not self.was_heard(running):
                 done = self._launcher.stop(_said(order, visitor), visitor.name)
                 if done:
                     also = f"and what was started here, not heard yet, was {done}"
@@ -300,12 +300,15 @@ class Orders:
                 return shot.rig
         return ""
 
-    def _was_heard(self, run: Launched) -> bool:
+    def was_heard(self, run: Launched) -> bool:
         """Return whether a run's stream has told of its campaign since the run was started here."""
+        if run.heard:
+            return True
         campaigns = [shot.campaign for shot in self._client.snapshots()]
         mine = [each for each in campaigns if each.get("directory") == run.folder.name]
         begun = [each.get("begun_ns") for each in mine]
-        return any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
+        run.heard = any(isinstance(at_ns, int) and at_ns >= run.started_ns for at_ns in begun)
+        return run.heard
 
     def _launch(self, order: Order, visitor: Visitor) -> None:
         # A rig that its station only reads is alive too, and driven by nothing.

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from rig.accounts import AccountFile
 from rig.stream import StreamClient
@@ -86,7 +87,7 @@ def server_of(console: Console) -> uvicorn.Server:
     """Return the configured uvicorn server of a console, which is not running yet."""
     config = uvicorn.Config(
         console.application(),
-        ws="websockets-sansio",
+        ws=LiveConnection,
         ws_max_size=LARGEST_MESSAGE,
         ws_per_message_deflate=False,
         ws_ping_interval=5.0,
@@ -175,6 +176,22 @@ class Connection(H11Protocol):
         if self._until is not None:
             self._until.cancel()
             self._until = None
+
+
+class LiveConnection(WebSocketsSansIOProtocol):
+    """A websocket whose texts may be no texts, which the console refuses as it does any other."""
+
+    def send_receive_event_to_app(self) -> None:
+        """Hand a message on; one that says that it is text and is not UTF-8 is handed on as bytes.
+
+        uvicorn itself would log the error with all calls that have led to it, though nothing but
+        the viewer's message is wrong.
+        """
+        try:
+            b"".join(self.frames).decode()
+        except UnicodeDecodeError:
+            self.curr_msg_data_type = "bytes"
+        super().send_receive_event_to_app()
 
 
 def _make_room(others: list[Any]) -> None:

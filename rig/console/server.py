@@ -192,6 +192,9 @@ class Console:
             holder = self.control.holder
             if self.members is not None and holder and not self.members.may_act(holder.number):
                 self.orders.lapse(holder)
+            running = self.launcher.present()
+            if running is not None:
+                self.orders.was_heard(running)
             content = self.launcher.content()
             if content["last"] is not None:
                 content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())

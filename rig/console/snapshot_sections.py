@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from math import isfinite, nan
 from typing import Any, Final
 
@@ -55,7 +56,8 @@ def sections(snapshot: Snapshot) -> dict[str, Any]:
         "progress": _progress(snapshot),
         "campaign": _campaign(snapshot),
         "decision": _decision(snapshot),
-        "verdicts": _verdicts(snapshot),
+        "last": _last(snapshot),
+        "verdicts": _verdicts(_as_it_ended(snapshot)),
         "events": [_event(content) for content in snapshot.events[-EVENTS:]],
     }
 
@@ -190,6 +192,37 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
             _texts(test, *SHOWN_OF_TESTS) | _numbers(test, 1, "duration_s")
             for test in _mappings(campaign.get("tests"))[:MOST_TESTS]
         ],
+    }
+
+
+def _as_it_ended(snapshot: Snapshot) -> Snapshot:
+    """Return the snapshot of what drove a rig last, if it is a station's that says what that was.
+
+    Any other snapshot is returned as it is.
+    """
+    last = _mapping(snapshot.campaign.get("last"))
+    if not last:
+        return snapshot
+    health = {"trips": _mapping(last.get("trips"))}
+    campaign, decision = (_mapping(last.get(name)) for name in ("campaign", "decision"))
+    return replace(snapshot, campaign=campaign, decision=decision, health=health)
+
+
+def _last(snapshot: Snapshot) -> dict[str, Any]:
+    """Return what drove the rig last, as its station says; {} if it says nothing of that."""
+    last = _mapping(snapshot.campaign.get("last"))
+    if not last:
+        return {}
+    before, seen = _as_it_ended(snapshot), _mapping(last.get("acknowledged"))
+    trips = _interlocks(before)
+    return {
+        "campaign": _campaign(before),
+        "decision": _decision(before),
+        "interlocks": {name: trips[name] for name in ("first_out", "confirmed")},
+        "ended_ms": _milliseconds(last.get("ended_ns")),
+        "acknowledged": {**_texts(seen, "by", "text"), "at_ms": _milliseconds(seen.get("at_ns"))}
+        if seen
+        else {},
     }
 
 

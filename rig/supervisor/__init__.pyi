@@ -3,8 +3,10 @@ from .checks import checks_for as checks_for, greatest_null_V as greatest_null_V
 from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig, Stop as Stop
 from .guiding import basis_for as basis_for, guide_for as guide_for
 from .leases import (
+    LONGEST_WORD as LONGEST_WORD,
     Keeper as Keeper,
     Lease as Lease,
+    tell_station as tell_station,
     why_busy as why_busy,
     word_of_station as word_of_station,
 )
@@ -23,6 +25,7 @@ from .processes import (
     Onlooker as Onlooker,
     RowFeed as RowFeed,
     Stream as Stream,
+    trips_told as trips_told,
 )
 from .session import Session as Session
 from .trip_report import (

@@ -33,7 +33,7 @@ class BlockingFile(Schema):
 
 
 def read_blocking_valves(
-    item: Located | None, backend: str, drivers: tuple[DriverSpec, ...]
+    item: Located | None, backend: str | None, drivers: tuple[DriverSpec, ...]
 ) -> BlockingValves | None:
     """Return the blocking valves of a rig file; None if it has none, or they are unusable.
 

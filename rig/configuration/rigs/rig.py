@@ -4,7 +4,7 @@ import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, get_args
 
 from control import POSITION_GAIN, ControlSettings
 from faults import BypassValve
@@ -184,17 +184,16 @@ def read_rig(own: Located, day: datetime.date | None = None) -> Rig | None:
     sensors = _read_sensors(root.get("sensors"))
     bypass_valves = read_bypass_valves(root.get("bypass_valves"))
     return_valve = read_return_valve(root.get("return_valve"))
-    backend = file.backend if file is not None else "simulated"
+    backend = _backend_of(root, file)
     limits = read_limits(root.get("limits"), plant)
     rungs = read_ladder(root.get("limits"))
     loop = read_options(LoopSettings, root.get("loop"))
     homing = root.get("homing")
     settings = read_options(HomingSettings, homing) if homing is not None else None
-    drivers = _read_drivers(root, file, loop, rungs)
+    drivers = _read_drivers(root, backend, loop, rungs)
     blocking = read_blocking_valves(root.get("blocking_valves"), backend, drivers)
     control = read_control(root.get("control"))
-    hardware = file is not None and file.backend == "hardware"
-    wiring = read_wiring(root, hardware)
+    wiring = read_wiring(root, backend != "simulated")
     measured = _measured(file, drivers) if file is not None else None
     calibrations = read_calibrations(root, measured, homing is not None, day or today())
     if file is None or plant is None or sensors is None or limits is None or loop is None:
@@ -294,8 +293,25 @@ def _read_plant(item: Located | None) -> Model | None:
     return model if base else None
 
 
+def _backend_of(root: Located, file: RigFile | None) -> Backend | None:
+    """Return the backend of a rig; None if another mistake in its file leaves that open.
+
+    What is wrong only on one backend must not be told where it is not known to be that one.
+    """
+    item = root.get("backend")
+    if item is not None and item.place.path == root.place.path:
+        return next((each for each in get_args(Backend) if each == item.value), None)
+    # A key that is not known may be this one, misspelt.
+    if file is None or any(key not in RigFile.model_fields for key, _ in root.items()):
+        return None
+    return file.backend
+
+
 def _read_drivers(
-    root: Located, file: RigFile | None, loop: LoopSettings | None, rungs: tuple[ChannelLimit, ...]
+    root: Located,
+    backend: Backend | None,
+    loop: LoopSettings | None,
+    rungs: tuple[ChannelLimit, ...],
 ) -> tuple[DriverSpec, ...]:
     """Return the drivers of a hardware rig, after checks against the rest of its file.
 
@@ -303,8 +319,8 @@ def _read_drivers(
     Problems are recorded, also if a simulated rig's own file has drivers.
     """
     item = root.get("drivers")
-    if file is None or file.backend != "hardware":
-        if item is not None and item.place.path == root.place.path:
+    if backend != "hardware":
+        if backend is not None and item is not None and item.place.path == root.place.path:
             item.refuse("drive a simulated rig", "add `backend: hardware`, or remove them", "")
         return ()
     if item is None:

@@ -262,10 +262,18 @@ export class Chart {
     }
     context.stroke();
     context.textBaseline = "top";
-    for (const [back, text] of this.view.ticks) {
+    // From the newest on; a label that would touch the one beside it is left out.
+    let free = box.right + 1;
+    this.labels = [];
+    for (const [back, text] of [...this.view.ticks].sort((one, other) => one[0] - other[0])) {
       const at = box.left + (box.right - box.left) * (1 - back / this.view.span_s);
-      context.textAlign = at > box.right - 20 ? "right" : at < box.left + 20 ? "left" : "center";
-      context.fillText(text, at, box.bottom + 6);
+      const width = context.measureText(text).width;
+      const begin = Math.max(box.left, Math.min(at - width / 2, box.right - width));
+      if (begin + width > free) continue;
+      free = begin - 8;
+      context.textAlign = "left";
+      context.fillText(text, begin, box.bottom + 6);
+      this.labels.push([begin, begin + width]);
     }
   }
 

@@ -6,11 +6,12 @@ import { ask } from "./dialog.js";
 import { FURTHER, History } from "./history.js";
 import { Link } from "./link.js";
 import { EXPIRED, limit, offerLogin } from "./people.js";
-import { rigState } from "./rig_state.js";
+import { lastState, rigState } from "./rig_state.js";
 import { Manual } from "./manual.js";
 import { preview } from "./preview.js";
 import { QueueCard } from "./queue.js";
 import { Trigger } from "./trigger.js";
+import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
 import * as views from "./views.js";
 import { answered, clock, element, lasted } from "./words.js";
 
@@ -96,7 +97,7 @@ function render() {
   drawing = false;
   const begun = performance.now();
   const { sections, common } = link;
-  if (dirty.has("rig")) { views.clear(charts); history.begin(); trigger.disarm("Off: another rig is shown."); }
+  if (dirty.has("rig")) { charts.residuals.levels = []; views.clear(charts); manual.clear(); history.begin(); trigger.disarm("Off: another rig is shown."); }
   if (dirty.has("points") && link.points && history.isLive) {
     for (const chart of Object.values(charts)) chart.draw(link.points);
     frames += 1;
@@ -109,8 +110,10 @@ function render() {
   for (const name of dirty) {
     if (views[name] && (name in sections || name in common)) views[name](link);
   }
-  if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks", "role"].some((name) => dirty.has(name))) actions();
+  if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks", "last", "role"].some((name) => dirty.has(name))) actions();
   if (["queue", "launch", "holder", "role"].some((name) => dirty.has(name))) queue.show();
+  // What drove the rig last stands in the place of what its station does.
+  if (dirty.has("last")) { dirty.add("campaign"); views.campaign(link); if (sections.interlocks) views.interlocks(link); }
   const stage = `${sections.life?.life} ${views.hasTripped(sections)}`;
   if (stage !== render.stage) {
     render.stage = stage;
@@ -150,6 +153,14 @@ function alive() {
   pill.className = `pill ${how}`;
   const stale = lost || !life || life.life !== "live";
   document.body.classList.toggle("stale", stale);
+  // What says above that it has tripped says so everywhere at once, however slowly a busy machine draws.
+  const hasTripped = views.hasTripped(link.sections);
+  if (hasTripped !== alive.hasTripped) {
+    alive.hasTripped = hasTripped;
+    if (life) views.life(link);
+    views.campaign(link);
+    views.queue(link);
+  }
   if (lost !== link.lost) { link.lost = lost; actions(); queue.show(); }
   stands(lost, silent);
   banners(life);
@@ -157,29 +168,46 @@ function alive() {
 
 function stands(lost, silent) {
   const [tone, word, why] = link.expired ? EXPIRED : rigState(link, lost, silent);
+  const last = lost || link.expired ? null : lastState(link);
   if (link.expired) offerLogin();
+  said("rig-state", [tone, word, why]);
+  said("rig-last", last);
   // Before anything was told, or told anew, nothing is known to be right or wrong.
-  if (lost && silent > SILENT_MS && link.heardAt || !lost && link.common.rigs && (link.sections.life || !link.common.rigs.length)) alarm.take(tone, word, link.rig);
-  const key = JSON.stringify([tone, word, why]);
-  if (stands.shown === key) return;
-  stands.shown = key;
-  by("rig-state").className = `banner ${tone}`;
-  by("rig-state-word").textContent = word;
-  by("rig-state-why").textContent = why;
+  if (lost && silent > SILENT_MS && link.heardAt || !lost && link.common.rigs && (link.sections.life || !link.common.rigs.length)) {
+    if (tone !== "bad" && last?.[0] === "bad") alarm.take("bad", last[1], link.rig);
+    else alarm.take(tone, word, link.rig);
+  }
+}
+
+// Shows tone, word and sentence in the line of this name; without them the line is hidden.
+function said(id, told) {
+  const key = JSON.stringify(told);
+  if (said[id] === key) return;
+  said[id] = key;
+  by(id).hidden = !told;
+  if (!told) return;
+  const [tone, word, why] = told;
+  by(id).className = `banner ${tone}`;
+  by(`${id}-word`).textContent = word;
+  by(`${id}-why`).textContent = why;
   // A long reason is cut on the screen, and whole where a hand or a reader looks for it.
-  by("rig-state").title = why;
+  by(id).title = why;
 }
 
 function banners(life) {
   const told = [];
   if (stopTold) told.push(stopTold);
-  const { interlocks, progress } = link.sections;
+  const { interlocks, progress, campaign } = link.sections;
   if (life?.life === "live" && interlocks?.sentence && !interlocks.first_out.length && life.state !== "holding") {
     told.push(["warn", interlocks.action, interlocks.sentence]);
   }
-  const run = views.underWay(link);
-  if (run && !run.rig && life?.life === "live") {
-    told.push(["warn", `${run.name} is under way`, `started here, as ${run.folder}; its rig is not heard yet, or no longer.`]);
+  const run = underWay(link);
+  const isRead = life?.life === "live" && campaign?.status === "idle" && !campaign.hands_over;
+  const isElsewhere = run && !run.heard && (!ofStation(campaign) || isOfAnother(link, run));
+  if (isElsewhere && !run.rig && life?.life === "live") {
+    told.push(["warn", `${run.name} is under way`, `started here, as ${run.folder}; its rig is not heard yet.`]);
+  } else if (run?.heard && isRead) {
+    told.push(["off", `${run.name} writes its report`, "and has left the rig. Another one can be started in some seconds."]);
   }
   const key = JSON.stringify([told, progress?.number]);
   if (banners.shown === key) return;
@@ -196,7 +224,7 @@ const isMine = () => link.common.holder?.number !== null && link.common.holder?.
 // Whoever has control is shown the rig that was started from here, once; he may look at another.
 let followed = "";
 function follow() {
-  const run = views.underWay(link);
+  const run = underWay(link);
   if (!run?.rig || run.folder === followed || !isMine()) return;
   followed = run.folder;
   if (run.rig !== link.rig) link.choose(run.rig);
@@ -209,11 +237,11 @@ function actions() {
   const { holder, launch } = link.common;
   const isLive = life?.life === "live" && campaign?.status === "running";
   const canStart = launch?.allowed && !(isLive && launch.offers.length === 0);
-  const isFree = canStart && !isLive && !views.underWay(link);
+  const isFree = canStart && !isLive && !underWay(link);
   const may = {
     start: isFree && launch.offers.length + launch.unfinished.length > 0,
     reset: isFree && toReset() !== undefined,
-    acknowledge: isLive || unseen() !== undefined,
+    acknowledge: isLive && !campaign.activity || unseen() !== undefined || unseenUse(link) !== null,
   };
   may.abort = isLive;
   may.note = isLive && !campaign.activity;
@@ -228,6 +256,7 @@ function actions() {
   for (const button of document.querySelectorAll("[data-do]")) {
     button.disabled = link.lost || !isMine() || !may[button.dataset.do];
   }
+  by("rig-last-seen").hidden = unseenUse(link) === null || !isMine();
   by("actions-why").textContent = link.lost ? "The console does not answer; nothing can be asked of it."
     : isMine()
     ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : ""
@@ -282,9 +311,9 @@ document.addEventListener("keydown", (event) => {
 
 // The run that is shown, or else that was started from here and was never heard.
 function shownRun() {
-  const { campaign } = link.sections;
+  const { campaign } = shownUse(link);
   const last = link.common.launch?.last;
-  const isLater = last && last.started_ms > (campaign?.begun_ms ?? 0);
+  const isLater = last && !last.heard && last.started_ms > (campaign?.begun_ms ?? 0);
   return isLater ? last.folder : campaign?.directory;
 }
 
@@ -351,7 +380,8 @@ const ORDERS = { reset: "go on" };
 
 for (const button of document.querySelectorAll("[data-do]")) {
   button.addEventListener("click", async () => {
-    const ended = button.dataset.do === "acknowledge" ? unseen() : undefined;
+    // What the station tells of is acknowledged to it: it keeps that in the journal of the run.
+    const ended = button.dataset.do === "acknowledge" && !unseenUse(link) ? unseen() : undefined;
     const told = await ask(DIALOGS[button.dataset.do]());
     if (!told) return;
     const goesOn = button.dataset.do === "start" && told.name.startsWith(GO_ON);
@@ -362,6 +392,8 @@ for (const button of document.querySelectorAll("[data-do]")) {
     await order(kind, { ...name, ...(told.text ? { text: told.text } : {}) });
   });
 }
+
+by("rig-last-seen").addEventListener("click", () => document.querySelector("[data-do=acknowledge]").click());
 
 by("holder-button").addEventListener("click", async () => {
   const { holder } = link.common;

@@ -7,6 +7,8 @@ const by = (id) => document.getElementById(id);
 const HOLD_MS = 40;
 // So often a page that has moved the ram shows that it is still there.
 const THERE_MS = 1000;
+// So long a slider that was moved stays where it is, until the needle has followed: its stroke takes some seconds.
+const SET_MS = 10000;
 
 export class Manual {
   constructor(link) {
@@ -60,6 +62,12 @@ export class Manual {
     for (const valve of bypass ?? []) this.bypass(valve);
   }
 
+  // Another rig has bypasses of its own.
+  clear() {
+    this.rows.clear();
+    by("manual-bypasses").replaceChildren();
+  }
+
   // A row with the bypass's own buttons, its opening and the reading of its meter.
   bypass(valve) {
     let row = this.rows.get(valve.name);
@@ -74,13 +82,16 @@ export class Manual {
         button.addEventListener("click", () => this.ask(`bypass ${valve.name} ${state}`));
         return button;
       });
-      row = element("span", "quiet");
+      row = { needle, words: element("span", "quiet"), setAt: -Infinity };
+      for (const name of ["input", "change"]) needle.addEventListener(name, () => { row.setAt = performance.now(); });
       this.rows.set(valve.name, row);
-      by("manual-bypasses").append(element("div", "buttons", element("span", "", shortly(valve.name)), ...buttons, needle, row));
+      by("manual-bypasses").append(element("div", "buttons bypass", element("span", "", shortly(valve.name)), ...buttons, needle, row.words));
     }
+    // The slider stands where the needle is, unless somebody has just moved it, whom the needle still follows.
+    if (performance.now() - row.setAt > SET_MS && valve.needle !== null) row.needle.value = Math.round(100 * valve.needle);
     const ball = valve.ball === null ? "" : valve.ball > 0.01 ? "open, " : "shut, ";
     const flow = valve.metered_L_per_min ?? valve.shut_L_per_min;
-    row.textContent = `${ball}needle ${figure(100 * valve.needle, 0)} %, ${flow === null ? "no meter" : `${figure(flow, 2)} L/min`}`;
+    row.words.textContent = `${ball}${valve.needle === null ? "" : `needle ${figure(100 * valve.needle, 0)} %, `}${flow === null ? "no meter" : `${figure(flow, 2)} L/min`}`;
   }
 
   wave() {
@@ -119,7 +130,10 @@ export class Manual {
     const speed = Math.min(by("manual-speed").value, 20);
     const answer = await this.ask(`hold ${way} speed ${speed}mm/s`);
     // Why nothing moved is told to who has let go already as well, and not only that it rests.
-    if (!answer.accepted) held.refusal = answer.reason;
+    if (!answer.accepted) {
+      held.refusal = `hold ${way}: ${answer.reason}`;
+      this.say(held.refusal, true);
+    }
     if (this.held !== held || answer.accepted) return;
     clearInterval(held.beating);
     this.held = null;
@@ -130,7 +144,12 @@ export class Manual {
     if (!held) return;
     clearInterval(held.beating);
     this.held = null;
-    this.ask("stop").then(() => { if (held.refusal) by("manual-said").textContent = held.refusal; });
+    this.ask("stop").then(() => { if (held.refusal) this.say(held.refusal, true); });
+  }
+
+  say(text, isRefused) {
+    by("manual-said").textContent = text;
+    by("manual-said").classList.toggle("refused", isRefused);
   }
 
   beat() {
@@ -141,7 +160,7 @@ export class Manual {
     const answer = await this.link.order("jog", { text: line });
     this.used ||= answer.accepted;
     if (line === "stop" || line.startsWith("pump")) this.waved = false;
-    by("manual-said").textContent = answer.accepted ? `${line}: obeyed` : answer.reason;
+    this.say(answer.accepted ? `${line}: obeyed` : `${line}: ${answer.reason}`, !answer.accepted);
     return answer;
   }
 }

@@ -8,7 +8,7 @@ const ORDERS = { reset: "go on" };
 // Shows name and role, and takes away what the server would refuse, with the reason under the cursor.
 export function limit(link, isMine) {
   if (link.role === null) return;
-  by("role").textContent = `${link.name}, ${link.role}`;
+  by("role").textContent = by("role").title = `${link.name}, ${link.role}`;
   for (const button of document.querySelectorAll("[data-do]")) {
     const name = button.dataset.do;
     forbid(button, link.mayNot[ORDERS[name] ?? name]);

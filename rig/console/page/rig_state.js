@@ -1,7 +1,7 @@
 // How the rig stands, in a word and a sentence: what the page says first, and says only once.
 
 import { clock, lasted } from "./words.js";
-import { underWay } from "./views.js";
+import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
 
 const STARTING = {
   __proto__: null,
@@ -23,9 +23,21 @@ const of = (tests, ...statuses) => tests.filter((test) => statuses.includes(test
 // What waits before the next test: an operator's pause, or conditions that are not met.
 const waits = ({ pausing, held } = {}) => Boolean(pausing) || (held?.length ?? 0) > 0;
 
+// The steps to the safe state that no device has confirmed since a trip, in words of what to do; "" if there are none.
+function unconfirmed({ confirmed } = {}, isOver) {
+  const open = (confirmed ?? []).filter((step) => step.after_ms === null).map((step) => step.step);
+  if (!open.length) return "";
+  return isOver ? `NOT CONFIRMED SAFE: ${open.join(", ")}. Keep away from the ram, press the emergency stop at the rig, and look at its valves and pump there.`
+    : `Not confirmed yet: ${open.join(", ")}. Keep away from the ram; if this does not go within 5 s, press the emergency stop at the rig.`;
+}
+function tripped(interlocks, isOver) {
+  const [what, open] = [trip(interlocks.first_out[0]), unconfirmed(interlocks, isOver)];
+  return open ? `${open} ${capital(what)}` : what;
+}
+
 // Who began what is under way.
 const begunBy = (campaign) => (campaign?.begun_by ? ` Begun by ${campaign.begun_by}.` : "");
-const capital = (text) => `${text[0].toUpperCase()}${text.slice(1)}`;
+const capital = (text) => `${text.slice(0, 1).toUpperCase()}${text.slice(1)}`;
 
 // The rig is left by its station, and not read yet by who has asked for it. After so many seconds that one has failed to connect.
 const LONGEST_HANDOVER_S = 60;
@@ -34,10 +46,10 @@ const handsOver = (campaign) => ["warn", "Changing hands", `The station leaves t
 // A run that was started here, has ended badly, and never came to be the one that is shown.
 function failedStart({ common, sections }) {
   const last = common.launch?.last;
-  const campaign = sections.campaign;
+  const { campaign } = shownUse({ sections });
   // One that went on in the folder of the run that is shown has begun anew, unless it failed before.
   if (!last?.exit_code) return null;
-  return last.started_ms >= (campaign?.begun_ms ?? 0) ? last : null;
+  return !last.heard && last.started_ms >= (campaign?.begun_ms ?? 0) ? last : null;
 }
 
 function ended({ life, campaign, interlocks }) {
@@ -45,19 +57,20 @@ function ended({ life, campaign, interlocks }) {
   const failed = of(tests, "failed", "error");
   const count = `${failed.length} of ${tests.length} ${tests.length === 1 ? "test" : "tests"}`;
   const first = interlocks?.first_out?.[0];
-  const tripped = of(tests, "tripped")[0];
+  const stopped = of(tests, "tripped")[0];
   if (campaign.hands_over && !first && !(life.age_s > LONGEST_HANDOVER_S)) return handsOver(campaign);
-  if (campaign.activity?.startsWith("idle:") && !first && campaign.exit_code) return ["warn", "Idle", `The station cannot read the rig: ${sentence(campaign.reason)}`];
-  if (campaign.activity?.startsWith("idle:") && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
-  if (campaign.activity && !first && !tripped) {
+  if (ofStation(campaign) && !first && campaign.exit_code) return ["warn", "Idle", `The station cannot read the rig: ${sentence(campaign.reason)}`];
+  if (ofStation(campaign) && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
+  if (campaign.activity && !first && !stopped) {
+    if (campaign.exit_code === null && campaign.reason) return ["warn", "Ended", sentence(campaign.reason)];
     return campaign.exit_code ? ["warn", "Stopped", `${capital(campaign.activity)} ended early: ${sentence(campaign.reason)}`]
       : ["good", "Ended", `${capital(campaign.activity)} came to its end.${begunBy(campaign)}`];
   }
   const begun = tests.some((test) => test.status && test.status !== "not_run");
   const refused = campaign.exit_code === 2 || (campaign.exit_code === 3 && campaign.reason?.startsWith("the rig: "));
   const also = failed.length ? ` ${count} failed: ${several(failed)}.` : "";
-  if (first) return ["bad", "Tripped", trip(first) + also];
-  if (tripped) return ["bad", "Tripped", sentence(tripped.message) + also];
+  if (first) return ["bad", "Tripped", tripped(interlocks, true) + also];
+  if (stopped) return ["bad", "Tripped", sentence(stopped.message) + also];
   if (!begun && refused) return ["bad", "Not started", sentence(campaign.reason)];
   const incomplete = tests.filter((test) => !test.status || ["aborted", "interrupted", "not_run", "running"].includes(test.status));
   if (incomplete.length || campaign.exit_code === 3) {
@@ -72,11 +85,13 @@ function ended({ life, campaign, interlocks }) {
 
 function live({ life, campaign, progress, interlocks }) {
   const first = interlocks?.first_out?.[0];
-  if (first) return ["bad", "Tripped", trip(first)];
+  if (first) return ["bad", "Tripped", tripped(interlocks, false)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
   if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
   if (campaign?.status === "idle" && life.state === "connecting") return READ_SOON;
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
+  // What has said that it has ended is heard for another moment.
+  if (campaign?.status === "ended") return ended({ life, campaign, interlocks });
   if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
   const tests = campaign.tests ?? [];
   const failed = of(tests, "failed", "error");
@@ -105,6 +120,30 @@ function acknowledged({ common }, folder) {
   return seen ? ` Acknowledged by ${seen.by} at ${clock(Date.parse(seen.at))}${seen.text ? `: ${sentence(seen.text)}` : "."}` : "";
 }
 
+// A run that was begun here, of this rig or of one that is not known, and that is not heard yet; or null.
+function starting({ sections, common, rig }, run) {
+  const { campaign, life } = sections;
+  // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
+  if (!run || run.heard || life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms) return null;
+  if (life?.life === "live" && isOfAnother({ common, rig }, run)) return null;
+  if (run.stopped) return ["warn", `Stopping ${run.name}`, `It was stopped by ${sentence(run.stopped)} Nothing has moved yet; its program ends.`];
+  return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
+}
+
+// Tone, word and sentence of how what drove the rig last has ended, beside the state of a station that reads it; null if
+// somebody has seen it, or there is nothing to be seen.
+export function lastState(link) {
+  const failed = ofStation(link.sections.campaign) && link.sections.life?.life === "live" && !underWay(link) ? failedStart(link) : null;
+  if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending)];
+  const use = unseenUse(link);
+  if (!use) return null;
+  const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
+  const { name, begun_by: by } = use.campaign;
+  const begun = by ? `, begun by ${by}` : "";
+  const at = use.ended_ms ? `, ended at ${clock(use.ended_ms)}` : "";
+  return [tone, word, `${capital(name)}${begun}${at}: ${why.replace(`${capital(name)} `, "").replace(` Begun by ${by}.`, "")}`];
+}
+
 // Returns tone, word and sentence.
 export function rigState(link, lost, silent) {
   const { sections, common } = link;
@@ -114,16 +153,15 @@ export function rigState(link, lost, silent) {
   if (lost) return ["bad", "The console does not answer", `for ${lasted(silent / 1000)}. What is shown is what was; stop the rig at the rig.`];
   const run = underWay(link);
   if (common.listening && !campaign?.name && !run) return ["off", "Listening", "The console has only begun to listen; what runs is heard within seconds."];
-  if (life?.life === "live") return live(sections);
-  // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
-  if (run && !(life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms)) {
-    return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
-  }
+  const starts = starting(link, run);
+  // What moves a rig, or has moved another one, stands before what was begun here and is not heard yet.
+  if (life?.life === "live" && !(starts && ofStation(campaign) && !campaign.hands_over)) return live(sections);
+  if (starts) return ofStation(campaign) && campaign.hands_over && !(life?.age_s > LONGEST_HANDOVER_S) ? handsOver(campaign) : starts;
   const failed = failedStart(link);
   if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending) + acknowledged(link, failed.folder)];
   if (life?.life === "dead") {
     const first = sections.interlocks?.first_out?.[0];
-    return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${trip(first)}` : ""}`];
+    return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${tripped(sections.interlocks, true)}` : ""}`];
   }
   if (campaign?.status === "running" && life?.life === "unheard") return ["warn", ...STARTING.connecting];
   if (campaign?.status === "idle" && life?.life === "unheard") return READ_SOON;

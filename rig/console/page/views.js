@@ -1,6 +1,8 @@
 // Each section as it is shown: a function of its name is called when it has changed.
 
+import { ofStation, shownUse, unseenUse } from "./uses.js";
 import { clock, element, figure, lasted, leak, shortly, tone, verdict } from "./words.js";
+
 
 const by = (id) => document.getElementById(id);
 const SHOWN_EVENTS = 80;
@@ -22,12 +24,17 @@ function pairs(target, items) {
 
 const head = (...names) => element("thead", "", element("tr", "", ...names.map((name) => element("th", "", name))));
 
+// Nothing of the rig that was shown stays on the page: its sections are drawn from nothing.
 export function clear(charts) {
   for (const chart of Object.values(charts)) { chart.ends = null; chart.draw({ time_s: [], test: [] }); }
   for (const id of ["readings", "contacts", "first-out", "confirmed", "bypass", "loop", "stages", "parts", "tests", "verdicts", "events", "probabilities"]) {
     by(id).replaceChildren();
     delete by(id).dataset.shown;
   }
+  for (const id of ["rig-name", "state", "action", "progress-text", "progress-time", "statistic-text"]) by(id).textContent = "";
+  by("progress-bar").style.width = by("statistic-bar").style.width = "0";
+  campaign({ sections: {} });
+  judged({ sections: {} });
 }
 
 // ---- console ------------------------------------------------------------------------------------
@@ -46,6 +53,7 @@ export function holder({ common, you }) {
   const mine = number !== null && number === you;
   by("holder").textContent = number === null ? "nobody has control"
     : mine ? "you have control" : `${name} has control since ${clock(since)}${here ? "" : " (away)"}`;
+  by("holder").title = by("holder").textContent;
   by("holder").className = mine ? "mine" : "";
   by("holder-button").textContent = mine ? "Give up" : number === null ? "Take control" : "Take over";
 }
@@ -59,7 +67,8 @@ export function viewers({ common }) {
 // ---- rig ----------------------------------------------------------------------------------------
 
 export function life({ sections, rig }) {
-  by("state").textContent = sections.life.life === "live" ? sections.life.state : "";
+  // What has tripped is not running any more, whatever its session has said last.
+  by("state").textContent = sections.life.life !== "live" ? "" : hasTripped(sections) ? "tripped" : sections.life.state;
   by("rig-name").textContent = rig;
   loop(sections);
 }
@@ -90,7 +99,9 @@ export function bypass({ sections }) {
 }
 
 export function interlocks({ sections }) {
-  const { contacts, action, sentence, first_out: firstOut, confirmed } = sections.interlocks;
+  const { contacts, action, sentence } = sections.interlocks;
+  // A trip of what drove last stands here until somebody has seen it, as at the top.
+  const { first_out: firstOut, confirmed } = unseenUse({ sections })?.interlocks ?? sections.interlocks;
   pairs(by("contacts"), contacts.map(({ name, text, how }) => [name, text, `state ${how}`]));
   by("action").className = sentence ? "warn" : "quiet";
   by("action").textContent = sentence ? `${action}: ${sentence}`
@@ -145,16 +156,30 @@ function now(sections, status) {
   return hasTripped(sections) ? "tripped" : sections.life?.life === "dead" ? "was running" : status;
 }
 
+// How somebody has seen how what drove the rig last has ended.
+function seen({ acknowledged }) {
+  return acknowledged?.by ? `acknowledged by ${acknowledged.by} at ${clock(acknowledged.at_ms)}${acknowledged.text ? `: ${acknowledged.text}` : ""}` : "";
+}
+
 export function campaign({ sections }) {
-  const told = sections.campaign ?? {};
+  const use = shownUse({ sections });
+  const told = use.campaign ?? {};
+  // What a station does that only reads stands at the top, and is no campaign.
+  if (ofStation(told)) {
+    by("campaign-title").textContent = "Campaign";
+    by("campaign-name").textContent = "None runs";
+    by("campaign-more").textContent = "";
+    return;
+  }
+  by("campaign-title").textContent = use === sections ? told.activity ? "In use" : "Campaign" : "Last use of the rig";
   const runs = (told.tests ?? []).some((test) => test.status === "running");
   const status = told.status === "running" && !runs && (told.pausing || told.held?.length) ? "held" : told.status;
-  // What a station does that only reads stands at the top, and is no campaign.
-  by("campaign-name").textContent = told.name && !told.activity?.startsWith("idle:") ? `${told.name}, ${now(sections, status)}` : "none";
+  by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, status)}` : "none";
   by("campaign-more").textContent = told.name
     ? [told.activity !== told.name && told.activity,
       told.model && `rig ${told.rig}, model ${told.model}, filter ${told.filter}`,
-      `${told.resumed ? "gone on with" : "begun"} ${clock(told.begun_ms)}${told.begun_by ? ` by ${told.begun_by}` : ""}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`].filter(Boolean).join("; ") : "";
+      `${told.resumed ? "gone on with" : "begun"} ${clock(told.begun_ms)}${told.begun_by ? ` by ${told.begun_by}` : ""}${told.rig_time_s ? `, ${lasted(told.rig_time_s)} of rig time` : ""}`,
+      seen(use)].filter(Boolean).join("; ") : "";
 }
 
 export function launch({ common }) {
@@ -162,11 +187,10 @@ export function launch({ common }) {
   if (last?.ending) by("campaign-card").dataset.ending = last.ending;
 }
 
-// A run that was started here and has not ended; it may be on its way still, or writing its report.
-export const underWay = ({ common }) => (common.launch?.last?.exit_code === null ? common.launch.last : null);
-
 export function queue({ sections }) {
-  const { campaign: told, progress } = sections;
+  const use = shownUse({ sections });
+  const { campaign: told } = use;
+  const progress = use === sections ? sections.progress : null;
   if (!told?.tests) { put(by("tests"), []); return; }
   const running = told.status === "running" ? progress?.name : null;
   put(by("tests"), [
@@ -185,12 +209,13 @@ export function queue({ sections }) {
 // ---- verdicts and events ------------------------------------------------------------------------
 
 export function judged({ sections }) {
-  const told = sections.decision;
+  const use = shownUse({ sections });
+  const told = use.decision;
   const name = told?.verdict ?? "";
   const chance = told?.probabilities?.[name];
   by("verdict").textContent = name ? verdict(name) : "None yet";
-  const expected = sections.progress?.expect;
-  const { campaign: shown } = sections;
+  const { campaign: shown } = use;
+  const expected = use === sections ? sections.progress?.expect : (shown?.tests ?? []).find((test) => test.name === told?.test)?.expect;
   const ended = shown?.status === "ended";
   const unclear = ended && (shown.tests ?? []).some((test) => test.status !== "passed");
   by("verdict-title").textContent = ended && name ? `Last verdict, of ${told.test}` : "Verdict";

@@ -47,8 +47,9 @@ class ModbusDaqOptions:
         port: TCP port of the device.
         unit: Modbus unit id of the device.
         exchange: how samples are exchanged; if it is not given, the first way in the map.
-        watchdog: time of the device's own watchdog, at least that of three exchanges; required if
-            the map has a watchdog, and left out if it has none.
+        watchdog: time of the device's own watchdog, at least that of three exchanges, and within
+            `shortest` and `longest` of the map's watchdog, such as 1 s at most for `io_node`;
+            required if the map has a watchdog, and left out if it has none.
         rate: exchanges in a second; at most the rate of the map, which holds if it is not given.
         timeout: longest wait for a connection, or for a reply outside the loop.
         ownership: "required" unless the device is to be used without an owner, although its map has

@@ -23,7 +23,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Final
 
-from rig.compile_cache import marks_folder
+from rig.compile_cache import COMPILED_ONCE, marks_folder
 
 from .compiled_pieces import LOOP, PIECES, Needs
 from .stopping import StopFlag
@@ -120,7 +120,7 @@ def _compile(marks: Path, needs: Needs, names: Names, say: Say, stop: StopFlag) 
 
     Each compiled piece gets its mark. If a stop is requested, the processes are killed.
     """
-    say(f"compiling for this machine, once for each version of the program: {', '.join(names)}")
+    say(f"compiling for this machine, {COMPILED_ONCE}: {', '.join(names)}")
     waiting, compiled = list(names), 0
     workers = [_Worker(needs) for _ in range(min(len(names), len(os.sched_getaffinity(0))))]
     try:

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
@@ -21,7 +21,7 @@ from rig.runner.outcomes import (
     grows,
     named,
 )
-from rig.supervisor import Errand, Onlooker, RowFeed, Stream
+from rig.supervisor import Errand, Onlooker, RowFeed, Stream, trips_told
 
 PROGRESS_S: Final = 0.1
 """Shortest time between two messages about the progress of a test, s."""
@@ -68,17 +68,25 @@ class StreamedRun(Observer, Onlooker):
         self._channels: tuple[str, ...] = ()
         self._test: CampaignTest | None = None
         self._decision: Decision | None = None
+        self._decided: Mapping[str, Any] = {}
+        """The content of the last message `decision`."""
+        self._board: Board | None = None
+        self._last: Mapping[str, Any] = {}
         self._progress_at = self._listed_at = 0.0
         self._unlisted = False
         self._lock = threading.Lock()
         """Locked while the list of tests changes, which operators change from other threads."""
 
-    def ends(self, failed: str = "") -> None:
+    def ends(
+        self, failed: str = "", tell: Callable[[Mapping[str, Any]], None] | None = None
+    ) -> None:
         """Send the message that all has ended, if anything was begun, and close the stream.
 
         Args:
             failed: why it ended before its end; a campaign that came to tests says by
                 `campaign_ends` how it ended, and otherwise its rig was refused.
+            tell: is told how it ended before the stream is closed, by the last `campaign`,
+                `decision` and `trips` (of `health`) as docs/stream.md describes them.
         """
         if self._campaign:
             self._campaign["status"] = "ended"
@@ -87,6 +95,10 @@ class StreamedRun(Observer, Onlooker):
             elif failed and "exit_code" not in self._campaign:
                 self._campaign |= {"exit_code": EXIT_BAD_INPUT, "reason": failed}
             self._list_tests(last=True)
+            if tell is not None:
+                trips = {} if self._board is None else trips_told(self._board)
+                campaign = {**self._campaign, "tests": [*self._tests.values()]}
+                tell({"campaign": campaign, "decision": self._decided, "trips": trips})
         self.stream.close()
         if self._feed is not None:
             self._feed.close()
@@ -106,6 +118,7 @@ class StreamedRun(Observer, Onlooker):
             board: the session's board, with the ring of rows.
             channels: names of the rows' columns.
         """
+        self._board = board
         self.stream.attach(board, channels)
         if self._activity and not self._campaign:
             self._campaign = {"name": self._activity, "exit_code": 0, "reason": "", **self._said()}
@@ -120,11 +133,19 @@ class StreamedRun(Observer, Onlooker):
             "begun_ns": time.time_ns(),
             "pausing": False,
             "held": [],
+            **({"last": dict(self._last)} if self._last else {}),
         }
 
     def came_to(self, state: str) -> None:
         """Send the state that the session on hardware has come to."""
         self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
+
+    def came_before(self, last: Mapping[str, Any]) -> None:
+        """Send, of a station, what drove the rig last and how that ended."""
+        self._last = last
+        if self._campaign:
+            self._campaign["last"] = dict(last)
+            self._list_tests(last=True)
 
     def hands_over(self, to: str) -> None:
         """Send to whom a station leaves the rig; nobody reads it until that one has connected."""
@@ -221,6 +242,7 @@ class StreamedRun(Observer, Onlooker):
             }
             del content["returns"], content["drift"]
             content["growth"] = "" if decision.growth is None else grows(decision.growth)
+            self._decided = content
             self.stream.send("decision", content)
         if time.monotonic() - self._progress_at >= PROGRESS_S:
             self._send_progress(time_s)

@@ -19,6 +19,7 @@ from rig.plant import Model
 from rig.runner.campaign import StopFlag
 from rig.supervisor import LOG, ConnectedRig, Keeper, Lease, MakeSafe, Onlooker
 
+from .last_use import LastUse
 from .station_log import StationLog, keep_newest
 
 WATCH: Final = "idle: the station reads, nothing drives"
@@ -131,6 +132,12 @@ class Resident:
         self._failures = 0
         self._lost = ""
         self._unsafe = ""
+        self._last = LastUse(folder, lambda line: log.write("last", line))
+        self._lent: Lease | None = None
+        """Who had the rig last, and may still say how that ended."""
+        self._onlooker = Onlooker()
+        """The onlooker of the present idle session, or of the last one."""
+        keeper.heard = self._tell_end
 
     def run(self) -> None:
         """Read the rig and lend it, until the station is asked to end; then leave it safe.
@@ -162,6 +169,8 @@ class Resident:
         if not self._keeper.grant(lease):
             return
         self._log.write("lent", f"{lease.what}, asked by {lease.by}, drives (process {lease.pid})")
+        self._lent = lease
+        self._last.lent(lease)
         while self._keeper.holds(lease) and not self._stop.requested:
             self._keeper.changed.wait(POLL_S)
             self._keeper.changed.clear()
@@ -173,6 +182,15 @@ class Resident:
         else:
             text = f"{lease.what}, asked by {lease.by}, ended without a word: its process died"
             self._log.write("died", text)
+        self._tell_end()
+
+    def _tell_end(self) -> None:
+        """Take how what drove last has ended, if that is told; tell the onlooker what is new."""
+        lease = self._lent
+        if lease is not None and not self._keeper.holds(lease):
+            self._last.ended(lease)
+        if self._last.look():
+            self._onlooker.came_before(self._last.content)
 
     def _idle(self) -> None:
         """Read the rig until somebody asks for it, the station is to end, or something fails."""
@@ -216,6 +234,8 @@ class Resident:
             self._rig, DEFAULT_FILTER, self._model, self._folder, yielding, told, onlooker,
             lambda text: self._log.write("driven by another master", text),
         )  # fmt: skip
+        self._onlooker = onlooker
+        onlooker.came_before(self._last.content)
         session.connect()
         tripped: TripError | None = None
         try:
@@ -228,6 +248,7 @@ class Resident:
             self._keeper.stands("idle", f"{WATCH}; found {found}")
             while not yielding.requested:
                 session.going_on()
+                self._tell_end()
                 self._keeper.changed.wait(POLL_S)
                 self._keeper.changed.clear()
             if not self._stop.requested:
@@ -253,7 +274,16 @@ class Resident:
                 raise
 
     def _obey(self, command: Any) -> str:
-        """Refuse a command, as nothing moves; a stop ends what is about to begin."""
+        """Refuse a command, as nothing moves; a stop ends what is about to begin.
+
+        That somebody has seen how the last use of the rig ended is kept.
+        """
+        if command.name == "acknowledge":
+            refused = self._last.acknowledge(command.by, command.person, command.text)
+            if not refused:
+                who = command.person or command.by
+                self._log.write("acknowledged", f"{who} has seen how {self._last.name} ended")
+            return refused
         lease = self._keeper.asked
         if command.name != "abort" or lease is None:
             return NOTHING_MOVES

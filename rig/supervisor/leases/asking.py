@@ -4,7 +4,7 @@ import shlex
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from select import select
 from typing import Any, Final
@@ -77,6 +77,22 @@ def word_of_station(rig: Rig) -> dict[str, Any] | None:
     _require_granted(rig, answer)
     status = answer.get("status")
     return status if isinstance(status, dict) else {}
+
+
+def tell_station(rig: Rig, ended: Mapping[str, Any]) -> None:
+    """Tell the station of a rig, if there is one, how what this process did with the rig has ended.
+
+    Nothing depends on it: a station that does not take it is not asked again.
+
+    Args:
+        rig: the rig.
+        ended: what is told, as `ending` in rig/supervisor/leases/protocol.py describes it.
+    """
+    with suppress(DriverError):
+        connection = _connected(rig, ANSWER_S)
+        if connection is not None:
+            with connection:
+                _answer(rig, connection, {"request": "ended", **ended}, ANSWER_S, lambda: None)
 
 
 def why_busy(rig: Rig) -> str:

@@ -4,6 +4,7 @@ import os
 import selectors
 import socket
 import threading
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -16,7 +17,9 @@ from rig.io import DriverError, LockedError, locked
 from rig.surviving import Surviving, start
 
 from .protocol import (
+    LONGEST_WORD,
     PROTOCOL,
+    ending,
     folder_of_station,
     is_own_folder,
     name_of_station,
@@ -45,6 +48,8 @@ class Lease:
         connection: the connection, which all its processes share.
         granted: whether the station has left the rig to it.
         said_end: whether it has said that it has done.
+        told: what it has said of how that ended (`ending` in rig/supervisor/leases/protocol.py),
+            until somebody takes it; None before.
     """
 
     what: str
@@ -54,6 +59,7 @@ class Lease:
     connection: socket.socket = field(repr=False)
     granted: bool = False
     said_end: bool = False
+    told: Mapping[str, Any] | None = None
 
     @property
     def sentence(self) -> str:
@@ -76,6 +82,8 @@ class Keeper:
 
     Attributes:
         changed: is set whenever somebody has asked for the rig or left it; who waits clears it.
+        heard: is called, from the thread that serves the socket, when somebody has told how it
+            ended what he did with the rig.
     """
 
     def __init__(self, rig: Rig, survives: Surviving) -> None:
@@ -83,6 +91,8 @@ class Keeper:
         self._survives = survives
         self._since = datetime.now(UTC)
         self._lease: Lease | None = None
+        self._granted: Lease | None = None
+        """The lease that was granted last; who had it may still say how that ended."""
         self._state, self._text = "no devices", "the station starts"
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -90,6 +100,7 @@ class Keeper:
         self._selector = selectors.DefaultSelector()
         self._thread = threading.Thread(target=self._serve, name="leases", daemon=True)
         self.changed = threading.Event()
+        self.heard: Callable[[], None] = lambda: None
 
     def __enter__(self) -> "Keeper":
         """Lock the rig's station and open its socket.
@@ -140,6 +151,7 @@ class Keeper:
             if self._lease is not lease:
                 return False
             lease.granted = True
+            self._granted = lease
         with suppress(OSError):
             # Who has gone meanwhile is noticed as the connection ends.
             send(lease.connection, {"ok": True})
@@ -229,7 +241,7 @@ class Keeper:
             pid, uid = other_end(connection)
             if uid not in (os.getuid(), 0):
                 return
-            keeps = self._answered(connection, received(connection, LONGEST_LINE), pid)
+            keeps = self._answered(connection, received(connection, LONGEST_WORD), pid)
         except (OSError, ValueError):
             # Who says nothing that can be read gets no answer.
             return
@@ -247,6 +259,8 @@ class Keeper:
             _refuse(connection, problem, "use the same version for both")
         elif request.get("request") == "status":
             send(connection, {"ok": True, "status": self.status})
+        elif request.get("request") == "ended":
+            self._told(connection, request, pid)
         elif request.get("request") != "lease":
             problem = f"its station knows no request {str(request.get('request'))[:LONGEST_TEXT]}"
             _refuse(connection, problem, "ask for a lease or the status")
@@ -267,6 +281,16 @@ class Keeper:
         self._selector.register(connection, selectors.EVENT_READ, lease)
         self.changed.set()
         return True
+
+    def _told(self, connection: socket.socket, request: dict[str, Any], pid: int) -> None:
+        """Take how what drove the rig last has ended, from the process that did."""
+        lease, said = self._granted, ending(request)
+        if said is None or lease is None or lease.pid != pid:
+            _refuse(connection, "nothing of this process has driven the rig last", "say nothing")
+            return
+        lease.told = said
+        send(connection, {"ok": True})
+        self.heard()
 
     def _hear(self, lease: Lease) -> None:
         """Take what the connection of a lease says, which is that it has done, or has ended."""

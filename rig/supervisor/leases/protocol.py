@@ -1,9 +1,10 @@
 """Where the socket of a rig's station is, and the lines that are sent over it.
 
 Each line is a JSON object, in UTF-8. The first line of a client has the keys `protocol`, `version`
-and `request` ("lease" or "status"), and with a lease also `rig`, `what`, `by` and `pid`. The
-station answers with one line: `protocol`, `version` and `ok`; if `ok` is false, `problem` says why;
-with a status, `status` holds it. A client that has done sends `END`, and closes the connection.
+and `request` ("lease", "status" or "ended"), and with a lease also `rig`, `what`, `by` and `pid`.
+The station answers with one line: `protocol`, `version` and `ok`; if `ok` is false, `problem` says
+why; with a status, `status` holds it. A client that has done sends `END`, and closes the
+connection; by another one, with "ended", it says how that was (`ending`).
 """
 
 import hashlib
@@ -27,6 +28,9 @@ PROTOCOL: Final = 1
 """Number of the protocol; programs with different numbers do not talk to each other."""
 END: Final = b'{"end": true}\n'
 """What a client sends when it has left the rig safe, before it closes the connection."""
+LONGEST_WORD: Final = 1 << 20
+"""Most bytes of a client's request: as many as of a message of the live stream, which lists a
+campaign's tests too."""
 _PEER: Final = "3i"
 """Layout of the kernel's `struct ucred`: process, user and group of the other end (unix(7))."""
 
@@ -81,6 +85,19 @@ def received(connection: socket.socket, longest: int) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ValueError("the line is no object")
     return found
+
+
+def ending(request: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return what a request "ended" says; None if that is not what it should be.
+
+    It has `campaign` and `decision`, the contents of the last messages of these kinds on the live
+    stream (docs/stream.md), `trips` as in its message `health`, and `folder`, the path of the run.
+    """
+    said = {name: request.get(name) for name in ("campaign", "decision", "trips")}
+    folder = request.get("folder")
+    if not all(isinstance(value, dict) for value in said.values()) or not isinstance(folder, str):
+        return None
+    return {**said, "folder": folder}
 
 
 def other_end(connection: socket.socket) -> tuple[int, int]:

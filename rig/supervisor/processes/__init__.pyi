@@ -16,6 +16,7 @@ from .health import (
     loop_channel as loop_channel,
     stage_times as stage_times,
     trips_of as trips_of,
+    trips_told as trips_told,
 )
 from .onlooker import Errand as Errand, Onlooker as Onlooker
 from .recorder import (

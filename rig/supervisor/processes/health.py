@@ -60,6 +60,36 @@ def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
     return dict(sorted(found.items(), key=lambda trip: trip[1][1]))
 
 
+def trips_told(board: Board) -> dict[str, Any]:
+    """Return who tripped and why, in order of time, and which steps of the trip were confirmed.
+
+    Times are in s after the first trip; the time of an unconfirmed step is None. {} if nobody
+    tripped. A session that has read no row yet cannot trip: where it ends as it connects, its
+    processes note that they are alone.
+    """
+    found = trips_of(board)
+    if not found or not board.words[Word.ROWS]:
+        return {}
+    channel = loop_channel(board)
+    first_ns = next(iter(found.values()))[1]
+    return {
+        "first_out": [
+            {
+                "by": who,
+                "cause": cause.name,
+                "sentence": explain(cause, channel).sentence,
+                "remedy": explain(cause, channel).remedy,
+                "after_s": 1e-9 * (at_ns - first_ns),
+            }
+            for who, (cause, at_ns) in found.items()
+        ],
+        "confirmed": {
+            what: 1e-9 * (int(board.words[word]) - first_ns) if board.words[word] else None
+            for what, word in STEPS.items()
+        },
+    }
+
+
 def loop_channel(board: Board) -> str:
     """Return the name of the channel that the loop's action concerns; empty if it concerns none."""
     return channel_name(int(board.words[Word.ACTION_CHANNEL]))
@@ -134,34 +164,5 @@ class Health:
             "action": Action(int(words[Word.ACTION])).name.lower(),
             "cause": cause.name,
             "sentence": explain(cause, loop_channel(self._board)).sentence if cause else "",
-            "trips": self._trips(),
-        }
-
-    def _trips(self) -> dict[str, Any]:
-        """Return who tripped and why, in order of time, and which steps of the trip were confirmed.
-
-        Times are in s after the first trip; the time of an unconfirmed step is None. {} if nobody
-        tripped. A session that has read no row yet cannot trip: where it ends as it connects, its
-        processes note that they are alone.
-        """
-        found = trips_of(self._board)
-        if not found or not self._words[Word.ROWS]:
-            return {}
-        channel = loop_channel(self._board)
-        first_ns = next(iter(found.values()))[1]
-        return {
-            "first_out": [
-                {
-                    "by": who,
-                    "cause": cause.name,
-                    "sentence": explain(cause, channel).sentence,
-                    "remedy": explain(cause, channel).remedy,
-                    "after_s": 1e-9 * (at_ns - first_ns),
-                }
-                for who, (cause, at_ns) in found.items()
-            ],
-            "confirmed": {
-                what: 1e-9 * (int(self._words[word]) - first_ns) if self._words[word] else None
-                for what, word in STEPS.items()
-            },
+            "trips": trips_told(self._board),
         }

@@ -1,6 +1,7 @@
 """The base class of objects that a session informs of its progress; nothing depends on them."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from rig.loop import Board
 
@@ -39,6 +40,9 @@ class Onlooker:
 
     def came_to(self, state: str) -> None:
         """Learn the session's new state."""
+
+    def came_before(self, last: Mapping[str, Any]) -> None:
+        """Learn, of a station, what drove the rig last, how that ended, and who has seen it."""
 
     def hands_over(self, to: str) -> None:
         """Learn that the session, of a station, ends now to leave the rig to who has asked for it.

@@ -64,8 +64,15 @@ def test_a_trip_is_reported_with_its_first_out_and_its_remedy(site: Site, page: 
              "remedy": "release it, then reset", "after_s": 0.0}  # fmt: skip
     trips = {"first_out": [first], "confirmed": {"valve null": 0.001, "bypass shut": None}}
     site.client.become("bench", health={"trips": trips})
+    # What is not known to be safe comes before all else, and above the fold.
+    expect(page.locator("#rig-state-why")).to_contain_text("Not confirmed yet: bypass shut. Keep")
+    expect(page.locator("#rig-state-why")).to_contain_text("emergency stop at the rig. The emerg")
+    trips["confirmed"] = {"valve null": 0.001, "bypass shut": 1.2}
+    site.client.become("bench", health={"trips": {**trips}})
     expect(page.locator("#rig-state")).to_contain_text("Tripped the emergency stop is open.")
     expect(page.locator("#rig-state")).to_contain_text("Remedy: release it, then reset.")
+    trips["confirmed"] = {"valve null": 0.001, "bypass shut": None}
+    site.client.become("bench", health={"trips": {**trips}})
     expect(page.locator("#confirmed")).to_contain_text("not confirmed")
 
 
@@ -215,7 +222,7 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
 
         monkeypatch.setattr(FakeClient, "send", send)
         page.get_by_role("button", name="Hold: out").click()
-        expect(page.locator("#manual-said")).to_have_text("the ram is not homed")
+        expect(page.locator("#manual-said")).to_have_text("hold out: the ram is not homed")
     page.locator("#holder-button").click()
     expect(page.get_by_role("button", name="Hold: out")).to_be_disabled()
     site.client.shots["bench"] = RUNNING

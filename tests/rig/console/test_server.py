@@ -347,6 +347,16 @@ def test_oversized_and_malformed_messages_end_the_view_and_are_logged(
     assert site.client.sent == []
 
 
+def test_a_text_that_is_none_is_a_malformed_message_in_a_line_of_the_log(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    with site.live(site.cookie()) as live:
+        live.send(b"\xff", text=True)
+        assert closed_with(live) == 1008
+    until(lambda: site.is_logged("a malformed message"), "the refusal")
+    assert caplog.records == []
+
+
 def flood(live: ClientConnection) -> None:
     """Send until it is refused, however slowly this machine does."""
     while True:

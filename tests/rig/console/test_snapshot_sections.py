@@ -148,11 +148,28 @@ def test_nonsense_from_the_stream_is_shown_as_json_all_the_same(
 ) -> None:
     """Whoever may publish on a rig's keys may publish anything."""
     changed: dict[str, Any] = {kind: content, "verdicts": (content,), "events": (content,)}
-    found = told(**changed)
-    assert json.loads(json.dumps(found, allow_nan=False))
+    last = {"last": dict.fromkeys(("campaign", "decision", "trips", "acknowledged"), content)}
+    for found in (told(**changed), told(campaign=last)):
+        assert json.loads(json.dumps(found, allow_nan=False))
 
 
 @pytest.mark.parametrize("text", ["<script>", "x" * 5000])
 def test_texts_are_kept_as_texts_and_short(text: str) -> None:
     event = {"kind": "told", "text": text, "at_ns": 10**18}
     assert told(events=(event,))["events"][0]["text"] == text[:500]
+
+
+def test_what_drove_a_rig_last_is_shown_as_it_would_be_itself() -> None:
+    trips = {"first_out": [{"by": "loop", "sentence": "open"}], "confirmed": {"pump": None}}
+    campaign = {**RUNNING.campaign, "status": "ended", "exit_code": 3}
+    last = {"campaign": campaign, "decision": DECIDED, "trips": trips, "ended_ns": 10**18}
+    idle = {"status": "idle", "begun_ns": 3 * 10**18}
+    shown = told(campaign=idle | {"last": last}, verdicts=(DECIDED,))
+    alone = told(campaign=campaign, decision=DECIDED, health={"trips": trips}, verdicts=(DECIDED,))
+    assert shown["campaign"]["status"] == "idle"
+    for name in ("campaign", "decision"):
+        assert shown["last"][name] == alone[name]
+    assert shown["verdicts"] == alone["verdicts"]
+    assert shown["last"]["interlocks"]["confirmed"] == [{"step": "pump", "after_ms": None}]
+    assert shown["last"]["acknowledged"] == {}
+    assert alone["last"] == told(campaign=idle)["last"] == {}

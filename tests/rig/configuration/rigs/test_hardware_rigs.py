@@ -318,6 +318,22 @@ def test_all_mistakes_of_a_hardware_rig_are_reported_at_once(tmp_path: Path) -> 
     assert sorted(fields) == ["colour:", "command:", "cpu:", "low:", "rate:", "unit:", "watch:"]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ("name: bench", "nam: bench", "nam:"),
+        ("backend: hardware", "backend: hard", "backend:"),
+        ("backend: hardware", "backnd: hardware", "backnd:"),
+    ],
+)
+def test_drivers_are_no_second_mistake_of_a_rig_whose_backend_a_mistake_leaves_open(
+    tmp_path: Path, old: str, new: str, field: str
+) -> None:
+    assert old in BENCH
+    (problem,) = problems_of(BENCH.replace(old, new, 1), tmp_path)
+    assert problem.split(" ")[1] == field
+
+
 def test_a_hardware_rig_without_drivers_is_refused(tmp_path: Path) -> None:
     (problem,) = problems_of("name: bench\nparent: simulated\nbackend: hardware\n", tmp_path)
     assert problem.startswith("rig.yaml:1:1 drivers: are missing; add `drivers: {...}`")

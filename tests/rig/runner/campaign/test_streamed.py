@@ -12,11 +12,13 @@ import pytest
 from estimator.leaks.detection import Decision
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rigs.rig import Rig
-from rig.loop.board import Board
+from rig.loop.board import Board, Word
+from rig.loop.interlocks.ladder import Cause
 from rig.runner import Observer, run_campaign
 from rig.runner.campaign.operator_requests import Desk, Request
 from rig.runner.campaign.stopping import StopFlag
 from rig.runner.campaign.streamed import StreamedRun
+from rig.supervisor.processes.health import trip
 from rig.supervisor.processes.streaming import Stream
 
 BEGUN = datetime(2026, 11, 28, 12, 0, 30, tzinfo=UTC)
@@ -171,6 +173,24 @@ def test_who_watches_learns_why_it_ended_early() -> None:
     run.ends("stopped by Ben")
     told = stream.told[-1]
     assert (told["status"], told["exit_code"], told["reason"]) == ("ended", 3, "stopped by Ben")
+
+
+def test_a_station_tells_what_drove_last_with_its_state_and_is_told_how_that_ended() -> None:
+    stream, run = homing()
+    board = Board.create(2)
+    run.came_before({"ended_ns": 1})
+    run.connects(board, ("position_m", "command_V"))
+    assert stream.told[-1]["last"] == {"ended_ns": 1}
+    run.came_before({"ended_ns": 2})
+    assert stream.told[-1]["last"] == {"ended_ns": 2}
+    board.words[Word.ROWS] = 1
+    trip(board.words, "loop", Cause.ESTOP_OPEN)
+    said: list[Mapping[str, Any]] = []
+    run.ends("the emergency stop is open", said.append)
+    (ended,) = said
+    assert ended["campaign"]["reason"] == "the emergency stop is open"
+    assert ended["trips"]["first_out"][0]["cause"] == "ESTOP_OPEN"
+    assert ended["trips"]["confirmed"]["valve null"] is None
 
 
 def test_how_a_campaign_ended_is_said_by_the_campaign_alone(

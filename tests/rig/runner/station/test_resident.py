@@ -3,8 +3,9 @@
 import json
 import threading
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,13 +18,18 @@ from rig.io.driver import DriverError
 from rig.loop.interlocks.trip import TripError
 from rig.plant import Model
 from rig.runner.campaign.stopping import StopFlag
-from rig.runner.station import resident as module
+from rig.runner.run_folder.acknowledging import acknowledge_ended
+from rig.runner.run_folder.journal import JOURNAL, Journal, read_journal
+from rig.runner.station import last_use, resident as module
+from rig.runner.station.last_use import LastUse
 from rig.runner.station.resident import NOTHING_MOVES, Resident
 from rig.runner.station.station_log import LOG, StationLog
 from rig.stream import Command
 from rig.supervisor import Onlooker
 from rig.supervisor.leases.keeper import Lease
 from tests.waiting import until
+
+SINCE = datetime(2026, 11, 28, tzinfo=UTC)
 
 
 class Keeper:
@@ -34,6 +40,7 @@ class Keeper:
         self.lease: Any = None
         self.state = ""
         self.refused: list[str] = []
+        self.heard: Callable[[], None] = lambda: None
         self.granted = threading.Event()
 
     @property
@@ -42,7 +49,7 @@ class Keeper:
 
     def asks(self) -> Any:
         self.granted.clear()
-        self.lease = SimpleNamespace(what="homing", by="Bo", pid=7, granted=False, said_end=False)
+        self.lease = Lease("homing", "Bo", 7, SINCE, cast(Any, None))
         self.changed.set()
         return self.lease
 
@@ -125,6 +132,7 @@ class Station(Onlooker):
         self.sessions: weakref.WeakSet[Session] = weakref.WeakSet()
         self.ended_with: TripError | None = None
         self.handed_over: list[str] = []
+        self.told: list[Mapping[str, Any]] = []
         self.thread = threading.Thread(target=self._run)
 
     def _run(self) -> None:
@@ -147,6 +155,13 @@ class Station(Onlooker):
 
     def hands_over(self, to: str) -> None:
         self.handed_over.append(to)
+
+    def came_before(self, last: Mapping[str, Any]) -> None:
+        self.told.append(last)
+
+    def last(self, name: str) -> Any:
+        """Return what it tells of what drove last, of this name, where it is read."""
+        return self.told[-1].get(name) if self.told else None
 
     def kept(self, kind: str) -> list[str]:
         path = self.folder / LOG
@@ -201,6 +216,91 @@ def test_it_leaves_the_rig_to_who_asks_and_takes_it_back(
     assert station.handed_over == ["homing, asked by Bo"]
     assert station.kept("lent") == ["homing, asked by Bo, drives (process 7)"]
     assert station.kept(kind)
+
+
+def used(station: Station, *, said: bool = True, **told: Any) -> None:
+    """Have somebody drive the rig of a station, who says in the end what is told."""
+    times = len(station.kept("found"))
+    lease = station.keeper.asks()
+    assert station.keeper.granted.wait(60.0)
+    station.keeper.ends(said=said)
+    until(lambda: len(station.kept("found")) == times + 1, "the rig to be read again")
+    if told:
+        lease.told = {"decision": {}, "trips": {}, "folder": ""} | told
+        station.keeper.heard()
+
+
+def test_how_what_drove_last_ended_is_told_until_and_when_somebody_has_acknowledged_it(
+    station: Station, tmp_path: Path
+) -> None:
+    station.thread.start()
+    station.reads()
+    acknowledge = Command("acknowledge", "local", "Ada: the hose", 1, person="Ada")
+    assert station.obey(acknowledge) == "nothing that has ended waits to be acknowledged"
+    used(station, campaign={"name": "homing", "exit_code": 3, "reason": "a trip"})
+    until(lambda: station.last("campaign")["reason"] == "a trip", "the end")
+    assert "folder" not in station.told[-1]
+    # A station that is started again tells it too.
+    again = LastUse(tmp_path, print)
+    assert again.content == station.told[-1]
+    assert station.obey(acknowledge) == ""
+    until(lambda: station.last("acknowledged"), "the acknowledgement")
+    seen = {"by": "Ada", "text": "the hose"}
+    assert station.last("acknowledged").items() >= seen.items()
+    assert station.kept("acknowledged") == ["Ada has seen how homing ended"]
+    assert LastUse(tmp_path, print).content["acknowledged"].items() >= seen.items()
+    assert station.obey(acknowledge) != ""
+    used(station)
+    assert station.last("campaign")["reason"] == "its program has not told the station how it ended"
+    assert station.last("acknowledged") is None
+    used(station, said=False)
+    assert station.last("campaign")["reason"] == "its process died without a word"
+
+
+def test_how_it_ended_is_told_at_once_also_while_the_station_still_opens_the_devices(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    station.thread.start()
+    station.reads()
+    opening, opened = threading.Event(), threading.Event()
+
+    def connect(_: Session) -> None:
+        opening.set()
+        opened.wait(60.0)
+
+    monkeypatch.setattr(Session, "connect", connect)
+    lease = station.keeper.asks()
+    assert station.keeper.granted.wait(60.0)
+    station.keeper.ends(said=True)
+    assert opening.wait(60.0)
+    lease.told = {"campaign": {"name": "leaks"}, "decision": {}, "trips": {}, "folder": ""}
+    station.keeper.heard()
+    assert station.last("campaign") == {"name": "leaks"}
+    opened.set()
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_that_a_run_was_acknowledged_stands_in_its_own_journal(
+    station: Station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, elsewhere: bool
+) -> None:
+    monkeypatch.setattr(last_use, "LOOK_S", 0.0)
+    with Journal(tmp_path) as journal:
+        journal.write("begin", campaign="leaks", tests=["one"])
+        journal.write("end", reason="Bo", exit_code=3)
+    station.thread.start()
+    station.reads()
+    used(station, campaign={"name": "leaks"}, folder=str(tmp_path))
+    until(lambda: station.last("campaign") == {"name": "leaks"}, "the end")
+    if elsewhere:
+        acknowledge_ended(tmp_path, "bo", "seen", "Ada")
+    else:
+        assert station.obey(Command("acknowledge", "local", "Ada: seen", 1, person="Ada")) == ""
+    until(lambda: station.last("acknowledged"), "the acknowledgement")
+    assert (station.last("acknowledged")["by"], station.last("acknowledged")["text"]) == (
+        "Ada", "seen"
+    )  # fmt: skip
+    (entry,) = [each for each in read_journal(tmp_path / JOURNAL) if each.kind == "operator"]
+    assert (entry["request"], entry["person"], entry["text"]) == ("acknowledge", "Ada", "seen")
 
 
 def test_a_rig_that_was_not_left_safe_is_not_lent(station: Station) -> None:

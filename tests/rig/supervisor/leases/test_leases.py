@@ -18,7 +18,7 @@ from rig.control_socket import own_name
 from rig.io.driver import DriverError
 from rig.loop.interlocks.trip import StopRequestedError
 from rig.supervisor.leases import asking, keeper as keeper_module, protocol
-from rig.supervisor.leases.asking import leased, why_busy, word_of_station
+from rig.supervisor.leases.asking import leased, tell_station, why_busy, word_of_station
 from rig.supervisor.leases.keeper import Keeper, Lease
 from rig.supervisor.processes.onlooker import Errand
 from rig.surviving import Surviving
@@ -136,6 +136,29 @@ def test_it_is_known_whether_a_client_ended_or_died(rig: Rig, keeper: Keeper, sa
         os.dup2(os.open(os.devnull, os.O_RDONLY), kept)
     until(lambda: not keeper.holds(lease), "the end of the lease")
     assert lease.said_end == says
+
+
+ENDED: dict[str, Any] = {
+    "campaign": {"name": "leaks", "tests": [{"name": "a test"}] * 2000},
+    "decision": {}, "trips": {}, "folder": "/runs/leaks",
+}  # fmt: skip
+
+
+@pytest.mark.usefixtures("granting")
+def test_who_had_the_rig_last_says_how_that_ended_and_nobody_else_does(
+    rig: Rig, keeper: Keeper
+) -> None:
+    tell_station(rig, ENDED)
+    with leased(rig, HOMING, look):
+        lease = lease_of(keeper)
+    until(lambda: not keeper.holds(lease), "the end of the lease")
+    tell_station(rig, ENDED | {"trips": "none"})
+    assert lease.told is None
+    tell_station(rig, ENDED)
+    assert lease.told == ENDED
+    lease.told, lease.pid = None, 1
+    tell_station(rig, ENDED)
+    assert lease.told is None
 
 
 @pytest.mark.usefixtures("granting")
