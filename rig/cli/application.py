@@ -85,12 +85,14 @@ def _without_collector() -> Iterator[None]:
     Modules make a million objects that stay to the end. The collector would look through them again
     and again, which takes an eighth of the time of the imports and as much later on.
     """
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
         gc.freeze()
-        gc.enable()
+        if was_enabled:
+            gc.enable()
 
 
 class LazyGroup(click.Group):
