@@ -84,7 +84,7 @@ _READ_PART: Final = _BRIDGED_PART / _REACH
 many as a block has that is just complete."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AccountBlock:
     """The account of both chambers over half a second or more; flows are block averages in m^3/s.
 

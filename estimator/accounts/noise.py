@@ -1,5 +1,6 @@
 """Noise of an account by the sensors and by errors of the model, and the dead zones of faults."""
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -99,10 +100,12 @@ def spool_flow(block: AccountBlock) -> Array:
     return np.asarray(block.nuisances[:, at] * (departure / NUISANCES[at].sigma))
 
 
+@lru_cache(maxsize=2)
 def whitening(block: AccountBlock, model_error: float) -> Array:
     """Return the matrix that scales a block's expected noise to independent unit variances.
 
-    A block with large `doubts` has more expected noise, so that it counts for less.
+    A block with large `doubts` has more expected noise, so that it counts for less. The latest
+    results are kept, as several tests take a block in turn; they must not be changed.
 
     Args:
         block: the account.

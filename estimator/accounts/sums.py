@@ -195,7 +195,7 @@ class AccountSums:
 
         It is `marks` if there is no such mark.
         """
-        return int(np.searchsorted(self.mark_blocks, block))
+        return int(self._mark_blocks[: self.marks].searchsorted(block))
 
     def start_s(self, mark: int) -> float:
         """Return the time in s at which the block after a mark (index below `marks`) starts."""
@@ -203,7 +203,7 @@ class AccountSums:
 
     def mark_at(self, time_s: float) -> int:
         """Return the index of the first mark at or after a time in s; `marks` if there is none."""
-        return int(np.searchsorted(self._starts[: self.marks], time_s - 1e-6))
+        return int(self._starts[: self.marks].searchsorted(time_s - 1e-6))
 
     def travel(self, mark: int) -> float:
         """Return the ram's greatest less its least position in m since a mark (below `marks`)."""

@@ -93,6 +93,9 @@ def _alive(values: Array) -> NDArray[np.bool_]:
 
     It does not in a run of `FROZEN_SAMPLES` or more equal values.
     """
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    changed = values[1:] - values[:-1] != 0.0
+    if changed.all():
+        return np.ones(values.size, dtype=np.bool_)
+    starts = np.flatnonzero(np.concatenate([[True], changed]))
     lengths = np.diff([*starts, values.size])
     return np.repeat(lengths < FROZEN_SAMPLES, lengths)

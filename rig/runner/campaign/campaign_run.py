@@ -68,7 +68,10 @@ from .stopping import StopFlag
 from .suspending import MOST_SUSPENSIONS, Suspenders
 
 _WRITE_EVERY_S: Final = 1.0
-"""Least time between two writings of the results, s: a campaign may have thousands of tests."""
+"""Least time between two writings of the results, s."""
+_WRITE_PART: Final = 0.05
+"""Greatest part of the time that writing the results takes: each time all tests are written, and a
+campaign may have thousands."""
 _NAP_S: Final = 0.05
 _WANTS_ATTENTION: Final = (Status.FAILED, Status.ERROR, Status.TRIPPED, Status.INTERRUPTED)
 
@@ -249,7 +252,7 @@ class _CampaignRun(Setting):
         standing: state of the campaign according to its journal.
         journal: the journal, whose context has been entered.
         heard: the context in which other programs are heard, which ends before the journal does.
-        written_at: when the results were last written, s of the monotonic clock.
+        write_from: when the results may be written again, s of the monotonic clock.
         suspended: how often conditions have interrupted each test, by the test's index.
         ended_with: exit code of an event that ended the run outside its tests; None if none.
     """
@@ -259,7 +262,7 @@ class _CampaignRun(Setting):
     standing: JournalState
     journal: Journal
     heard: ExitStack
-    written_at: float = 0.0
+    write_from: float = 0.0
     suspended: Counter[int] = field(default_factory=Counter)
     ended_with: int | None = None
 
@@ -365,7 +368,7 @@ class _CampaignRun(Setting):
                 self._run_test(index)
                 give_back()
             # After the last test they are written once the rig is left: the run passes only then.
-            if time.monotonic() - self.written_at > _WRITE_EVERY_S and self._next() is not None:
+            if time.monotonic() > self.write_from and self._next() is not None:
                 self.write()
 
     def _next(self) -> int | None:
@@ -451,10 +454,13 @@ class _CampaignRun(Setting):
 
     def write(self) -> None:
         """Write `results.json` and `junit.xml` with all outcomes so far."""
-        write_junit(self.outcome, self.keeper.folder / JUNIT)
+        began = time.monotonic()
+        outcome = self.outcome
+        write_junit(outcome, self.keeper.folder / JUNIT)
         # They come last, so that they say of no run that it passed which could not write the rest.
-        write_results(self.outcome, self.keeper.folder / RESULTS)
-        self.written_at = time.monotonic()
+        write_results(outcome, self.keeper.folder / RESULTS)
+        ended = time.monotonic()
+        self.write_from = ended + max(_WRITE_EVERY_S, (ended - began) / _WRITE_PART)
 
     @property
     def outcome(self) -> CampaignOutcome:

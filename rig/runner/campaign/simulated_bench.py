@@ -76,7 +76,7 @@ class SimulatedTest:
     def __post_init__(self) -> None:
         self.channels = self.loop.channels
         self._indicated = Cause.NONE, ""
-        self._last = np.empty((0, len(self.channels)))
+        self._recent: list[Array] = []
         self._found = ""
         self._passed: list[RungPassed] = []
         self._told = 0
@@ -96,7 +96,7 @@ class SimulatedTest:
         try:
             self.loop.position()
         except LoopStoppedError as error:
-            self._last = self.loop.last_sample()
+            self._recent = [self.loop.last_sample()]
             raise self._stopped(error) from None
         self._show_indicated()
 
@@ -114,11 +114,11 @@ class SimulatedTest:
 
         The value is NaN if the rig has no such channel, and None before the first row.
         """
-        if not len(self._last):
+        if not self._recent:
             return None
         if channel not in self.channels:
             return float("nan")
-        return float(self._last[-1, self.channels.index(channel)])
+        return float(self._recent[-1][-1, self.channels.index(channel)])
 
     def advance(self, ticks: int) -> Array:
         """Run the next `ticks` ticks, or all that are left, and return their rows, (n, columns).
@@ -133,7 +133,7 @@ class SimulatedTest:
             rows = self.loop.advance(ticks)
         except LoopStoppedError as error:
             raise self._stopped(error) from None
-        self._last = np.concatenate([self._last, rows])[-_REPORTED:]
+        self._keep(rows)
         self._show_indicated()
         return rows
 
@@ -173,6 +173,13 @@ class SimulatedTest:
         """Put the valve at null, and remove all injected faults."""
         self.loop.safe_state()
 
+    def _keep(self, rows: Array) -> None:
+        """Keep the newest rows, and of those before what a trip report may need."""
+        if len(rows):
+            self._recent.append(rows)
+        while sum(map(len, self._recent[1:])) >= _REPORTED:
+            del self._recent[0]
+
     def _show_indicated(self) -> None:
         """Show the operator what the interlock indicates, if anything, and if it is new."""
         indicated = self.loop.indicated
@@ -188,7 +195,7 @@ class SimulatedTest:
         at rest; then a report is written only if the loop trips meanwhile.
         """
         if error.action is not Action.TRIP:
-            self._last = np.concatenate([self._last, self.loop.come_to_rest()])[-_REPORTED:]
+            self._keep(self.loop.come_to_rest())
             if self.loop.stopped.action is not Action.TRIP:
                 return TripError(str(error))
         self._passed += self.loop.passed()
@@ -197,12 +204,13 @@ class SimulatedTest:
         self.loop.safe_state()
         safe_ns = time.monotonic_ns()
         found = [News(at_ns, "detector", self._found)] if self._found else []
+        none = np.empty((0, len(self.channels)))
         report = TripReport(
             trips={"loop": (stopped.cause, at_ns)},
             confirmations=dict.fromkeys(("valve null", "bypass shut"), safe_ns),
             notes=[*([self._limited] if self._limited else []), *found],
             channels=self.channels,
-            rows=self._last,
+            rows=np.concatenate([none, *self._recent])[-_REPORTED:],
             channel=stopped.channel,
             limits=self.ladder,
             of_test=self.of_test,

@@ -111,7 +111,10 @@ class Reactions:
         An event is (time in s, kind of event, text). The rows are only processed as the events are
         taken from the iterator.
         """
-        action, present = rows[:, self._action], rows[:, self._present] > 0.0
+        action = rows[:, self._action]
+        if not self._doing and not action.any():
+            return
+        present = rows[:, self._present] > 0.0
         tolerates = action == Reaction.TOLERATE
         # One number encodes the action and which leaks are tolerated.
         doing = (8 * np.nan_to_num(action) + tolerates * (present @ (1, 2, 4))).astype(np.int64)

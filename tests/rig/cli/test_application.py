@@ -1,4 +1,5 @@
 import errno
+import gc
 import subprocess
 import sys
 from collections.abc import Callable
@@ -30,6 +31,23 @@ def helped(*command: str) -> tuple[str, set[str]]:
 
 
 HEAVY = {"numpy", "numba", "pyarrow", "pint", "plotly", "pydantic", "rich", "yaml"}
+
+
+def test_garbage_is_collected_again_once_a_command_is_loaded_or_could_not_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    states = []
+
+    def load(name: str) -> None:
+        states.append(gc.isenabled())
+        raise ModuleNotFoundError(name)
+
+    monkeypatch.setattr("rig.cli.application.import_module", load)
+    monkeypatch.setitem(COMMANDS, "lost", ("nowhere.lost", ""))
+    group = rig.cli.application.application
+    with pytest.raises(ModuleNotFoundError):
+        group.get_command(click.Context(group), "lost")
+    assert [*states, gc.isenabled()] == [False, True]
 
 
 def test_help_lists_every_command_and_loads_none_of_what_they_need() -> None:

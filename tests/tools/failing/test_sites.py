@@ -79,6 +79,7 @@ def test_a_run_whose_results_once_could_not_be_written_does_not_say_that_it_pass
     reached: Reached, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.runner.campaign.campaign_run._WRITE_EVERY_S", -1.0)
+    monkeypatch.setattr("rig.runner.campaign.campaign_run._WRITE_PART", float("inf"))
     site = named(reached, "rename", "write_junit")
     # The first time they are written as the run begins, the second time after its test.
     with (

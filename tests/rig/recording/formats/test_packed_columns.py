@@ -50,8 +50,9 @@ def test_every_value_comes_back_bit_for_bit(rows: list[list[float]]) -> None:
         (np.where(TICKS % 40 == 7, np.nan, TICKS + 2e4), 3 * N),
         (np.random.default_rng(1).integers(10_000, 40_000, N) * 1e-9, 3 * N),
         (np.random.default_rng(1).standard_normal(N), 8 * N + 1),
+        (np.random.default_rng(1).standard_normal(N) * (TICKS > 9), 8 * N + 1),
     ],
-    ids=["nothing", "time", "counter with gaps", "stage times", "noise"],
+    ids=["nothing", "time", "counter with gaps", "stage times", "noise", "noise from later on"],
 )
 def test_a_column_takes_no_more_than_its_numbers_need(
     column: NDArray[np.float64], most: int

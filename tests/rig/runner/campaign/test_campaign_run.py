@@ -17,7 +17,8 @@ from rig.loop.interlocks.trip import StopRequestedError
 from rig.loop.simulated_loop import SimulatedLoop
 from rig.plant import Model
 from rig.recording import McapWriter, read_recording
-from rig.runner import DirectoryError, Observer, Status, StopFlag, run_campaign
+from rig.runner import CampaignOutcome, DirectoryError, Observer, Status, StopFlag, run_campaign
+from rig.runner.run_folder import write_results
 
 MakeTest = Callable[..., CampaignTest]
 MakeCampaign = Callable[..., Campaign]
@@ -90,6 +91,28 @@ def test_a_leak_is_found_named_and_measured_and_a_healthy_rig_passes(
     assert leak.latency_s > 0.0
     assert healthy.latency_s is None
     assert healthy.onset_error_s is None
+
+
+def test_writing_the_results_takes_a_small_part_of_the_time_however_many_tests_there_are(
+    tmp_path: Path,
+    rig: Rig,
+    make_test: MakeTest,
+    make_campaign: MakeCampaign,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    written = []
+
+    def slowly(outcome: CampaignOutcome, path: Path) -> None:
+        written.append([test.status for test in outcome.tests])
+        write_results(outcome, path)
+
+    monkeypatch.setattr("rig.runner.campaign.campaign_run.write_results", slowly)
+    monkeypatch.setattr("rig.runner.campaign.campaign_run._WRITE_EVERY_S", -1.0)
+    # What takes a millisecond now may be done again in some minutes.
+    monkeypatch.setattr("rig.runner.campaign.campaign_run._WRITE_PART", 1e-6)
+    tests = [make_test(name, duration_s=1.0) for name in ("a", "b", "c")]
+    run_campaign(make_campaign(*tests), rig, tmp_path, detector=lambda model: Constant())
+    assert written == [[Status.NOT_RUN] * 3, [Status.PASSED] * 3]
 
 
 def test_a_leak_where_health_was_expected_fails_the_test(
