@@ -38,31 +38,26 @@ def chosen(
     search: Search, monkeypatch: pytest.MonkeyPatch, weight: float, *beside: Discovery
 ) -> tuple[list[str], Choice]:
     """Return what is named, and the choice, of a drag of 2 and a weight that is so many sure."""
-    model = DiscoveredModel(
-        fit(0.1, drag=2.0, weight=weight),
-        None,
-        ("drag", "weight"),
-        list(beside),  # type: ignore[arg-type]
-    )
-    corrections = {"weight": beside[0]} if beside else {}
+    variables: Any = tuple(GIVEN)
+    filtered: Any = None
+    model = DiscoveredModel(fit(0.1, drag=2.0, weight=weight), filtered, variables, list(beside))
+    given = Choice(model, True, {"weight": beside[0]} if beside else {}, beside[1:])
     named = [Named(name, 100.0, 1.0, 25.0, 10.0) for name in GIVEN]
-    found = Found(fit(10.0), fit(10.0), model.fitted, None, model.variables, named)  # type: ignore[arg-type]
+    found = Found(fit(10.0), fit(10.0), model.fitted, filtered, variables, named)
     errors = {"drag": 0.1, "weight": 1.0}
     monkeypatch.setattr(unneeded, "standard_errors", lambda search, found: errors)
+    stands_for: Any = search
     discovering: Any = SimpleNamespace(settled=lambda model: model)
-    choice = without_unneeded(
-        search, discovering, found, Choice(model, True, corrections, beside[1:])
-    )  # type: ignore[arg-type]
-    assert found.variables == choice.model.variables
-    return [each.effect for each in found.named], choice
+    choice = without_unneeded(stands_for, discovering, found, given)
+    names = [each.effect for each in found.named]
+    assert [str(each) for each in choice.model.variables] == names
+    return names, choice
 
 
 def test_an_effect_whose_interval_holds_the_value_given_is_given_up_and_one_beyond_it_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    names, choice = chosen(Search(), monkeypatch, -1.5)
-    assert names == ["drag"]
-    assert choice.model.variables == ("drag",)
+    assert chosen(Search(), monkeypatch, -1.5)[0] == ["drag"]
     assert chosen(Search(), monkeypatch, -2.5)[0] == ["drag", "weight"]
 
 
