@@ -86,9 +86,7 @@ class Stop(Protocol):
 
 
 class ConnectedRig:
-    """A rig on hardware, which is connected from `connect` to `leave`.
-
-    Its methods run in the supervisor's main thread.
+    """A rig on hardware, connected from `connect` to `leave`, for the supervisor's main thread.
 
     Args:
         rig: the rig's configuration, with its drivers.
@@ -366,14 +364,10 @@ class ConnectedRig:
         The state becomes TRIPPED. The first call writes the trip report.
         """
         safe = self.safety.wait_until_safe()
-        if not safe:
-            self.note("supervisor", "not everything was made safe in time")
-        return self._reported()
-
-    def _reported(self) -> TripError:
-        """Return the error of a trip; the first call writes the trip report."""
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
+        if not safe:
+            self.note("supervisor", "not everything was made safe in time")
         return self.event_log.tripped(self.board, self._channels, self.safety.made_safe)
 
     @contextmanager
@@ -445,18 +439,14 @@ class ConnectedRig:
                 self.ramp_down()
             if not self.safety.tripped:
                 unsafe |= self.make_field_safe()
-            if self._is_unreported:
+            if self.safety.tripped and self.event_log.report is None:
                 ended = self.tripped()
         finally:
-            self.safety.stand_down()
-            try:
+            with self.safety.standing_down(self._end_parts):
                 unsafe |= self._close_loop()
                 # On a busy machine a part may have tripped since, or an error may have come before.
-                if self._is_unreported:
-                    ended = self._reported()
-            finally:
-                self._end_parts()
-                self.safety.stop()
+                if self.safety.tripped and self.event_log.report is None:
+                    ended = self.tripped()
             self.event_log.complete_report()
         self.handle(Event.DISCONNECT)
         line = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
@@ -467,11 +457,6 @@ class ConnectedRig:
             ended = TripError(f"{line}; look at the rig before going near it")
         if ended is not None:
             raise ended
-
-    @property
-    def _is_unreported(self) -> bool:
-        """Whether a part has tripped, of which there is no trip report yet."""
-        return self.safety.tripped and self.event_log.report is None
 
     def make_field_safe(self) -> Mapping[str, str]:
         """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones.
@@ -507,7 +492,6 @@ class ConnectedRig:
     def _end_parts(self) -> None:
         self._reserve.release()
         for part in (self.parts.loop, self.parts.field, self.parts.recorder):
-            self.safety.alive()
             part.end()
         os.close(self.board.fd)
         self._devices.close()

@@ -168,7 +168,9 @@ def read_identity(path: Path) -> dict[str, Any] | None:
     """Return the identity of the sweep in a folder; None if the folder holds no sweep."""
     try:
         found = json.loads(read_bounded(path / SWEEP))
-        return dict(found) if found["schema"] == SCHEMA else None
+        texts = (found["name"], found["file"], found["sha256"], found["sources"])
+        is_one = isinstance(found["meaning"], dict) and all(isinstance(each, str) for each in texts)
+        return dict(found) if found["schema"] == SCHEMA and is_one else None
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
 

@@ -14,9 +14,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from rig.configuration.reading.document import Sources
-from rig.loop.board import Board
+from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
-from rig.loop.wire.orders import Open
+from rig.loop.wire.orders import Closed, Open
 from rig.recording.formats.mcap_stream import McapStream
 from rig.recording.targets import replacing
 from rig.reserves import refusal
@@ -163,7 +163,7 @@ def test_a_session_whose_safety_thread_does_not_start_ends_its_parts(
     started = SimpleNamespace(loop=parts[0], field=parts[1], recorder=parts[2])
     monkeypatch.setattr(connected_rig, "held", held)
     monkeypatch.setattr("rig.supervisor.connected_rig.Parts.start", lambda *_: started)
-    safety = SimpleNamespace(start=refuse, tripped=False, alive=lambda: None)
+    safety = SimpleNamespace(start=refuse, tripped=False)
     monkeypatch.setattr(connected_rig, "SafetyThread", lambda *_: safety)
     monkeypatch.setattr(ConnectedRig, "_open", lambda self: None)
     stop: Any = SimpleNamespace(requested=False, reason="")
@@ -173,6 +173,23 @@ def test_a_session_whose_safety_thread_does_not_start_ends_its_parts(
     with pytest.raises(OSError, match="no further thread"):
         rig.connect()
     assert ended == ["l", "f", "r"]
+
+
+@pytest.mark.parametrize(
+    ("number", "cause"), [(errno.ENOSPC, Cause.DISK_FULL), (errno.EMFILE, Cause.LOOP_LOST)]
+)
+def test_a_loop_that_the_system_refuses_something_trips_for_that_and_not_for_the_software(
+    monkeypatch: pytest.MonkeyPatch, number: int, cause: Cause
+) -> None:
+    board, told = Board.create(1), list[object]()
+    pipe: Any = SimpleNamespace(send=told.append)
+    process = LoopProcess(board, pipe)
+    monkeypatch.setattr(process, "_serve", refusing(number))
+    with pytest.raises(OSError, match=r"\[Errno"):
+        process.run()
+    assert Cause(int(board.words[Word.LOOP_TRIP])) is cause
+    assert told == [Closed("")]
+    os.close(board.fd)
 
 
 def test_a_part_that_the_system_refuses_something_says_so_in_a_line_and_ends_with_its_number(

@@ -22,6 +22,7 @@ from estimator.filters import compiled_filter
 from rig.compile_cache import telling_of_compiling
 from rig.io import DriverError, FastDriver, corrections_of
 from rig.loop import (
+    FULL,
     Board,
     Cause,
     ChangeControl,
@@ -123,6 +124,10 @@ class LoopProcess:
         cause = Cause.CRASH
         try:
             cause = self._serve()
+        except OSError as error:
+            # What the system refuses is no failure of the software; the log has what it was.
+            cause = Cause.DISK_FULL if error.errno in FULL else Cause.LOOP_LOST
+            raise
         finally:
             failure = self._end(cause)
             with contextlib.suppress(OSError):

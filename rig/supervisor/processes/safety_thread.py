@@ -7,8 +7,8 @@ which it repeats for as long as it lives.
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -140,6 +140,16 @@ class SafetyThread:
         while self._thread.is_alive() and not self._stood_down.wait(POLL_S):
             pass
 
+    @contextmanager
+    def standing_down(self, end: Callable[[], None]) -> Iterator[None]:
+        """Let the block close the parts, unwatched; then `end` them and the thread, in any case."""
+        self.stand_down()
+        try:
+            yield
+        finally:
+            end()
+            self.stop()
+
     def stop(self) -> None:
         """End the thread and wait for that; nobody watches the parts any more."""
         self._stopping.set()
@@ -176,12 +186,16 @@ class SafetyThread:
     def wait_until_safe(self, timeout_s: float = 2.0 * FIELD_WAIT_S) -> bool:
         """Wait, after a trip, until the thread has made safe what it can; return whether in time.
 
-        A part that could not be made safe does not change the result.
+        A part that could not be made safe does not change the result. A thread that has stood down
+        has nothing left to do.
         """
         until = time.monotonic() + timeout_s
-        while not self._safe.wait(POLL_S) and time.monotonic() < until:
+        while not self._has_done_all(POLL_S) and time.monotonic() < until:
             self.alive()
-        return self._safe.is_set()
+        return self._has_done_all(0.0)
+
+    def _has_done_all(self, wait_s: float) -> bool:
+        return self._stood_down.is_set() or self._safe.wait(wait_s)
 
     def _run(self) -> None:
         while not self._stopping.wait(POLL_S):

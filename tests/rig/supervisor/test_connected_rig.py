@@ -21,6 +21,7 @@ from rig.supervisor.connected_rig import ConnectedRig
 from rig.supervisor.processes import Onlooker, Parts
 from rig.supervisor.processes.child import Child, ChildError, NoAnswerError
 from rig.supervisor.processes.health import trip
+from rig.supervisor.processes.safety_thread import SafetyThread
 from rig.supervisor.states import State
 from tests.waiting import PATIENCE_S
 
@@ -140,10 +141,10 @@ class Leaving(ConnectedRig):
         self._channels = ("time_s", "estop_closed", "valve_enabled")
         self.board, self.state = Board.create(len(self._channels)), State.DISARMED
         tripped = property(lambda safety: bool(self.board.words[Word.LOOP_TRIP]))
+        known = {"tripped": tripped, "made_safe": {}, "wait_until_safe": lambda _: True}
         nothing = {name: lambda *_: None for name in ("stand_down", "stop", "alive")}
-        kind = type("Safety", (), {"tripped": tripped, "made_safe": {}, **nothing})
-        kind.wait_until_safe = lambda safety: True
-        self.safety = kind()
+        standing_down = {"standing_down": SafetyThread.standing_down}
+        self.safety = type("Safety", (), {**known, **nothing, **standing_down})()
         self.ended: list[str] = []
         return self
 

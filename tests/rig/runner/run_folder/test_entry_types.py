@@ -34,7 +34,7 @@ ENTRIES: dict[str, dict[str, Any]] = {
     "resume": {"started": AT, "versions_changed": "", "by": "Ben"},
     "end": {"reason": "SIGINT", "exit_code": 3},
 }  # fmt: skip
-WRONG = (True, -1, 10**30, 1.5, "../x", [], [1], {}, {"x": 1})
+WRONG: tuple[Any, ...] = (True, -1, 10**30, 1.5, "../x", [], [1], {}, {"x": 1})
 READ_AS_IT_IS = {
     ("begin", "started"), ("resume", "started"), ("begin", "versions"), ("begin", "given"),
     ("begin", "fingerprint"), ("operator", "seen"), ("held", "reasons"), ("begin", "tests"),

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import pytest
@@ -369,7 +370,7 @@ def test_a_hook_that_fails_ends_nothing_and_is_in_the_journal(schedule: Schedule
     ],
 )
 def test_a_journal_of_wrong_types_is_refused_by_its_line(
-    tmp_path: Path, kind: str, details: dict[str, object]
+    tmp_path: Path, kind: str, details: dict[str, Any]
 ) -> None:
     with Journal(tmp_path, name=JOURNAL) as written:
         written.write(kind, **details)
