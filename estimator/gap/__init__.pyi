@@ -22,6 +22,7 @@ from .prediction import (
     DetectionLimit as DetectionLimit,
     Discovered as Discovered,
     Estimate as Estimate,
+    Fitter as Fitter,
     FreeRun as FreeRun,
     GapResult as GapResult,
     NamedEffect as NamedEffect,

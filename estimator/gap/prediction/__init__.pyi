@@ -1,12 +1,7 @@
 from .bands import unheard as unheard
 from .costly_stretches import Excerpt as Excerpt, excerpts as excerpts
 from .fit import Changes as Changes, Filtered as Filtered, Fitted as Fitted, Fitter as Fitter
-from .held_out import (
-    channel_gaps as channel_gaps,
-    filtered_errors as filtered_errors,
-    free_runs as free_runs,
-    mean_gap as mean_gap,
-)
+from .held_out import channel_gaps as channel_gaps, free_runs as free_runs, mean_gap as mean_gap
 from .linear import (
     HUBER as HUBER,
     Column as Column,

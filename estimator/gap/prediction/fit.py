@@ -14,6 +14,11 @@ from .linear import Column, Linear, assemble, cost_of, slices_of
 from .predictor import Predictor
 from .variables import Values, Variable
 
+Measured = dict[tuple[object, ...], tuple[Array, Array, Array]]
+"""Errors, whiteness and band powers of predictions of records or their twins (`held_out`), by the
+values of all parameters, the index of the record, and the seed of the twin's noise (None: of the
+record itself)."""
+
 Changes = list[Array]
 """One array for each record, float64 (n, outputs): the change of its innovations by a unit step
 along a column."""
@@ -62,12 +67,16 @@ class Fitter:
         predictor: predictor of the plant.
         records: records to fit to.
         pool: threads to run in.
+
+    Attributes:
+        measured: what `channel_gaps` has measured of these records.
     """
 
     def __init__(
         self, predictor: Predictor, records: Sequence[Record], pool: ThreadPoolExecutor
     ) -> None:
         self.predictor, self.records, self.pool = predictor, tuple(records), pool
+        self.measured: Measured = {}
         self.blocks = [slices_of(record, predictor.plant.period) for record in self.records]
         self._gains: dict[tuple[float, ...], tuple[Gains, ...]] = {}
         self._in_use: WeakValueDictionary[tuple[float, ...], Filtered] = WeakValueDictionary()

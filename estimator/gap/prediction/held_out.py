@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimator.gap.plant import Array, Record
 
 from .bands import band_powers, edges
+from .fit import Measured
 from .linear import mean_squares, settling
 from .predictor import Predictor
 from .results import Band, ChannelGap, FreeRun
@@ -39,33 +40,24 @@ CHANNELS: Final = 3
 def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array, Array]:
     """Return mean squared errors over the horizon, whiteness and band powers of predictions.
 
-    The filter's settling is left out of all three. The mean squares (outputs,) are in squared SI
-    units. The whiteness (outputs,) is the correlation of innovations one sample apart. The power of
-    the innovations in frequency bands is (bands, outputs).
+    The filter's gains are computed with the same values, and its settling is left out of all three.
+    The mean squares (outputs,) are in squared SI units. The whiteness (outputs,) is the correlation
+    of innovations one sample apart. The power of the innovations in frequency bands is (bands,
+    outputs).
     """
     settled = slice(settling(predictor.plant.period), None)
-    errors, e = (each[settled] for each in filtered_errors(predictor, record, values))
+    gains = predictor.filter(record, values)
+    innovations, states = predictor.innovations(record, gains, values)
+    errors, e = predictor.ahead(record, values, states)[settled], innovations[settled]
     products = (e[1:] * e[:-1]).sum(0)
     with np.errstate(all="ignore"):
         whiteness = products / (e**2).sum(0)
     return mean_squares(errors), whiteness, band_powers(e, predictor.plant.period)
 
 
-def filtered_errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array]:
-    """Return the errors over the horizon, SI, and the innovations of a record, both (n, outputs).
-
-    The filter's gains are computed with the same values. The errors are NaN where there is none
-    (`Predictor.ahead`). The innovations are divided by their standard deviations, and 0 where a
-    reading is not used.
-    """
-    gains = predictor.filter(record, values)
-    innovations, states = predictor.innovations(record, gains, values)
-    return predictor.ahead(record, values, states), innovations
-
-
 def channel_gaps(
     predictor: Predictor, records: Sequence[Record], before: Values, after: Values,
-    pool: ThreadPoolExecutor, seed: int = 7,
+    pool: ThreadPoolExecutor, seed: int = 7, measured: Measured | None = None,
 ) -> list[ChannelGap]:  # fmt: skip
     """Return the gap of each channel over all records, for the model as given and as written.
 
@@ -80,14 +72,20 @@ def channel_gaps(
         after: values of all parameters in the model as written.
         pool: threads to run in.
         seed: seed of the sensor noise of the twins.
+        measured: what was measured of these records before; what is measured now is added. None if
+            it is not kept.
     """
+    known = {} if measured is None else measured
 
     def run(task: tuple[Values, int, int | None]) -> tuple[Array, Array, Array]:
         values, index, twin = task
-        if twin is None:
-            return _errors(predictor, records[index], values)
-        made = predictor.twin(records[index], values, seed + index + len(records) * twin)
-        return _errors(predictor, made, values)
+        noise = None if twin is None else seed + index + len(records) * twin
+        key = (tuple(values.values()), index, noise)
+        if key not in known:
+            record = records[index]
+            made = record if noise is None else predictor.twin(record, values, noise)
+            known[key] = _errors(predictor, made, values)
+        return known[key]
 
     outputs = predictor.plant.outputs
     variances = np.array([output.variance for output in outputs])

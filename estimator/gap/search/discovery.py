@@ -5,14 +5,14 @@ one figure: by how much they lower the error of predictions that they were not f
 (`explaining`). The best is fitted in the plant itself, and the search goes on with what it leaves.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from estimator.gap.plant import MEMORIES, SLOTS, Addition, Array, Effect, Plant
-from estimator.gap.prediction import Filtered, Fitted, Values, Variable, freed, started
+from estimator.gap.prediction import Changes, Filtered, Fitted, Values, Variable, freed, started
 
 from .added_variables import addition_variables, errors_of, is_possible, refitted, renamed
 from .explaining import ENOUGH, PART, Explaining, Explanation, Wheres
@@ -137,7 +137,7 @@ class Discovering:
             begun: model with what was discovered already, with which the search goes on; None for
                 none.
         """
-        filtered = self._refits.fitter.filtered(fitted.values)
+        filtered = self.filtered(fitted.values)
         present = Fitted(fitted.values, filtered.costs(fitted.values))
         found = DiscoveredModel(present, filtered, variables)
         if begun is not None:
@@ -189,8 +189,12 @@ class Discovering:
             Fitted(fitted.values, costs), filtered, model.variables, discoveries, additions
         )
 
+    def filtered(self, values: Values) -> Filtered:
+        """Return the records that are searched, with gains for these values."""
+        return self._refits.fitter.filtered(values)
+
     def with_effect(
-        self, values: Values, effect: Effect
+        self, filtered: Filtered, effect: Effect
     ) -> tuple[Fitted | None, tuple[Variable, ...]]:
         """Return the best fit of the nuisances and one effect of the catalogue, and its variables.
 
@@ -198,17 +202,16 @@ class Discovering:
         filter's gains for its own values. The variables are those of the nuisances and the effect.
 
         Args:
-            values: values of all parameters without the effect.
+            filtered: the records with gains for the values of all parameters without the effect.
             effect: the effect, which starts from its stated starts and those that the records
                 propose, or else from these values.
         """
-        variables = freed(self.nuisances, effect)
+        variables, values = freed(self.nuisances, effect), filtered.values
         best: Fitted | None = None
-        starts = starts_of(self._refits.fitter.filtered(values), values, effect)
-        for start in starts or ({},):
+        for start in starts_of(filtered, values, effect) or ({},):
             began = started(self.plant, values, effect, start)
             ended = self._refits.settled(began, variables, rounds=3)[0].values
-            costs = self._refits.fitter.filtered(ended).costs(ended)
+            costs = self.filtered(ended).costs(ended)
             if np.isfinite(costs).all() and (best is None or costs.sum() < best.cost):
                 best = Fitted(ended, costs)
         return best, variables
@@ -251,13 +254,14 @@ class Discovering:
         values = found.fitted.values
         on_twin = Explaining(self._twins.of(values, 1)[0], values, found.variables, 0.0, explaining)
         likely = _distinct(earning)
+        tried: list[tuple[Explanation, _InPlant | None]] = [(each, None) for each in likely]
         if found.fitted.cost > _FAR * explaining.samples or likely[0].share < ENOUGH:
-            likely = self._by_cost(found, likely)
-        for each in likely[:_TRIED]:
+            tried = self._by_cost(found, likely)
+        for each, begun in tried[:_TRIED]:
             chance = on_twin.of(each.place, [each.shape])
             if chance and each.gain < OVER_TWIN * chance[0].gain:
                 continue
-            added = self._in_plant(found, each)
+            added = self._in_plant(found, each, begun=begun)
             if added is None:
                 continue
             added, rivals = self._settled(found, explaining, added, ranked, only)
@@ -265,11 +269,14 @@ class Discovering:
             if gained.sum() < PART * first or deviate(gained) < SURE:
                 continue
             share = float(gained.sum()) / first if first > 0.0 else 0.0
+            errors = errors_of(added.filtered, added.fitted.values, added.variables)
+            every = [*layout.additions(self.plant.nominal), *added.additions]
+            sizes = layout.names(every, len(every) - 1)[0]
             found.discoveries.append(
                 Discovery(
-                    added.explanation, added.addition, added.errors, rivals, share,
-                    found.fitted.values, added.fitted.values,
-                    explaining.reach(added.addition.of),
+                    added.explanation, added.addition,
+                    tuple(errors.get(name, 0.0) for name in sizes), rivals, share,
+                    found.fitted.values, added.fitted.values, explaining.reach(added.addition.of),
                 )
             )  # fmt: skip
             found.fitted, found.filtered = added.fitted, added.filtered
@@ -277,13 +284,15 @@ class Discovering:
             return True
         return False
 
-    def _by_cost(self, found: DiscoveredModel, likely: Sequence[Explanation]) -> list[Explanation]:
+    def _by_cost(
+        self, found: DiscoveredModel, likely: Sequence[Explanation]
+    ) -> list[tuple[Explanation, "_InPlant | None"]]:
         """Return explanations, those that gain nearly most (`_CLOSE`) by their cost in the plant.
 
         Where a model is far off, or none of them explains nearly all, the linearisation tells only
         roughly which gains most: what the filter made up for is not in it. So of each place the
-        best curve, and the best of what remembers, are fitted in the plant for one round. Others of
-        a place are told apart about the model with that (`_settled`).
+        best curve, and the best of what remembers, are fitted in the plant for one round, and have
+        that fit beside them. Others of a place are told apart about the model with it (`_settled`).
         """
         best: dict[tuple[str, bool], Explanation] = {}
         for each in likely:
@@ -291,11 +300,11 @@ class Discovering:
                 best.setdefault((each.place.name, each.shape.form in MEMORIES), each)
         close = list(best.values())[:_AT_ONCE]
         if len(close) < 2:
-            return list(likely)
+            return [(each, None) for each in likely]
         fitted = [self._in_plant(found, each, rounds=1) for each in close]
         costs = [np.inf if each is None else each.fitted.cost for each in fitted]
-        first = [close[k] for k in np.argsort(costs, kind="stable")]
-        return [*first, *(each for each in likely if each not in first)]
+        first = [(close[k], fitted[k]) for k in np.argsort(costs, kind="stable")]
+        return [*first, *((each, None) for each in likely if each not in close)]
 
     def _settled(
         self,
@@ -364,14 +373,15 @@ class Discovering:
         each: Explanation,
         start: Values | None = None,
         rounds: int = 3,
+        begun: "_InPlant | None" = None,
     ) -> "_InPlant | None":
         """Return the model with an explanation more, fitted in the plant.
 
         The result is None if that does not lower the cost, or is not possible (`is_possible`).
         In each of some rounds the filter's gains are computed and all variables fitted with them.
-        The fit starts from the values `start`, or else from those without the explanation. The
-        variables that the disturbance may stand in for (`stood_in_for`) are held at the values that
-        they have without it, so that it explains only what these leave.
+        The fit starts from the values `start`, or else from those without the explanation, and goes
+        on where it was `begun` from there for one round. The variables that the disturbance may
+        stand in for (`stood_in_for`) are held at the values that they have without it.
         """
         layout = self.plant.layout
         assert layout is not None
@@ -383,7 +393,11 @@ class Discovering:
         base = free = renamed(layout, found.variables, additions[:-1], additions)
         own = addition_variables(layout, additions, [len(additions) - 1])
         exact = each.shape.form in (*CORNERS, "play")
-        fitted, filtered, kept = self._refits.by_chords(values, (*base, *own), rounds, exact=exact)
+        kept = None
+        if begun is not None:
+            values, kept, rounds = begun.first.values, begun.kept, rounds - 1
+        fitted, filtered, kept = self._refits.by_chords(values, (*base, *own), rounds, kept, exact)
+        first = fitted
         if not fitted.cost < at.cost:
             return None
         vague = stood_in_for(each, self.plant, filtered, fitted.values, base, own)
@@ -394,16 +408,12 @@ class Discovering:
             if not fitted.cost < at.cost:
                 return None
         variables, values = (*base, *own), fitted.values
-        errors = errors_of(filtered, values, variables)
-        sizes = layout.names(additions, len(additions) - 1)[0]
-        shown = tuple(errors.get(name, 0.0) for name in sizes)
         present = refitted(layout, values, additions)
         if not is_possible(self.plant, values, each.place, present[-1]):
             return None
         return _InPlant(
-            each, fitted, filtered, variables, free, present[-1], shown,
-            tuple(present[len(given) :]),
-        )  # fmt: skip
+            each, fitted, filtered, variables, free, tuple(present[len(given) :]), first, kept
+        )
 
 
 @dataclass(frozen=True)
@@ -416,9 +426,9 @@ class _InPlant:
         filtered: the records, with gains for the fit.
         variables: variables of the fit.
         base: those of them that were fitted before, none of them held for the explanation.
-        addition: the disturbance of the explanation, as fitted.
-        errors: standard errors of its values, in their order.
-        additions: this and all disturbances discovered before, as fitted; this one is the last.
+        additions: its disturbance and all discovered before, as fitted; its own is the last.
+        first: fit with all variables, before any was held for the explanation.
+        kept: changes by column name with which that fit was made (`Refits.by_chords`).
     """
 
     explanation: Explanation
@@ -426,9 +436,14 @@ class _InPlant:
     filtered: Filtered
     variables: tuple[Variable, ...]
     base: tuple[Variable, ...]
-    addition: Addition
-    errors: tuple[float, ...]
     additions: tuple[Addition, ...]
+    first: Fitted
+    kept: Mapping[str, Changes]
+
+    @property
+    def addition(self) -> Addition:
+        """Return the disturbance of the explanation, as fitted."""
+        return self.additions[-1]
 
 
 def _loses(one: _InPlant, other: _InPlant) -> bool:

@@ -6,10 +6,13 @@ from estimator.gap.prediction import Filtered, Fitter, Values
 
 FEW: Final = 2
 """Number of twins in which effects are looked for."""
+_KEPT: Final = 2
+"""Number of sets of values whose twins are kept: a search goes back to the values that it left for
+a look at others."""
 
 
 class Twins:
-    """Makes twins of a fitter's records. Only the twins of the values asked for last are kept.
+    """Makes twins of a fitter's records, and keeps those of the last two sets of values.
 
     Args:
         fitter: fitter of the records.
@@ -26,9 +29,9 @@ class Twins:
         The twins are filtered with the same values. Each set has sensor noise of its own.
         """
         key = tuple(values.values())
-        if key not in self._twins:
-            self._twins.clear()
-        made = self._twins.setdefault(key, [])
+        made = self._twins[key] = self._twins.pop(key, [])
+        while len(self._twins) > _KEPT:
+            self._twins.pop(next(iter(self._twins)))
         predictor, pool = self.fitter.predictor, self.fitter.pool
         for twin in range(len(made), count):
             numbers = range(len(self.fitter.records))

@@ -336,8 +336,9 @@ def _explaining_most(
     None is returned without effects, or if the model breaks down with each of them.
     """
     best: OwnForm | None = None
+    filtered = discovering.filtered(found.refitted.values)
     for effect in effects:
-        fitted, variables = discovering.with_effect(found.refitted.values, effect)
+        fitted, variables = discovering.with_effect(filtered, effect)
         if fitted is None or (best is not None and fitted.cost >= best.fitted.cost):
             continue
         best = OwnForm(_named(effect, found, fitted), fitted, variables)

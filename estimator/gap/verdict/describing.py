@@ -195,7 +195,9 @@ def measured(discovered: Discovered, each: Discovery, judged: Fitter) -> Discove
     Both models have the phases of tones in the held-out recordings (`known_phases`).
     """
     before, after = (known_phases(values, judged) for values in (each.before, each.after))
-    gaps = channel_gaps(judged.predictor, judged.records, before, after, judged.pool)
+    gaps = channel_gaps(
+        judged.predictor, judged.records, before, after, judged.pool, measured=judged.measured
+    )
     return replace(discovered, gap=mean_gap(gaps))
 
 

@@ -12,24 +12,20 @@ that is fitted to some recordings cannot predict the friction of others, whateve
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Plant, Record
+from estimator.gap.plant import Array, Plant
 from estimator.gap.prediction import (
     Fitter,
     GapResult,
-    Predictor,
     Values,
     Variable,
     channel_gaps,
-    filtered_errors,
     mean_gap,
     mean_squares,
-    slices_of,
 )
 from estimator.gap.search import CHANCE, Found, Named, Refits, deviate
 
@@ -68,35 +64,36 @@ class Growth:
         return self.mean > max(TRIFLE, SURE * self.error)
 
 
-def growth(
-    predictor: Predictor, records: Sequence[Record], given: Values, fitted: Values,
-    pool: ThreadPoolExecutor,
-) -> Growth:  # fmt: skip
+def growth(fitter: Fitter, given: Values, fitted: Values) -> Growth:
     """Return how much squared errors over the horizon grow from the given model to a fitted one.
 
     `given` and `fitted` are the values of all parameters in each model. Each model filters the
-    records with filter gains of its own.
+    records of `fitter` with filter gains of its own.
     """
+    predictor = fitter.predictor
     variances = np.array([output.variance for output in predictor.plant.outputs])
 
-    def squares(task: tuple[Record, Values]) -> Array:
-        record, values = task
-        errors, _ = filtered_errors(predictor, record, values)
-        blocks = slices_of(record, predictor.plant.period)
-        return np.array([mean_squares(errors[block]) for block in blocks]) / variances
+    def of_blocks(values: Values) -> Array:
+        filtered = fitter.filtered(values)
+        states = [states for _, states in filtered.innovations(values)]
+        ahead = fitter.pool.map(
+            lambda record, state: predictor.ahead(record, values, state), fitter.records, states
+        )
+        parts = zip(ahead, fitter.blocks, strict=True)
+        squares = [mean_squares(errors[block]) for errors, blocks in parts for block in blocks]
+        return np.array(squares) / variances
 
-    tasks = [(record, values) for values in (given, fitted) for record in records]
-    before, after = np.split(np.concatenate(list(pool.map(squares, tasks))), 2)
+    before, after = of_blocks(given), of_blocks(fitted)
     known = np.isfinite(before)
     if not np.isfinite(after[known]).all():
         return Growth(np.inf, 0.0)
     known &= np.isfinite(after)
     changes = np.where(known, after, 0.0) - np.where(known, before, 0.0)
     used = known.any(axis=1)
-    of_blocks = changes[used].sum(axis=1) / known[used].sum(axis=1)
-    if len(of_blocks) < 2:
+    grown = changes[used].sum(axis=1) / known[used].sum(axis=1)
+    if len(grown) < 2:
         return Growth(0.0, 0.0)
-    return Growth(float(of_blocks.mean()), float(of_blocks.std(ddof=1) / np.sqrt(len(of_blocks))))
+    return Growth(float(grown.mean()), float(grown.std(ddof=1) / np.sqrt(len(grown))))
 
 
 @dataclass(frozen=True)
@@ -238,7 +235,9 @@ def changed_since(judged: Fitter, values: Values, gap: tuple[float, float]) -> l
         return []
     refits = Refits(judged)
     refitted = refits.settled(values, refits.nuisances)[0].values
-    gaps = channel_gaps(judged.predictor, judged.records, values, refitted, judged.pool)
+    gaps = channel_gaps(
+        judged.predictor, judged.records, values, refitted, judged.pool, measured=judged.measured
+    )
     still = mean_gap(gaps)[1]
     names = [variable.parameter for variable in refits.nuisances]
     moved = {name: refitted[name] / values[name] - 1.0 for name in names if values[name]}

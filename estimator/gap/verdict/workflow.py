@@ -248,10 +248,7 @@ def _set_answer(
     ]
     _measure(result, judged)
     gap = (result.gap_before, result.gap_after)
-    held_out, fitted_to = (
-        growth(each.predictor, each.records, plant.nominal, result.values, each.pool)
-        for each in (judged, fitter)
-    )
+    held_out, fitted_to = (growth(each, plant.nominal, result.values) for each in (judged, fitter))
     worse = why_worse(held_out, gap, fitted_to, named=bool(found.named))
     errors = _standard_errors(search, found)
     corrections = {name: described[id(each)] for name, each in choice.corrections.items()}
@@ -350,7 +347,10 @@ def _measure(result: GapResult, judged: Fitter) -> None:
     If one of them is not finite, both become NaN and the channels' gaps are left out.
     """
     given = judged.predictor.plant.nominal
-    gaps = channel_gaps(judged.predictor, judged.records, given, result.values, judged.pool)
+    gaps = channel_gaps(
+        judged.predictor, judged.records, given, result.values, judged.pool,
+        measured=judged.measured,
+    )  # fmt: skip
     before, after = mean_gap(gaps)
     finite = bool(np.isfinite(before + after))
     result.channels = gaps if finite else []

@@ -19,6 +19,7 @@ import numpy as np
 from estimator.gap import (
     SURE,
     Check,
+    Fitter,
     GapResult,
     Plant,
     Predictor,
@@ -124,7 +125,7 @@ def checked(
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         gaps = channel_gaps(predictor, records, given, found.values, pool)
         before, after = mean_gap(gaps)
-        grown = growth(predictor, records, given, found.values, pool)
+        grown = growth(Fitter(predictor, records, pool), given, found.values)
         written = gaps
         worse = why_worse(grown, (before, after), named=bool(found.effects))
         if worse is not None:

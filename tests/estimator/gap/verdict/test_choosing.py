@@ -55,7 +55,10 @@ class Discovers:
         found = [discovery(name) for name in of]
         return DiscoveredModel(fit(left), None, variables, found, tuple(d.addition for d in found))  # type: ignore[arg-type]
 
-    def with_effect(self, values: Any, effect: Effect) -> Any:
+    def filtered(self, values: Any) -> Any:
+        return values
+
+    def with_effect(self, filtered: Any, effect: Effect) -> Any:
         return fit(self._solo[effect.name]), (effect.name,)
 
 

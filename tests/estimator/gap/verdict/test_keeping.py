@@ -40,7 +40,7 @@ def grown(found: GapResult, plant: Plant, recordings: list[Recording]) -> Growth
     """How much worse the model written predicts recordings than the one given."""
     records = [record_of(recording, plant) for recording in recordings]
     with ThreadPoolExecutor(1) as pool:
-        return growth(Predictor(plant), records, plant.nominal, found.values, pool)
+        return growth(Fitter(Predictor(plant), records, pool), plant.nominal, found.values)
 
 
 hidden_wheels = st.fixed_dictionaries(
@@ -172,10 +172,10 @@ def test_a_model_that_predicts_nothing_finite_is_worse_than_one_that_does() -> N
     records = [record_of(ran(1, 3.0), plant)]
     fine, broken = plant.nominal, {**plant.nominal, "drag": -1e6}
     with ThreadPoolExecutor(1) as pool, np.errstate(all="ignore"):
-        predictor = Predictor(plant)
-        assert growth(predictor, records, fine, broken, pool).mean == np.inf
-        assert not growth(predictor, records, broken, fine, pool).matters
-        same = growth(predictor, records, fine, fine, pool)
+        fitter = Fitter(Predictor(plant), records, pool)
+        assert growth(fitter, fine, broken).mean == np.inf
+        assert not growth(fitter, broken, fine).matters
+        same = growth(fitter, fine, fine)
     assert (same.mean, same.error) == (0.0, 0.0)
     said = why_worse(Growth(np.inf, 0.0), (np.nan, np.nan), named=True)
     assert said == Worse("the recordings held out could not be predicted at all", True)
