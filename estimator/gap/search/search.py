@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
 from estimator.gap.plant import Effect
-from estimator.gap.prediction import Fitted, Fitter, Values, effect_variables, freed
+from estimator.gap.prediction import Fitted, Fitter, Values, Variable, effect_variables, freed
 
 from .findings import (
     CHANCE,
@@ -107,7 +107,7 @@ class Search:
             screened.clear()
         self._grow(found, screened, names)
         for _ in range(_SWAPS):
-            self._eliminate(found)
+            self.eliminate(found)
             if not self.rivals.exchange(found, screened):
                 break
             self._grow(found, screened, names)
@@ -248,7 +248,7 @@ class Search:
 
     # After the search
 
-    def _eliminate(self, found: Found) -> None:
+    def eliminate(self, found: Found) -> None:
         """Remove from a finding, in place, the effects that no longer earn their place.
 
         Such an effect gains less than its bar or than the part `_REST` of what all effects explain
@@ -262,9 +262,20 @@ class Search:
             gain = without.cost - found.fitted.cost
             bar = max(named.bar, _REST * (found.refitted.cost - found.fitted.cost))
             if gain < bar or self._holds_neutral(found, named.effect):
-                found.named.remove(named)
-                found.variables = variables
-                found.fitted, found.filtered = self.refits.settled(without.values, variables)
+                self._remove(found, named, variables, without)
+
+    def give_up(self, found: Found, named: Named) -> None:
+        """Remove an effect from a finding, in place, and fit the model anew."""
+        variables, without = self.refits.without(found, named.effect, exact=True)
+        self._remove(found, named, variables, without)
+
+    def _remove(
+        self, found: Found, named: Named, variables: tuple[Variable, ...], without: Fitted
+    ) -> None:
+        """Remove an effect from a finding; `variables` and `without` are those of the fit left."""
+        found.named.remove(named)
+        found.variables = variables
+        found.fitted, found.filtered = self.refits.settled(without.values, variables)
 
     def _holds_neutral(self, found: Found, name: str) -> bool:
         """Return whether the 95 % interval of an effect's knob holds its value in the model given.

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -34,8 +33,6 @@ from estimator.gap.prediction import (
     worse_than_resting,
 )
 from estimator.gap.search import (
-    ADDED,
-    ENDLESS,
     MATERIAL,
     NORMAL_95,
     DiscoveredModel,
@@ -55,6 +52,7 @@ from .at_random import random_delays
 from .choosing import Choice, choose
 from .describing import Wanted, described_as, measured, stuck_channels, without_unwanted
 from .experiments import separations
+from .intervals import form_error, standard_errors
 from .judging import Evidence, Judgement, judge
 from .keeping import (
     at_an_end,
@@ -67,12 +65,8 @@ from .keeping import (
 )
 from .one_curve import OneCurve
 from .phases import as_written, beginning, known_phases
+from .unneeded import without_unneeded
 from .unsettled import compared, unsettled
-
-_FORM: Final = 5e-3
-"""Part of an effect's size that is added to its standard error. The rig never has exactly the form
-of the model and its effects, which the scatter of the recordings does not show. Twice this part is
-1 %."""
 
 
 def find_gap(
@@ -159,6 +153,7 @@ def _search(
     found.floor = _floor(search, curve.first if curve.first and curve.is_enough else found)
     said("looking for what the catalogue does not have")
     choice = choose(discovering, found, MATERIAL, curve.first)
+    choice = without_unneeded(search, discovering, found, choice)
     said("looking where the model was wrong, and what is left")
     result.verdict, result.reasons = _judgement(result, search, found, choice, judged)
     if result.verdict == "inconclusive":
@@ -250,7 +245,7 @@ def _set_answer(
     gap = (result.gap_before, result.gap_after)
     held_out, fitted_to = (growth(each, plant.nominal, result.values) for each in (judged, fitter))
     worse = why_worse(held_out, gap, fitted_to, named=bool(found.named))
-    errors = _standard_errors(search, found)
+    errors = standard_errors(search, found)
     corrections = {name: described[id(each)] for name, each in choice.corrections.items()}
     result.effects = [
         _named(search, found, named, errors, judged, corrections.get(named.effect))
@@ -367,48 +362,6 @@ def _floor(search: Search, model: Found | DiscoveredModel) -> float:
     twins = search.twins.of(values)
     costs = [twin.costs(values).sum() for twin in twins]
     return float(np.mean(costs)) / filtered.samples - unheard(filtered, twins, values)
-
-
-def _standard_errors(search: Search, found: Found) -> dict[str, float]:
-    """Return the standard error of each variable's parameter, SI, by the parameter's name.
-
-    It is the larger of two: one from the scatter of the blocks' scores, the other from how wrong
-    the parameters of twins, which are known, are estimated. A variable that is held beside a
-    disturbance has the error that it has without.
-    """
-    columns = found.filtered.columns(found.fitted.values, found.variables)
-    names = [column.name for column in columns]
-    linear = found.filtered.linearise(found.fitted.values, columns)
-    held = np.array([variable.is_held for variable in found.variables])
-    added = np.array([variable.name == ADDED for variable in found.variables])
-    errors = np.zeros(len(names))
-    for these, told in ((~held, ~held), (~added, held & ~added)):
-        among = [name for name, one in zip(names, these, strict=True) if one]
-        if told.any():
-            errors[told] = linear.errors(among, linear.solve(among)[0])[told[these]]
-    misses = []
-    for twin in search.twins.of(found.fitted.values, 3):
-        misses.append(twin.linearise(found.fitted.values, columns).solve(names)[0])
-    wrong = np.sqrt(np.mean(np.square(misses), axis=0))
-    return {
-        variable.parameter: variable.reach(found.fitted.values, float(max(error, miss)))
-        for variable, error, miss in zip(found.variables, errors, wrong, strict=True)
-    }
-
-
-def form_error(value: float, before: float) -> float:
-    """Return the standard error, SI, of an effect's parameter that comes from the effect's form.
-
-    It is 0.5 % of the size of the effect.
-
-    Args:
-        value: fitted value, SI.
-        before: value in the model as given, SI. If it is more than `ENDLESS` times `value`, and
-            `value` is not 0, the effect is a limit that had no effect before, and its size is
-            `value` itself; else the size is the difference.
-    """
-    size = value if abs(before) > ENDLESS * abs(value) > 0.0 else value - before
-    return _FORM * abs(size)
 
 
 def _fitted(plant: Plant, found: Found, variable: Variable, errors: dict[str, float]) -> Estimate:

@@ -20,7 +20,7 @@ from estimator.gap.search.screening import Screening
 from estimator.gap.search.search import Search
 from estimator.gap.servo.effects import EFFECTS, NOT_TOLD_APART
 from estimator.gap.servo.proposals import propose_end_stop
-from estimator.gap.verdict.workflow import form_error
+from estimator.gap.verdict.intervals import form_error
 from rig.plant import CATALOGUE
 from tests.estimator.gap.courses import fitter, recorded, rig
 from tools.worked_gap_example.trials import (
