@@ -416,9 +416,7 @@ class LeakTest:
         freedom = candidates.regression.freedom
         limit = self.threshold(freedom) if beside is None else self.limit_beside(freedom)
         gain, marks = self._standing_out(beside, limit, dead_zone)
-        if not gain.any():
-            return None
-        for fault in np.argsort(TIED_GAIN * _OF_LINES - gain):
+        for fault in np.argsort(TIED_GAIN * _OF_LINES - gain) if gain.any() else ():
             mark = int(marks[fault])
             if gain[fault] <= 0.0:
                 continue

@@ -36,7 +36,7 @@ HEAVY = {"numpy", "numba", "pyarrow", "pint", "plotly", "pydantic", "rich", "yam
 def test_garbage_is_collected_again_once_a_command_is_loaded_or_could_not_be(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    states = []
+    states: list[bool] = []
 
     def load(name: str) -> None:
         states.append(gc.isenabled())

@@ -100,7 +100,7 @@ def test_writing_the_results_takes_a_small_part_of_the_time_however_many_tests_t
     make_campaign: MakeCampaign,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    written = []
+    written: list[list[Status]] = []
 
     def slowly(outcome: CampaignOutcome, path: Path) -> None:
         written.append([test.status for test in outcome.tests])
