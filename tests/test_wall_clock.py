@@ -42,6 +42,7 @@ TIMES_OF_DAY = {
     "rig/runner/campaign/streamed.py": "when a run was begun, for readers of the stream",
     "rig/runner/counters/store.py": "when counters were written",
     "rig/runner/run_folder/journal.py": "when something happened, in the journal",
+    "rig/runner/station/last_use.py": "when what drove the rig last ended, and was seen",
     "rig/runner/station/station_log.py": "when something happened, in the station's log",
     "rig/stream/commands.py": "whether a command is of now, by clocks of two machines",
     "rig/stream/sender.py": "when a message was sent",

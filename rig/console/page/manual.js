@@ -19,6 +19,8 @@ export class Manual {
     this.waved = false;
     this.held = null;
     this.changing = false;
+    // Orders that were given, and the newest whose answer is shown.
+    this.asked = this.answered = 0;
     this.rows = new Map();
     for (const button of this.card.querySelectorAll("[data-jog]")) {
       button.addEventListener("click", () => this.ask(button.dataset.jog));
@@ -132,7 +134,7 @@ export class Manual {
     // Why nothing moved is told to who has let go already as well, and not only that it rests.
     if (!answer.accepted) {
       held.refusal = `hold ${way}: ${answer.reason}`;
-      this.say(held.refusal, true);
+      this.say(held.refusal, true, this.asked);
     }
     if (this.held !== held || answer.accepted) return;
     clearInterval(held.beating);
@@ -144,10 +146,13 @@ export class Manual {
     if (!held) return;
     clearInterval(held.beating);
     this.held = null;
-    this.ask("stop").then(() => { if (held.refusal) this.say(held.refusal, true); });
+    this.ask("stop").then(() => { if (held.refusal) this.say(held.refusal, true, this.asked); });
   }
 
-  say(text, isRefused) {
+  // An answer that comes after that to a later order is not shown: answers may overtake each other.
+  say(text, isRefused, number) {
+    if (number < this.answered) return;
+    this.answered = number;
     by("manual-said").textContent = text;
     by("manual-said").classList.toggle("refused", isRefused);
   }
@@ -157,10 +162,11 @@ export class Manual {
   }
 
   async ask(line) {
+    const number = this.asked += 1;
     const answer = await this.link.order("jog", { text: line });
     this.used ||= answer.accepted;
     if (line === "stop" || line.startsWith("pump")) this.waved = false;
-    this.say(answer.accepted ? `${line}: obeyed` : `${line}: ${answer.reason}`, !answer.accepted);
+    this.say(answer.accepted ? `${line}: obeyed` : `${line}: ${answer.reason}`, !answer.accepted, number);
     return answer;
   }
 }

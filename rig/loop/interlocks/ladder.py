@@ -106,7 +106,17 @@ def channel_name(index: int) -> str:
 
 
 _E = Explanation
-_SESSION_LOG: Final = "read session.log in the run's folder, if it has one; then start again"
+
+
+def _silent(part: str, key: str) -> Explanation:
+    """Return the explanation of a part whose beat is older than the rig file's key allows."""
+    return Explanation(
+        f"{part} gives no sign of life",
+        "read session.log in the run's folder, if it has one; if it names no error, other programs "
+        f"kept the part waiting for longer than `{key}` of the rig file; then start again",
+    )
+
+
 EXPLANATIONS: Final = {
     Cause.NONE: _E("nothing is wrong", "none needed"),
     Cause.LIMIT_LOW: _E(
@@ -202,10 +212,10 @@ EXPLANATIONS: Final = {
     Cause.EXCHANGE_LOST: _E(
         "the connection to the I/O device is lost", "check its power, cable and address"
     ),
-    Cause.LOOP_LOST: _E("the loop process gives no sign of life", _SESSION_LOG),
-    Cause.FIELD_LOST: _E("the field process gives no sign of life", _SESSION_LOG),
-    Cause.SUPERVISOR_LOST: _E("the supervisor gives no sign of life", _SESSION_LOG),
-    Cause.RECORDER_LOST: _E("the recorder gives no sign of life", _SESSION_LOG),
+    Cause.LOOP_LOST: _silent("the loop process", "loop_silence"),
+    Cause.FIELD_LOST: _silent("the field process", "field_silence"),
+    Cause.SUPERVISOR_LOST: _silent("the supervisor", "supervisor_silence"),
+    Cause.RECORDER_LOST: _silent("the recorder", "recorder_silence"),
     Cause.DISK_FULL: _E(
         "the recording cannot be written: the disk is full", "free space, or give another --out"
     ),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from threading import Event
 from typing import Any
 
 import pytest
@@ -206,23 +207,32 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
     page.get_by_role("button", name="Hold: out").hover()
     page.mouse.down()
     until(lambda: sum(each[0] == "beat" for each in sent) > 5, "heartbeats")
+    plain, late, stop = FakeClient.send, Event(), ("jog", "bench", "Anna: stop", "")
+
+    def send(self: FakeClient, command: str, *given: Any, **told: Any) -> Answer:
+        answer = plain(self, command, *given, **told)
+        if sent.count(stop) == 1 and "stop" in given[1]:
+            late.wait(WAIT_MS / 1000)
+        return Answer(False, "the ram is not homed") if "hold" in given[1] else answer
+
     if let_go == "pointer":
+        monkeypatch.setattr(FakeClient, "send", send)
         page.mouse.up()
     else:
         page.evaluate("dispatchEvent(new Event('blur'))")
-    until(lambda: ("jog", "bench", "Anna: stop", "") in sent, "the stop")
+    until(lambda: stop in sent, "the stop")
     assert ("jog", "bench", "Anna: hold out speed 20mm/s", "") in sent
     if let_go == "pointer":
-        # That it rests is not all that is told of a hand that has moved nothing.
-        plain = FakeClient.send
-
-        def send(self: FakeClient, command: str, *given: Any, **told: Any) -> Answer:
-            answer = plain(self, command, *given, **told)
-            return Answer(False, "the ram is not homed") if "hold" in given[1] else answer
-
-        monkeypatch.setattr(FakeClient, "send", send)
+        # That it rests is not all that is told of a hand that has moved nothing, and an answer that
+        # comes late does not take the place of a newer one.
+        said = page.locator("#manual-said")
         page.get_by_role("button", name="Hold: out").click()
-        expect(page.locator("#manual-said")).to_have_text("hold out: the ram is not homed")
+        expect(said).to_have_text("hold out: the ram is not homed")
+        with page.expect_response(lambda each: '"stop"' in (each.request.post_data or "")) as got:
+            late.set()
+        got.value.finished()
+        page.evaluate("new Promise((resolve) => setTimeout(resolve, 100))")
+        expect(said).to_have_text("hold out: the ram is not homed")
     page.locator("#holder-button").click()
     expect(page.get_by_role("button", name="Hold: out")).to_be_disabled()
     site.client.shots["bench"] = RUNNING

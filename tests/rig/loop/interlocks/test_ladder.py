@@ -65,7 +65,10 @@ def test_a_cause_of_no_channel_is_explained_of_a_channel() -> None:
 
 @pytest.mark.parametrize("part", ["LOOP", "FIELD", "SUPERVISOR", "RECORDER"])
 def test_where_a_part_was_lost_the_file_is_named_in_which_it_may_have_said_why(part: str) -> None:
-    assert "session.log in the run's folder" in explain(Cause[f"{part}_LOST"]).remedy
+    remedy = explain(Cause[f"{part}_LOST"]).remedy
+    assert "session.log in the run's folder" in remedy
+    # Or it was well, and waited for longer than this key allows.
+    assert f"`{part.lower()}_silence`" in remedy
 
 
 def test_a_table_has_a_row_for_each_limit_in_the_order_given() -> None:
