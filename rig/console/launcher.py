@@ -86,7 +86,7 @@ class Launched:
     """A run that this console started.
 
     Attributes:
-        name: name of the campaign, or of the folder of a resumed run.
+        name: name of the campaign.
         folder: folder of the run.
         rig: id of the rig that it runs on; empty if that is not known.
         process: the process of `rig run`.
@@ -97,6 +97,7 @@ class Launched:
         stopped: who has stopped it, by asking or by interrupting it, and why; empty if nobody has.
         heard: whether its stream has told of it.
         log_begins: size of the output's file as the run began, which may go on with an older one.
+        resumed: whether it goes on with a run that was begun before.
     """
 
     name: str
@@ -110,6 +111,7 @@ class Launched:
     stopped: str = ""
     heard: bool = False
     log_begins: int = 0
+    resumed: bool = False
 
 
 def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
@@ -221,10 +223,13 @@ class Launcher:
                 that was started here is still going on, or the process cannot be started.
         """
         self._require_idle()
-        if name not in {run["folder"] for run in past_runs(self._folder).unfinished}:
+        unfinished = past_runs(self._folder).unfinished
+        campaigns = {run["folder"]: run["campaign"] for run in unfinished}
+        if name not in campaigns:
             raise LaunchRefused("there is no such unfinished run")
         folder = self._folder / name
-        self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume", f"--by={by}"])
+        arguments = [str(folder), "--resume", f"--by={by}"]
+        self._run(campaigns[name], folder, self._rig_of_run(folder), arguments, resumed=True)
 
     def acknowledge(self, name: str, text: str, by: str) -> None:
         """Have a run that has ended keep in its journal that somebody has seen how it ended.
@@ -365,7 +370,9 @@ class Launcher:
         if self.present() is not None:
             raise LaunchRefused("a campaign that was started here still runs")
 
-    def _run(self, name: str, folder: Path, rig: str, arguments: Sequence[str]) -> None:
+    def _run(
+        self, name: str, folder: Path, rig: str, arguments: Sequence[str], *, resumed: bool = False
+    ) -> None:
         log = folder.with_name(f"{folder.name}.console.log")
         whole = ["run", *arguments, "--pace", "real", "--stream", self._profile]
         try:
@@ -382,7 +389,7 @@ class Launcher:
                 )
         except OSError as error:
             raise LaunchRefused(f"it cannot be started: {error.strerror or error}") from None
-        self._last = Launched(name, folder, rig, process, log, log_begins=begins)
+        self._last = Launched(name, folder, rig, process, log, log_begins=begins, resumed=resumed)
 
 
 def _takes_a_stop(folder: Path, said: str, by: str) -> bool:
@@ -419,6 +426,7 @@ def _content(launched: Launched) -> dict[str, Any]:
     return {
         "name": launched.name,
         "folder": launched.folder.name,
+        "resumed": launched.resumed,
         "on": launched.rig,
         "heard": launched.heard,
         "stopped": launched.stopped,

@@ -69,9 +69,20 @@ def _life(snapshot: Snapshot) -> dict[str, Any]:
         "rate_hz": round(snapshot.rate_hz),
         "time_s": _rounded(snapshot.time_s, 1),
         "state": _text(snapshot.state.get("state")),
+        "is_read": _is_read(snapshot),
         "restarts": snapshot.restarts,
         "missing": {str(kind): int(count) for kind, count in snapshot.missing.items() if count},
     }
+
+
+def _is_read(snapshot: Snapshot) -> bool:
+    """Return whether the samples that are known are what a rig that is heard now measures.
+
+    Between two sessions they are of the one that has ended. Of a rig that is not heard any more
+    they are what was, which its life says.
+    """
+    was = snapshot.life in ("ended", "dead")
+    return bool(snapshot.latest) and (was or snapshot.rate_hz > 0)
 
 
 def _readings(snapshot: Snapshot) -> list[dict[str, Any]]:
@@ -112,9 +123,10 @@ def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
 
 def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
     health, latest = snapshot.health, snapshot.latest
+    is_read = _is_read(snapshot)
     words = {
         name: meanings.get(round(latest[channel]), UNKNOWN)
-        if isfinite(latest[channel])
+        if is_read and isfinite(latest[channel])
         else UNKNOWN
         for name, channel, meanings in CONTACTS
         if channel in latest

@@ -13,7 +13,7 @@ import { QueueCard } from "./queue.js";
 import { Trigger } from "./trigger.js";
 import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
 import * as views from "./views.js";
-import { answered, clock, element, lasted } from "./words.js";
+import { answered, capital, clock, element, lasted } from "./words.js";
 
 const by = (id) => document.getElementById(id);
 const SILENT_MS = 1500;
@@ -44,7 +44,7 @@ const CHARTS = {
     ],
   },
   leak: {
-    title: "Leak flow, with 95 % interval", unit: "L/min", least: 0.2, floor: 0, empty: "no leak found",
+    title: "Leak flow, with 95 % interval", unit: "L/min", least: 0.2, floor: 0,
     series: [
       { key: "leak_L_per_min", label: "estimated", colour: "leak", digits: 3,
         band: ["leak_low_L_per_min", "leak_high_L_per_min"] },
@@ -93,11 +93,18 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   for (const chart of Object.values(charts)) { chart.resized = true; chart.redraw(); }
 });
 
+// What the chart of the leak says while it has no curve.
+function noLeak({ campaign, decision }) {
+  if (!history.isLive) return "no leak was estimated";
+  return campaign?.status === "running" && decision?.verdict ? "no leak found" : "nothing is judged";
+}
+
 function render() {
   drawing = false;
   const begun = performance.now();
   const { sections, common } = link;
   if (dirty.has("rig")) { charts.residuals.levels = []; views.clear(charts); manual.clear(); history.begin(); trigger.disarm("Off: another rig is shown."); }
+  charts.leak.empty = noLeak(sections);
   if (dirty.has("points") && link.points && history.isLive) {
     for (const chart of Object.values(charts)) chart.draw(link.points);
     frames += 1;
@@ -114,10 +121,11 @@ function render() {
   if (["queue", "launch", "holder", "role"].some((name) => dirty.has(name))) queue.show();
   // What drove the rig last stands in the place of what its station does.
   if (dirty.has("last")) { dirty.add("campaign"); views.campaign(link); if (sections.interlocks) views.interlocks(link); }
-  const stage = `${sections.life?.life} ${views.hasTripped(sections)}`;
+  const stage = `${sections.life?.life} ${sections.life?.is_read} ${views.hasTripped(sections)}`;
   if (stage !== render.stage) {
     render.stage = stage;
     views.campaign(link);
+    for (const name of ["interlocks", "bypass"]) if (name in sections) views[name](link);
     dirty.add("campaign");
   }
   if (["campaign", "progress"].some((name) => dirty.has(name))) views.queue(link);
@@ -153,6 +161,7 @@ function alive() {
   pill.className = `pill ${how}`;
   const stale = lost || !life || life.life !== "live";
   document.body.classList.toggle("stale", stale);
+  document.body.classList.toggle("unread", !life?.is_read);
   // What says above that it has tripped says so everywhere at once, however slowly a busy machine draws.
   const hasTripped = views.hasTripped(link.sections);
   if (hasTripped !== alive.hasTripped) {
@@ -170,6 +179,7 @@ function stands(lost, silent) {
   const [tone, word, why] = link.expired ? EXPIRED : rigState(link, lost, silent);
   const last = lost || link.expired ? null : lastState(link);
   if (link.expired) offerLogin();
+  said("stop-told", stopTold);
   said("rig-state", [tone, word, why]);
   said("rig-last", last);
   // Before anything was told, or told anew, nothing is known to be right or wrong.
@@ -196,10 +206,9 @@ function said(id, told) {
 
 function banners(life) {
   const told = [];
-  if (stopTold) told.push(stopTold);
   const { interlocks, progress, campaign } = link.sections;
   if (life?.life === "live" && interlocks?.sentence && !interlocks.first_out.length && life.state !== "holding") {
-    told.push(["warn", interlocks.action, interlocks.sentence]);
+    told.push(["warn", capital(interlocks.sentence), ""]);
   }
   const run = underWay(link);
   const isRead = life?.life === "live" && campaign?.status === "idle" && !campaign.hands_over;
@@ -239,7 +248,7 @@ function actions() {
   const canStart = launch?.allowed && !(isLive && launch.offers.length === 0);
   const isFree = canStart && !isLive && !underWay(link);
   const may = {
-    start: isFree && launch.offers.length + launch.unfinished.length > 0,
+    start: isFree && launch.offers.length + unfinished().length > 0,
     reset: isFree && toReset() !== undefined,
     acknowledge: isLive && !campaign.activity || unseen() !== undefined || unseenUse(link) !== null,
   };
@@ -259,7 +268,7 @@ function actions() {
   by("rig-last-seen").hidden = unseenUse(link) === null || !isMine();
   by("actions-why").textContent = link.lost ? "The console does not answer; nothing can be asked of it."
     : isMine()
-    ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : ""
+    ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : may.start || may.reset ? startRefused() : ""
     : holder?.number === null ? "Take control to act. Stop works for everybody." : `${holder?.name ?? "Nobody"} has control. Stop works for everybody.`;
   by("stop").setAttribute("aria-label", `Stop ${link.rig || "the rig"}: end the campaign now`);
   by("stop-rig").textContent = (link.common.rigs?.length ?? 0) > 1 ? link.rig : "";
@@ -320,9 +329,23 @@ function shownRun() {
 // The run that tripped or was stopped and can be gone on with: the one that is shown, or the newest
 // one where none is. One that came to its end is not reset; older ones are gone on with by Start.
 function toReset() {
-  const { unfinished = [] } = link.common.launch ?? {};
   const shown = shownRun();
-  return shown ? unfinished.find((run) => run.folder === shown) : unfinished[0];
+  return shown ? unfinished().find((run) => run.folder === shown) : unfinished()[0];
+}
+
+// The runs that can be gone on with. The console reads their journals now and then; that the run which is shown
+// has come to its end, with or without a failed test, is heard before.
+function unfinished() {
+  const { campaign } = shownUse(link);
+  const ended = campaign?.status === "ended" && [0, 1].includes(campaign.exit_code) ? campaign.directory : null;
+  return (link.common.launch?.unfinished ?? []).filter((run) => run.folder !== ended);
+}
+
+// Why the rig that is shown would refuse a start; empty if nothing is known against it.
+function startRefused() {
+  const { life, interlocks } = link.sections;
+  const isOpen = life?.life === "live" && interlocks?.contacts.some(({ name, text }) => name === "emergency stop" && text === "open");
+  return isOpen ? `The emergency stop of ${link.rig} is open: nothing starts there before its button is released. ` : "";
 }
 
 // The run that is shown, if it ended badly and nobody has acknowledged that.
@@ -340,14 +363,14 @@ const DIALOGS = {
   start: () => ({
     title: "Start a campaign", confirm: "Start", isWide: true,
     shown: (place, name) => preview(place, name.startsWith(GO_ON) ? "" : name),
-    text: "It begins at once: on hardware the rig is armed, and its reset button is waited for.",
+    text: startRefused() + "It begins at once: on hardware the rig is armed, and its reset button is waited for.",
     choice: { label: "Campaign", options: [
       ...link.common.launch.offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]),
-      ...link.common.launch.unfinished.map((run) => [GO_ON + run.folder, `go on with ${named(run)}`])] },
+      ...unfinished().map((run) => [GO_ON + run.folder, `go on with ${named(run)}`])] },
   }),
   reset: () => ({
     title: "Reset and go on", confirm: "Go on",
-    text: "The cause has been found and removed, and nobody is near the ram. The run goes on with its next unfinished test; on hardware the rig is armed anew, and its reset button is waited for.",
+    text: startRefused() + "The cause has been found and removed, and nobody is near the ram. The run goes on with its next unfinished test; on hardware the rig is armed anew, and its reset button is waited for.",
     choice: { label: "Run", options: [[toReset().folder, named(toReset())]] },
   }),
   hold: () => ({ title: "Hold the campaign", confirm: "Hold", remark: "Remark (recorded)",

@@ -10,6 +10,9 @@ const THERE_MS = 1000;
 // So long a slider that was moved stays where it is, until the needle has followed: its stroke takes some seconds.
 const SET_MS = 10000;
 
+// What the page calls commands that have a button.
+const CALLED = { __proto__: null, "pump high": "Load pump", "pump unloaded": "Unload pump", home: "Home", stop: "Bring to rest" };
+
 export class Manual {
   constructor(link) {
     this.link = link;
@@ -166,7 +169,10 @@ export class Manual {
     const answer = await this.link.order("jog", { text: line });
     this.used ||= answer.accepted;
     if (line === "stop" || line.startsWith("pump")) this.waved = false;
-    this.say(answer.accepted ? `${line}: obeyed` : `${line}: ${answer.reason}`, !answer.accepted, number);
-    return answer;
+    // The rig names commands as they are typed, and its answer begins with the one that it refuses.
+    const reason = answer.reason?.replace(new RegExp(`^${line.split(" ")[0]}: `), "")
+      .replace("ask for `", "press `").replace(/`([^`]+)`/g, (typed, command) => CALLED[command] ?? typed);
+    this.say(`${CALLED[line] ?? line}: ${answer.accepted ? "obeyed" : reason}`, !answer.accepted, number);
+    return { ...answer, reason };
   }
 }

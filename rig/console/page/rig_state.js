@@ -1,6 +1,6 @@
 // How the rig stands, in a word and a sentence: what the page says first, and says only once.
 
-import { clock, lasted } from "./words.js";
+import { capital, clock, lasted } from "./words.js";
 import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
 
 const STARTING = {
@@ -35,9 +35,21 @@ function tripped(interlocks, isOver) {
   return open ? `${open} ${capital(what)}` : what;
 }
 
+// Where a campaign stands while none of its tests runs.
+function between(tests) {
+  const isDone = (test) => Boolean(test.status) && test.status !== "not_run";
+  if (!tests.some(isDone)) return "before the first test";
+  return tests.every(isDone) ? "after the last test" : "between tests";
+}
+
+// What the ram does under somebody's hand, as far as the state of its session tells.
+function does({ activity }, { state }) {
+  if (activity !== "manual") return "";
+  return { armed: ": the ram is at rest", running: ": the ram moves" }[state] ?? "";
+}
+
 // Who began what is under way.
 const begunBy = (campaign) => (campaign?.begun_by ? ` Begun by ${campaign.begun_by}.` : "");
-const capital = (text) => `${text.slice(0, 1).toUpperCase()}${text.slice(1)}`;
 
 // The rig is left by its station, and not read yet by who has asked for it. After so many seconds that one has failed to connect.
 const LONGEST_HANDOVER_S = 60;
@@ -102,12 +114,13 @@ function live({ life, campaign, progress, interlocks }) {
     const [word, what] = STARTING[life.state];
     return ["warn", word, `${what}${campaign.activity && campaign.activity !== life.state ? ` ${capital(campaign.activity)}.` : ""}${begunBy(campaign)}`];
   }
-  if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}.${begunBy(campaign)}`];
+  if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}${does(campaign, life)}.${begunBy(campaign)}`];
+  const place = between(tests);
   if (!runs && waits(campaign)) {
     const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : "An operator has asked for it; Resume goes on.";
-    return ["warn", "Held", `The ram is held between two tests. ${why}${also}`];
+    return ["warn", "Held", `The ram is held ${place}. ${why}${also}`];
   }
-  if (!runs) return ["live", "Between tests", `${campaign.name}.${also}${begunBy(campaign)}`];
+  if (!runs) return ["live", capital(place), `${campaign.name}.${also}${begunBy(campaign)}`];
   const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
   if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}${begunBy(campaign)}`];
   if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${begunBy(campaign)}`];
@@ -127,7 +140,7 @@ function starting({ sections, common, rig }, run) {
   if (!run || run.heard || life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms) return null;
   if (life?.life === "live" && isOfAnother({ common, rig }, run)) return null;
   if (run.stopped) return ["warn", `Stopping ${run.name}`, `It was stopped by ${sentence(run.stopped)} Nothing has moved yet; its program ends.`];
-  return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
+  return ["warn", `${run.resumed ? "Going on with" : "Starting"} ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
 }
 
 // Tone, word and sentence of how what drove the rig last has ended, beside the state of a station that reads it; null if
@@ -138,10 +151,15 @@ export function lastState(link) {
   const use = unseenUse(link);
   if (!use) return null;
   const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
-  const { name, begun_by: by } = use.campaign;
-  const begun = by ? `, begun by ${by}` : "";
-  const at = use.ended_ms ? `, ended at ${clock(use.ended_ms)}` : "";
-  return [tone, word, `${capital(name)}${begun}${at}: ${why.replace(`${capital(name)} `, "").replace(` Begun by ${by}.`, "")}`];
+  const { name, activity, begun_by: by } = use.campaign;
+  // A campaign is called as it is written; what else is done with a rig begins a sentence.
+  const what = `${activity ? capital(name) : name}${by ? `, begun by ${by},` : ""}`;
+  const at = use.ended_ms ? ` at ${clock(use.ended_ms)}` : "";
+  const plain = why.replace(` Begun by ${by}.`, "");
+  const way = ["came to its end", "ended early"].find((each) => activity && plain.startsWith(`${capital(activity)} ${each}`));
+  if (way) return [tone, word, `${what} ${way}${at}${plain.slice(activity.length + 1 + way.length)}`];
+  const whose = plain.startsWith("By ") ? ` by ${plain.slice(3)}` : `. ${capital(plain)}`;
+  return [tone, word, `${what} ended${at}${whose}`];
 }
 
 // Returns tone, word and sentence.

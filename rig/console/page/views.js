@@ -1,11 +1,12 @@
 // Each section as it is shown: a function of its name is called when it has changed.
 
 import { ofStation, shownUse, unseenUse } from "./uses.js";
-import { clock, element, figure, lasted, leak, shortly, tone, verdict } from "./words.js";
+import { capital, clock, element, figure, lasted, leak, shortly, tone, verdict } from "./words.js";
 
 
 const by = (id) => document.getElementById(id);
 const SHOWN_EVENTS = 80;
+const UNHEARD = "not heard yet";
 
 function put(target, made) {
   // Lists are shown anew only if they changed: a selection within them stays otherwise.
@@ -87,8 +88,9 @@ function metered({ metered_L_per_min: flow, shut_L_per_min: shut }) {
 
 export function bypass({ sections }) {
   const valves = sections.bypass;
+  const none = sections.life?.is_read ? "This rig has none." : UNHEARD;
   const position = (part) => (part === null ? "-" : part >= 0.99 ? "open" : part <= 0.01 ? "shut" : "moves");
-  put(by("bypass"), valves.length === 0 ? [element("caption", "quiet", "This rig has none.")] : [
+  put(by("bypass"), valves.length === 0 ? [element("caption", "quiet", none)] : [
     head("valve", "ball", "needle", "meter L/min"),
     element("tbody", "", ...valves.map((valve) => element("tr", "",
       element("td", "", shortly(valve.name)),
@@ -99,13 +101,14 @@ export function bypass({ sections }) {
 }
 
 export function interlocks({ sections }) {
-  const { contacts, action, sentence } = sections.interlocks;
+  const { contacts, sentence } = sections.interlocks;
   // A trip of what drove last stands here until somebody has seen it, as at the top.
   const { first_out: firstOut, confirmed } = unseenUse({ sections })?.interlocks ?? sections.interlocks;
   pairs(by("contacts"), contacts.map(({ name, text, how }) => [name, text, `state ${how}`]));
   by("action").className = sentence ? "warn" : "quiet";
-  by("action").textContent = sentence ? `${action}: ${sentence}`
-    : firstOut.length ? "" : contacts.length ? "no limit acts" : "A simulated rig has none.";
+  by("action").textContent = sentence ? capital(sentence) : firstOut.length ? ""
+    : !sections.life?.is_read || contacts.length && sections.health?.rate_hz === null ? UNHEARD
+    : contacts.length ? "no limit acts" : "A simulated rig has none.";
   put(by("first-out"), firstOut.map((trip, k) => element("li", "",
     element("strong", "", k === 0 ? "first out: " : `${figure(trip.after_ms, 0)} ms later: `),
     `${trip.by}, ${trip.sentence} (${trip.cause}). `, element("span", "quiet", `Remedy: ${trip.remedy}.`))));
@@ -215,10 +218,14 @@ export function judged({ sections }) {
   const chance = told?.probabilities?.[name];
   by("verdict").textContent = name ? verdict(name) : "None yet";
   const { campaign: shown } = use;
-  const expected = use === sections ? sections.progress?.expect : (shown?.tests ?? []).find((test) => test.name === told?.test)?.expect;
+  const present = use === sections ? sections.progress : null;
+  // What a detector has said last stands until it judges the next test, beside what was expected of its own.
+  const of = told?.test || present?.name;
+  const expected = (shown?.tests ?? []).find((test) => test.name === of)?.expect || (of === present?.name ? present?.expect : "");
   const ended = shown?.status === "ended";
+  const isOver = ended || Boolean(present?.name) && of !== present.name;
   const unclear = ended && (shown.tests ?? []).some((test) => test.status !== "passed");
-  by("verdict-title").textContent = ended && name ? `Last verdict, of ${told.test}` : "Verdict";
+  by("verdict-title").textContent = isOver && name ? `Last verdict, of ${of}` : "Verdict";
   // What a detector held last is no good news of a campaign that did not come out well.
   by("verdict").className = name && name === expected && tone(name) === "fault" ? "found"
     : unclear && tone(name) === "good" ? "open" : tone(name);
@@ -232,7 +239,7 @@ export function judged({ sections }) {
   if (told?.ended_s !== null && told?.ended_s !== undefined) {
     parts.push(`${told.duty ? "last open until" : "gone again at"} ${figure(told.ended_s, 1)} s`);
   }
-  if (expected) parts.push(name === expected ? "as expected" : `expected at the end: ${verdict(expected).toLowerCase()}`);
+  if (expected) parts.push(name === expected ? "as expected" : `expected${isOver ? "" : " at the end"}: ${verdict(expected).toLowerCase()}`);
   by("verdict-more").textContent = parts.join("; ");
   by("statistic").hidden = told?.statistic === undefined || told?.statistic === null;
   if (!by("statistic").hidden) {

@@ -25,6 +25,8 @@ const SHORT = {
 
 export const verdict = (name) => (name ? VERDICTS[name] ?? name.replaceAll("_", " ") : "-");
 
+export const capital = (text) => `${text.slice(0, 1).toUpperCase()}${text.slice(1)}`;
+
 // For tables.
 export const shortly = (name) => SHORT[name] ?? verdict(name);
 
@@ -79,6 +81,6 @@ const ORDERS = {
 
 // How an order was answered, in a sentence; `reason` is why it was not obeyed, empty if it was.
 export function answered(order, reason) {
-  const [name, done] = ORDERS[order] ?? [`${order[0].toUpperCase()}${order.slice(1)}`, "obeyed"];
+  const [name, done] = ORDERS[order] ?? [capital(order), "obeyed"];
   return `${name}: ${reason || done}`;
 }

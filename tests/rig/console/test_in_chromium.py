@@ -120,7 +120,7 @@ def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
     assert not stage.is_safe(), stage.printed
     page.mouse.wheel(0, 3000)
     page.locator("#stop").click()
-    expect(page.locator("#banners")).to_contain_text("Stop obeyed")
+    expect(page.locator("#stop-told")).to_contain_text("Stop obeyed")
     stage.wait(stage.is_safe, "the safe state")
     # Its report may have to be compiled first.
     stage.wait(lambda: stage.run.poll() is not None, "the run to end", COMPILE_S)

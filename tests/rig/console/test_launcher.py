@@ -166,6 +166,8 @@ def test_runs_that_were_stopped_or_killed_can_be_gone_on_with(
     assert {run["folder"] for run in launcher.content()["unfinished"]} == {"stopped", "killed"}
     launcher.go_on("stopped", "Anna")
     assert started[0].arguments[4:6] == [str(tmp_path / "runs" / "stopped"), "--resume"]
+    last = launcher.content()["last"]
+    assert (last["name"], last["folder"], last["resumed"]) == ("leaks", "stopped", True)
 
 
 def test_a_run_that_ended_badly_wants_to_be_acknowledged_once_and_can_still_be_gone_on_with(

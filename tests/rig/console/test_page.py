@@ -58,6 +58,40 @@ def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page
     expect(page.locator("#life")).to_contain_text("live")
     expect(page.locator("#banners")).to_be_empty()
     expect(page.locator("#campaign-name")).to_have_text("leaks, running")
+    # Nor does what the session before has measured look as if it were so now.
+    heard = {"position_m": 0.3, "estop_closed": 1.0}
+    site.client.become("bench", latest=heard, health={"homed": True})
+    expect(page.locator("#contacts dd").first).to_have_text("closed")
+    expect(page.locator("#bypass caption")).to_have_text("This rig has none.")
+    site.client.become("bench", rate_hz=0.0, health={})
+    expect(page.locator("#contacts dd")).to_have_text(["not known"] * 2)
+    expect(page.locator("#action")).to_have_text("not heard yet")
+    expect(page.locator("#bypass caption")).to_have_text("not heard yet")
+    for shown in ("#readings dd", ".chart canvas"):
+        assert float(page.evaluate(opacity.replace("#readings dd", shown))) < 0.6
+    site.client.become("bench", rate_hz=1000.0, latest={"position_m": 0.3})
+    expect(page.locator("#action")).to_have_text("A simulated rig has none.")
+
+
+def test_a_verdict_stands_beside_what_its_own_test_expects_and_no_leak_beside_no_judge(
+    site: Site, page: Page
+) -> None:
+    empty = "rigConsoleHistory.charts.leak.empty"
+    until(lambda: page.evaluate(empty) == "nothing is judged", "the empty chart")
+    tests = [
+        {"name": "first", "expect": "internal_leakage", "status": "passed"},
+        {"name": "second", "expect": "healthy", "status": "running"},
+    ]
+    found = {"verdict": "internal_leakage", "name": "first", "test": 1, "time_s": 40.0}
+    going_on = {**RUNNING.progress, "number": 2, "count": 2, "name": "second", "expect": "healthy"}
+    campaign = {**RUNNING.campaign, "tests": tests}
+    site.client.become("bench", decision=found, progress=going_on, campaign=campaign)
+    expect(page.locator("#verdict-title")).to_have_text("Last verdict, of first")
+    expect(page.locator("#verdict-more")).to_have_text("as expected")
+    site.client.become("bench", decision=found | {"name": "second", "test": 2})
+    expect(page.locator("#verdict-title")).to_have_text("Verdict")
+    expect(page.locator("#verdict-more")).to_have_text("expected at the end: healthy")
+    until(lambda: page.evaluate(empty) == "no leak found", "what the detector finds")
 
 
 def test_a_trip_is_reported_with_its_first_out_and_its_remedy(site: Site, page: Page) -> None:
@@ -72,6 +106,10 @@ def test_a_trip_is_reported_with_its_first_out_and_its_remedy(site: Site, page: 
     site.client.become("bench", health={"trips": {**trips}})
     expect(page.locator("#rig-state")).to_contain_text("Tripped the emergency stop is open.")
     expect(page.locator("#rig-state")).to_contain_text("Remedy: release it, then reset.")
+    low = {"action": "indicate", "sentence": "the supply is low"}
+    site.client.become("bench", health=low)
+    for place in ("#banners .warn", "#action"):
+        expect(page.locator(place)).to_have_text("The supply is low")
     trips["confirmed"] = {"valve null": 0.001, "bypass shut": None}
     site.client.become("bench", health={"trips": {**trips}})
     expect(page.locator("#confirmed")).to_contain_text("not confirmed")
@@ -90,11 +128,11 @@ def test_stop_acts_on_the_rig_that_is_shown_and_says_which(site: Site, page: Pag
     site.client.shots["annex"] = replace(RUNNING, rig="annex")
     expect(page.locator("#stop-rig")).to_have_text("bench")
     page.locator("#stop").click()
-    expect(page.locator("#banners")).to_contain_text("bench: Stop obeyed")
+    expect(page.locator("#stop-told")).to_contain_text("bench: Stop obeyed")
     page.locator("#rig").select_option("annex")
     expect(page.locator("#stop-rig")).to_have_text("annex")
     page.keyboard.press("F9")
-    expect(page.locator("#banners")).to_contain_text("annex: Stop obeyed")
+    expect(page.locator("#stop-told")).to_contain_text("annex: Stop obeyed")
     assert [sent[:2] for sent in site.client.sent] == [("abort", "bench"), ("abort", "annex")]
     expect(page.locator("#events")).to_contain_text("Anna: stop annex")
 
@@ -120,8 +158,21 @@ def test_stop_is_on_the_screen_wherever_one_has_scrolled_and_over_any_dialog(
     assert box["y"] + box["height"] <= SMALL["height"] + 1
     assert box["height"] >= 60
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    expect(page.locator("#banners")).to_contain_text("Stop obeyed")
+    expect(page.locator("#stop-told")).to_contain_text("Stop obeyed")
     assert site.client.sent == [("abort", "bench", "Anna", "")]
+    # So is what came of it: what is seen at its middle is itself, not something above it.
+    seen = """() => {
+      const told = document.getElementById("stop-told");
+      const { left, top, width, height, bottom } = told.getBoundingClientRect();
+      const at = document.elementFromPoint(left + width / 2, top + height / 2);
+      return bottom <= innerHeight && told.contains(at);
+    }"""
+    assert page.evaluate(seen)
+    page.keyboard.press("Escape")
+    page.set_viewport_size({"width": 1280, "height": 720})
+    page.mouse.wheel(0, 5000)
+    until(lambda: page.evaluate("scrollY") > 0, "the page to scroll")
+    assert page.evaluate(seen)
 
 
 def test_the_key_stops_while_somebody_writes_and_a_refusal_is_shouted(
@@ -131,12 +182,12 @@ def test_the_key_stops_while_somebody_writes_and_a_refusal_is_shouted(
     page.locator("[data-do=note]").click()
     page.keyboard.type("oil on the fl")
     page.keyboard.press("F9")
-    expect(page.locator("#banners")).to_contain_text("Stop not confirmed denied")
-    expect(page.locator("#banners")).to_contain_text("emergency stop at the rig")
+    expect(page.locator("#stop-told")).to_contain_text("Stop not confirmed denied")
+    expect(page.locator("#stop-told")).to_contain_text("emergency stop at the rig")
     assert site.client.sent == [("abort", "bench", "Anna", "")]
     site.client.answer = Answer(False, "nothing moves; the rig is disarmed")
     page.keyboard.press("F9")
-    expect(page.locator("#banners .warn")).to_contain_text("bench: Nothing to stop")
+    expect(page.locator("#stop-told.warn")).to_contain_text("bench: Nothing to stop")
 
 
 def test_a_console_that_does_not_answer_is_reported_and_found_again(site: Site, page: Page) -> None:
@@ -144,7 +195,7 @@ def test_a_console_that_does_not_answer_is_reported_and_found_again(site: Site, 
     page.evaluate("rigConsole.socket.close()")
     expect(page.locator("#life")).to_have_text("no console")
     page.locator("#stop").click()
-    expect(page.locator("#banners")).to_contain_text("Stop not confirmed")
+    expect(page.locator("#stop-told")).to_contain_text("Stop not confirmed")
     page.context.set_offline(False)
     expect(page.locator("#life")).to_contain_text("live")
     assert site.client.sent == []
@@ -213,7 +264,12 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
         answer = plain(self, command, *given, **told)
         if sent.count(stop) == 1 and "stop" in given[1]:
             late.wait(WAIT_MS / 1000)
-        return Answer(False, "the ram is not homed") if "hold" in given[1] else answer
+        refusals = {
+            "hold": "hold: the ram is not homed",
+            "home": "home: the pump is unloaded; ask for `pump high` first",
+        }
+        why = [refusals[word] for word in refusals if f": {word}" in given[1]]
+        return Answer(False, why[0]) if why else answer
 
     if let_go == "pointer":
         monkeypatch.setattr(FakeClient, "send", send)
@@ -233,6 +289,8 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
         got.value.finished()
         page.evaluate("new Promise((resolve) => setTimeout(resolve, 100))")
         expect(said).to_have_text("hold out: the ram is not homed")
+        page.get_by_role("button", name="Home").click()
+        expect(said).to_have_text("Home: the pump is unloaded; press Load pump first")
     page.locator("#holder-button").click()
     expect(page.get_by_role("button", name="Hold: out")).to_be_disabled()
     site.client.shots["bench"] = RUNNING

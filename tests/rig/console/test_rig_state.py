@@ -174,6 +174,14 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         in_state("running", activity="tuning", begun_by="Bo"), "live", "Running",
         "Tuning: motion 1 of 1: healthy. Begun by Bo.", set(),
     ),
+    "moved by hand": (
+        in_state("running", name="manual", activity="manual", begun_by="Bo", tests=[]), "live",
+        "In use", "Manual: the ram moves. Begun by Bo.", set(),
+    ),
+    "by hand, at rest": (
+        in_state("armed", name="manual", activity="manual", begun_by="Bo", tests=[]), "live",
+        "In use", "Manual: the ram is at rest. Begun by Bo.", set(),
+    ),
     "homing stopped": (
         rig(alive=False, age_s=9.0, campaign=campaign(
             status="ended", activity="homing", tests=[], exit_code=3, reason="stopped by Ben")),
@@ -183,6 +191,13 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         rig(alive=False, age_s=9.0, campaign=campaign(
             status="ended", activity="homing", begun_by="Bo", tests=[], exit_code=0)),
         "good", "Ended", "Homing came to its end. Begun by Bo.", {"start"},
+    ),
+    "homed and not begun": (
+        in_state("armed", "", ""), "live", "Before the first test", "leaks.", {"hold", "skip"}
+    ),
+    "between tests": (
+        in_state("armed", "passed", ""), "live", "Between tests", "leaks.",
+        {"hold", "skip", "retry"},
     ),
     "to be held": (
         in_state("running", pausing=True), "warn", "Running, to be held", "after it",

@@ -57,7 +57,7 @@ def test_a_viewer_sees_and_stops_an_operator_acts_and_who_has_expired_still_stop
         expect(page.locator("#rig-state-word")).to_have_text("Your login has expired")
         expect(page.locator("#log-in")).to_be_visible()
         page.keyboard.press("F9")
-        expect(page.locator("#banners")).to_contain_text("Stop obeyed")
+        expect(page.locator("#stop-told")).to_contain_text("Stop obeyed")
         until(lambda: site.client.persons == ["Vera"], "the stop")
         page.locator("#log-in").click()
         expect(page.locator("[name=password]")).to_be_visible()

@@ -1,6 +1,7 @@
 """Beside a station that only reads, the page says how what drove the rig last has ended."""
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -91,7 +92,7 @@ def test_what_ended_stands_beside_the_idle_station_until_somebody_has_acknowledg
         expect(page.locator("#rig-state-word")).to_have_text("Idle")
         expect(page.locator("#rig-last-word")).to_have_text("Tripped")
         why = page.locator("#rig-last-why")
-        expect(why).to_contain_text("Leaks, begun by Bo, ended at ")
+        expect(why).to_contain_text("leaks, begun by Bo, ended at ")
         expect(why).to_contain_text("The emergency stop is open. Remedy: make the rig safe")
         # What is not safe comes first, and with what is to be done about it.
         expect(why).to_contain_text("NOT CONFIRMED SAFE: pump unloaded. Keep away from the ram")
@@ -122,6 +123,11 @@ def test_what_ended_stands_beside_the_idle_station_until_somebody_has_acknowledg
     expect(page.locator("#campaign-name")).to_have_text("None runs")
     expect(page.locator("#campaign-more")).to_have_text("")
     picture(page, f"{size}-idle")
+    site.client.become("bench", latest={"estop_closed": 0.0})
+    expect(page.locator("#actions-why")).to_contain_text("emergency stop of bench is open")
+    page.locator("[data-do=start]").click()
+    expect(page.locator("#dialog-text")).to_contain_text("emergency stop of bench is open")
+    page.keyboard.press("Escape")
 
 
 def test_a_start_that_compiles_beside_an_idle_station_is_said_until_it_is_heard_or_stopped(
@@ -137,6 +143,8 @@ def test_a_start_that_compiles_beside_an_idle_station_is_said_until_it_is_heard_
     run(said="loop: being compiled")
     expect(page.locator("#rig-state-word")).to_have_text("Starting leaks")
     expect(page.locator("#rig-state-why")).to_contain_text("loop: being compiled.")
+    run(resumed=True)
+    expect(page.locator("#rig-state-word")).to_have_text("Going on with leaks")
     run(stopped="Ada: no")
     expect(page.locator("#rig-state-word")).to_have_text("Stopping leaks")
     expect(page.locator("#rig-state-why")).to_contain_text("It was stopped by Ada: no.")
@@ -162,6 +170,18 @@ def test_a_use_that_did_not_say_how_it_ended_is_no_success(opened: Open, site: S
     page = opened("desk")
     expect(page.locator("#rig-last")).to_have_class("banner warn")
     expect(page.locator("#rig-last-why")).to_contain_text("how it ended was not told.")
+    # In sentences: when and by whom it ended, and what is left.
+    stopped: dict[str, Any] = campaign("aborted", "", status="ended", exit_code=3, reason="Vic")
+    homed = untold | {"exit_code": 0, "reason": ""}
+    at = r"\d\d:\d\d:\d\d"
+    for told, why in (
+        (stopped, f"leaks ended at {at} by Vic. 2 of 2 tests did not come to their end."),
+        (homed, f"Homing, begun by Bo, came to its end at {at}."),
+        (homed | {"exit_code": 3, "reason": "stopped by Vic"},
+         f"Homing, begun by Bo, ended early at {at}: stopped by Vic."),
+    ):  # fmt: skip
+        reads(site, last={"campaign": told, "decision": {}, "trips": {}, "ended_ns": LATER})
+        expect(page.locator("#rig-last-why")).to_have_text(re.compile(why))
 
 
 def test_a_console_that_comes_back_where_no_rig_is_heard_shows_nothing_of_the_old_one(
