@@ -169,7 +169,7 @@ def test_a_use_that_did_not_say_how_it_ended_is_no_success(opened: Open, site: S
     reads(site, last={"campaign": untold, "decision": {}, "trips": {}, "ended_ns": LATER})
     page = opened("desk")
     expect(page.locator("#rig-last")).to_have_class("banner warn")
-    expect(page.locator("#rig-last-why")).to_contain_text("how it ended was not told.")
+    expect(page.locator("#rig-last-why")).to_contain_text("How it ended was not told.")
     # In sentences: when and by whom it ended, and what is left.
     stopped: dict[str, Any] = campaign("aborted", "", status="ended", exit_code=3, reason="Vic")
     homed = untold | {"exit_code": 0, "reason": ""}
