@@ -78,11 +78,11 @@ def _life(snapshot: Snapshot) -> dict[str, Any]:
 def _is_read(snapshot: Snapshot) -> bool:
     """Return whether the samples that are known are what a rig that is heard now measures.
 
-    Between two sessions they are of the one that has ended. Of a rig that is not heard any more
-    they are what was, which its life says.
+    Until a session has sent its first samples they are of the session before. Of a rig that is not
+    heard any more they are what was, which its life says.
     """
     was = snapshot.life in ("ended", "dead")
-    return bool(snapshot.latest) and (was or snapshot.rate_hz > 0)
+    return bool(snapshot.latest) and (was or snapshot.is_sampled)
 
 
 def _readings(snapshot: Snapshot) -> list[dict[str, Any]]:

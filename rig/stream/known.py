@@ -54,6 +54,8 @@ class Snapshot:
         time_s: time of the newest sample within its test, s; NaN if there is none.
         test: number of the test that the newest sample belongs to; 0 outside of tests.
         latest: channel -> value of the newest sample; NaN where it was not measured.
+        is_sampled: whether its present session has sent samples, the newest of which is `latest`;
+            before that `latest` is of the session before.
         rate_hz: number of new samples that came in the last second, not counting past ones that
             were asked for.
         decision: content of the newest message `decision`, as in docs/stream.md; empty if none
@@ -80,6 +82,7 @@ class Snapshot:
     time_s: float = float("nan")
     test: int = 0
     latest: Mapping[str, float] = field(default_factory=dict)
+    is_sampled: bool = False
     rate_hz: float = 0.0
     decision: Content = field(default_factory=dict)
     health: Content = field(default_factory=dict)

@@ -69,7 +69,7 @@ class RigView:
         self._heartbeat_s = 0.5
         self._sequences: dict[str, int] = {}
         self._next_row: int | None = None
-        self._is_begun = False
+        self._is_begun = self._is_sampled = False
         self._sent_ns = 0
         self._holes: deque[tuple[int, int]] = deque(maxlen=HOLES_KEPT)
         self._channels: dict[tuple[str, int], Channels] = {}
@@ -238,6 +238,7 @@ class RigView:
             session=self.session,
             alive=self.has_token and is_heard,
             age_s=age_s,
+            is_sampled=self._is_sampled,
             rate_hz=float(sum(len(batch.samples.time_s) for batch in recent if not batch.is_past)),
             **shown,
         )
@@ -285,7 +286,8 @@ class RigView:
             self._former.append(self.session)
         if name in self._former:
             self.refuse("two programs speak in this rig's name in turn, and neither is proven")
-        self.session, self._is_begun, self._session_ns = name, False, None
+        self.session, self._session_ns = name, None
+        self._is_begun = self._is_sampled = False
         # The channels of the earlier session stay: if a stranger has sent this message, the rig's
         # next samples still need them.
         self._sequences.clear()
@@ -390,6 +392,7 @@ class RigView:
             self._note_lost("channels", received_ns)
             self._note_lost("samples", received_ns)
             return
+        self._is_sampled = True
         self._batches.append(Received(samples, channels, received_ns))
         while self._batches[0].received_ns < received_ns - self._window_ns:
             self._batches.popleft()
@@ -411,6 +414,7 @@ class RigView:
         if self._has_rows(samples):
             return
         self._fill(samples.first_row, samples.first_row + len(samples.time_s))
+        self._is_sampled = True
         self._batches.append(Received(samples, channels, received_ns, is_past=True))
         ordered = sorted(self._batches, key=lambda batch: batch.samples.first_row)
         self._batches = deque(ordered)

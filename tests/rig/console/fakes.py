@@ -25,6 +25,7 @@ RUNNING = Snapshot(
     units=("m", "K"),
     time_s=12.34,
     latest={"position_m": 0.30012, "oil_temperature_K": 313.15, "load_N": float("nan")},
+    is_sampled=True,
     rate_hz=1000.0,
     campaign={
         "status": "running",

@@ -63,13 +63,13 @@ def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page
     site.client.become("bench", latest=heard, health={"homed": True})
     expect(page.locator("#contacts dd").first).to_have_text("closed")
     expect(page.locator("#bypass caption")).to_have_text("This rig has none.")
-    site.client.become("bench", rate_hz=0.0, health={})
+    site.client.become("bench", is_sampled=False, health={})
     expect(page.locator("#contacts dd")).to_have_text(["not known"] * 2)
     expect(page.locator("#action")).to_have_text("not heard yet")
     expect(page.locator("#bypass caption")).to_have_text("not heard yet")
     for shown in ("#readings dd", ".chart canvas"):
         assert float(page.evaluate(opacity.replace("#readings dd", shown))) < 0.6
-    site.client.become("bench", rate_hz=1000.0, latest={"position_m": 0.3})
+    site.client.become("bench", is_sampled=True, latest={"position_m": 0.3})
     expect(page.locator("#action")).to_have_text("A simulated rig has none.")
 
 

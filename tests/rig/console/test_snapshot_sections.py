@@ -100,10 +100,10 @@ def test_interlocks_are_reported_in_words_with_the_first_out_first() -> None:
     }
     assert unheard["position"] == "not known"
     # What the session before has measured is not known of the one that reads nothing yet.
-    before = told(latest=latest | {"estop_closed": 1.0}, rate_hz=0.0)
+    before = told(latest=latest | {"estop_closed": 1.0}, is_sampled=False)
     assert {each["text"] for each in before["interlocks"]["contacts"]} == {"not known", "not homed"}
     assert not before["life"]["is_read"]
-    was = told(latest=latest, rate_hz=0.0, alive=False)
+    was = told(latest=latest, is_sampled=False, alive=False)
     assert was["interlocks"]["contacts"][0]["text"] == "open"
     assert [each["by"] for each in found["first_out"]] == ["loop", "field"]
     assert [each["after_ms"] for each in found["first_out"]] == [0.0, 12.0]

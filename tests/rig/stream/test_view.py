@@ -103,10 +103,14 @@ def test_a_publisher_that_begins_anew_is_reported_with_the_rows_that_it_missed(
     view: RigView, publisher: Publisher
 ) -> None:
     publisher.samples(0)
+    assert view.snapshot(0).is_sampled
     again = Publisher(view, "s2")
     again.send("channels", CHANNELS)
+    assert view.snapshot(0).latest
+    assert not view.snapshot(0).is_sampled
     again.samples(1010)
     snapshot = view.snapshot(0)
+    assert snapshot.is_sampled
     assert (snapshot.session, snapshot.restarts) == ("s2", 1)
     assert snapshot.missing == {"rows": 1000}
 
