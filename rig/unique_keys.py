@@ -12,7 +12,7 @@ _LONGEST_SHOWN: Final = 40
 
 
 class RepeatedKeyError(ValueError):
-    """The error of a map of which a key comes twice; its message says which."""
+    """Raised for a map in which a key comes twice; its message names the key."""
 
 
 def unique_keys(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, Any]:

@@ -82,7 +82,7 @@ COMMANDS: Final = {
 
 @contextmanager
 def _without_collector() -> Iterator[None]:
-    """Import in this context without looking for garbage, and never look through what it leaves.
+    """Switch the garbage collector off while modules are imported; it never looks at them later.
 
     Modules make a million objects that stay to the end. The collector would look through them again
     and again, which takes an eighth of the time of the imports and as much later on.

@@ -1,8 +1,8 @@
-"""Shows what no terminal should obey: every text that the program prints passes here.
+"""Shows control characters in texts instead of sending them to the terminal.
 
-Names, remarks and reasons come from files and from the network. A terminal obeys control characters
-in them: it clears its screen, goes back in a line, or takes a title, and other characters turn the
-order of a line round.
+All that `rig` prints passes here, as names, remarks and reasons come from files and the network. A
+terminal that gets control characters clears its screen, goes back in a line, or takes a title, and
+other characters turn the order of a line round.
 """
 
 import re

@@ -53,7 +53,7 @@ class Screen(Console):
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterator[Segment]:
-        """Yield the pieces of what is printed, in whose texts nothing is left to obey."""
+        """Yield the pieces of what is printed; control characters in their texts are shown."""
         for piece in super().render(renderable, options):
             yield piece if piece.control else piece._replace(text=shown(piece.text))
 

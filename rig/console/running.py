@@ -179,10 +179,10 @@ class Connection(H11Protocol):
 
 
 class LiveConnection(WebSocketsSansIOProtocol):
-    """A websocket whose texts may be no texts, which the console refuses as it does any other."""
+    """A websocket connection on which a text message that is not UTF-8 is refused, not an error."""
 
     def send_receive_event_to_app(self) -> None:
-        """Hand a message on; one that says that it is text and is not UTF-8 is handed on as bytes.
+        """Hand a message on to the console; a text message that is not UTF-8 becomes one of bytes.
 
         uvicorn itself would log the error with all calls that have led to it, though nothing but
         the viewer's message is wrong.

@@ -141,7 +141,7 @@ class StreamedRun(Observer, Onlooker):
         self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
 
     def came_before(self, last: Mapping[str, Any]) -> None:
-        """Send, of a station, what drove the rig last and how that ended."""
+        """Send what drove the rig last and how that ended; a station does this."""
         self._last = last
         if self._campaign:
             self._campaign["last"] = dict(last)

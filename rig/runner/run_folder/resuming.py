@@ -358,7 +358,7 @@ def unfinished_run(campaign: str, below: Path) -> Path:
 
 
 def require_journal(folder: Path, recordings: Sequence[str]) -> None:
-    """Check that a run which is to be resumed has a journal, if it has anything else.
+    """Check that a run which has results or recordings also has a journal to be resumed from.
 
     Without what the journal says of finished tests, their results would be lost, and the ram moved
     for them again.

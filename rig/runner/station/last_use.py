@@ -58,7 +58,7 @@ class LastUse:
         return str(self._content.get("campaign", {}).get("name", ""))
 
     def lent(self, lease: Lease) -> None:
-        """Begin anew: somebody drives the rig, and has not said yet how that ended."""
+        """Note that somebody drives the rig now, who has not said yet how that ended."""
         campaign = {
             "status": "ended",
             "name": lease.what,
@@ -123,7 +123,7 @@ class LastUse:
         return folder if folder.is_absolute() and (folder / JOURNAL).is_file() else None
 
     def _read_journal(self) -> None:
-        """Take over that the run was acknowledged, if its journal has changed and says so."""
+        """Note that the run was acknowledged, if its journal has changed and says so."""
         folder = self._folder
         if folder is None or self._content.get("acknowledged"):
             return

@@ -185,7 +185,7 @@ class Resident:
         self._tell_end()
 
     def _tell_end(self) -> None:
-        """Take how what drove last has ended, if that is told; tell the onlooker what is new."""
+        """Keep how the last use of the rig has ended, if that was told; tell the onlooker of it."""
         lease = self._lent
         if lease is not None and not self._keeper.holds(lease):
             self._last.ended(lease)

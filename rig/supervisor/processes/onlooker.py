@@ -42,7 +42,7 @@ class Onlooker:
         """Learn the session's new state."""
 
     def came_before(self, last: Mapping[str, Any]) -> None:
-        """Learn, of a station, what drove the rig last, how that ended, and who has seen it."""
+        """Learn what drove the rig last, how that ended and who saw it; a station tells this."""
 
     def hands_over(self, to: str) -> None:
         """Learn that the session, of a station, ends now to leave the rig to who has asked for it.

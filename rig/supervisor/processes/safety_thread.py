@@ -131,9 +131,9 @@ class SafetyThread:
         start(self._thread)
 
     def stand_down(self) -> None:
-        """Wait until the thread watches the parts no more, as they are ended now; it beats on.
+        """Let the thread stop watching the parts, which are ended now, and wait for that.
 
-        So none of them trips because the supervisor were silent, however long their end takes.
+        It goes on beating, so that no part trips for a silent supervisor while it is ended.
         """
         self.alive()
         self._standing_down.set()
