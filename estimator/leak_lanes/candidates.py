@@ -231,7 +231,7 @@ def scored_blocks(sums: AccountSums, least: float, beside: Finding | None) -> Sc
 
 
 class CompiledCandidates(Candidates):
-    """Scores as `LeakTest` takes them; what is rarely asked for is made when needed.
+    """Scores as `LeakTest` takes them; the gains, which are rarely asked for, are made when needed.
 
     Args:
         scored: the scores.
@@ -239,25 +239,17 @@ class CompiledCandidates(Candidates):
     """
 
     def __init__(self, scored: Scored, known: tuple[int, int] | None) -> None:
+        crossed = scored.crossed[:, :, :NUISANCE_COUNT]
         self.__dict__.update(
             regression=CompiledRegression(scored),
+            products=FaultProducts(
+                scored.squares, crossed, scored.products, scored.sizes, scored.blocks
+            ),
+            scores=Scores(*scored.scores),
             usable=scored.usable,
             _scored=scored,
             _known=known,
         )
-
-    @cached_property
-    def products(self) -> FaultProducts:
-        """Return sums of the faults' products since each mark."""
-        scored: Scored = self.__dict__["_scored"]
-        crossed = scored.crossed[:, :, :NUISANCE_COUNT]
-        return FaultProducts(scored.squares, crossed, scored.products, scored.sizes, scored.blocks)
-
-    @cached_property
-    def scores(self) -> Scores:
-        """Return what each candidate would explain in the regression."""
-        scored: Scored = self.__dict__["_scored"]
-        return Scores(*scored.scores)
 
     @cached_property
     def gain(self) -> Array:
