@@ -74,7 +74,8 @@ def pytest_configure(config: pytest.Config) -> None:
     Tests keep their state, such as counters of rigs, apart from the user's.
     """
     os.environ["XDG_STATE_HOME"] = str(HERE.parent / ".pytest_cache" / "state")
-    worker = getattr(config, "workerinput", {}).get("workerid", "")
+    given = getattr(config, "workerinput", {})
+    worker = given.get("workerid", "")
     all_tests = any(HERE.is_relative_to(Path(asked).resolve()) for asked in config.args)
     if not worker:
         if all_tests and config.getoption("numprocesses", None):
@@ -85,15 +86,18 @@ def pytest_configure(config: pytest.Config) -> None:
     if not folder:
         return
     compile_once(Path(folder) / "locks")
-    if all_tests:
-        compile_apart(int(worker.removeprefix("gw")))
+    number = int(worker.removeprefix("gw"))
+    # Meanwhile the last worker makes the bytecode.
+    if all_tests and number + 1 < given["workercount"]:
+        compile_apart(number)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Collect all tests without garbage collection, and keep their objects out of later ones.
 
-    Of the workers one collects first: it makes the bytecode that the others then only read.
+    Of the workers one collects first, the last one, as it has nothing to compile before: it makes
+    the bytecode that the others then only read.
     """
     folder = os.environ.get("NUMBA_CACHE_DIR")
     with without_looking_for_garbage(), ExitStack() as turn:
