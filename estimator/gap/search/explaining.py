@@ -133,6 +133,8 @@ class Explaining:
             self.attribution.take_out(place, [values[:, None] for values in self._values(without)])
         self._base = len(self.attribution.base)
         self._without: Array | None = None
+        self._tables: dict[Shape, list[Array]] = {}
+        self._spectra: dict[Shape, Array] = {}
         self._floor = floor
         self._hopeless: float | None = None
         columns = filtered.columns(values, variables)
@@ -244,7 +246,8 @@ class Explaining:
     def remembered(self, place: Place, name: str) -> list[Explanation]:
         """Return explanations of a place by what remembers one quantity, unsorted."""
         along = [self._at_course(k) for k in range(len(self.attribution.courses))]
-        tried = self.of(place, memories(self.attribution, place, name, along, self._least))
+        shapes = memories(self.attribution, place, name, along, self._least, self._spectra)
+        tried = self.of(place, shapes)
         found = list(tried)
         for form in MEMORIES:
             best = max((e for e in tried if e.shape.form == form), key=_gain, default=None)
@@ -297,27 +300,18 @@ class Explaining:
         What all shapes change is computed at once. The first call also sets `_without`: by how much
         the variables alone change the cost of each block that they are not fitted to.
         """
-        changes, residual, samples = self.attribution.stacked(place, self._columns(shapes))
-        base = self._base
-        with_base = np.matmul(changes.transpose(0, 2, 1), changes[:, :, :base])
-        slopes = np.matmul(residual[:, None, :], changes)[:, 0]
+        columns, counts = self._columns(shapes), [shape.count for shape in shapes]
+        summed = self.attribution.summed(place, columns, counts)
         if self._without is None:
+            base, (products, slopes) = self._base, summed[0]
             self._without = _changes_out_of_fold(
-                with_base[:, range(base)], slopes[:, range(base)], self._bounds,
-                np.zeros((base, base)),
-            )  # fmt: skip
-        excess = float(np.square(residual).sum()) - self._floor * samples
-        found, first = [], base
-        for shape in shapes:
-            own = slice(first, first + shape.count)
-            first = own.stop
-            known = [*range(base), *range(own.start, own.stop)]
-            products = np.empty((len(changes), len(known), len(known)))
-            products[:, :, :base] = with_base[:, known]
-            products[:, :base, base:] = with_base[:, own].transpose(0, 2, 1)
-            mine = changes[:, :, own]
-            products[:, base:, base:] = np.matmul(mine.transpose(0, 2, 1), mine)
-            best = self._smoothed(place, shape, products, slopes[:, known], excess)
+                products[:, :base, :base], slopes[:, :base], self._bounds, np.zeros((base, base))
+            )
+        squares, samples = self.attribution.left()
+        excess = float(squares.sum()) - self._floor * samples
+        found = []
+        for shape, (products, slopes) in zip(shapes, summed, strict=True):
+            best = self._smoothed(place, shape, products, slopes, excess)
             if best is not None:
                 found.append(best)
         return found
@@ -328,8 +322,21 @@ class Explaining:
         A column is the disturbance with one coefficient of a shape at 1 and all others at 0. The
         columns of the first shape come first. A course (`Course`) is a linearised part of a record.
         """
-        along = [self._at_course(k) for k in range(len(self.attribution.courses))]
-        return [np.concatenate([s.columns(each) for s in shapes], axis=1) for each in along]
+        every = zip(*(self._columns_of(shape) for shape in shapes), strict=True)
+        return [np.concatenate(each, axis=1) for each in every]
+
+    def _columns_of(self, shape: Shape) -> list[Array]:
+        """Return the columns of one shape at the samples of each course, (m, count) for each.
+
+        Those of tables are kept, because each place is tried with the same ones.
+        """
+        found = self._tables.get(shape)
+        if found is None:
+            courses = range(len(self.attribution.courses))
+            found = [shape.columns(self._at_course(k)) for k in courses]
+            if shape.form == "table":
+                self._tables[shape] = found
+        return found
 
     def _at_course(self, k: int) -> dict[str, Array]:
         """Return all quantities along the course with index `k`, as `Shape.columns` takes them."""
@@ -370,17 +377,15 @@ class Explaining:
     def _least(self) -> float:
         """Return the gain below which it is hopeless to look at a shape further (`_HOPELESS`)."""
         if self._hopeless is None:
-            none = [np.zeros((len(course.samples), 1)) for course in self.attribution.courses]
-            _, residual, samples = self.attribution.stacked(self.places[0], none)
-            excess = float(np.square(residual).sum()) - self._floor * samples
+            squares, samples = self.attribution.left()
+            excess = float(squares.sum()) - self._floor * samples
             self._hopeless = max(CHANCE, _HOPELESS * excess)
         return self._hopeless
 
     @property
     def samples(self) -> int:
         """Return the number of readings used in the excerpts' blocks."""
-        none = [np.zeros((len(course.samples), 1)) for course in self.attribution.courses]
-        return self.attribution.stacked(self.places[0], none)[2]
+        return self.attribution.left()[1]
 
 
 def _crossed(
