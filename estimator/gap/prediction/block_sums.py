@@ -26,6 +26,8 @@ class BlockSums:
         blocks: the blocks that count, as slices of its samples, at least one.
 
     Attributes:
+        products: float64 (blocks, variables, variables), products of their changes with each other.
+        slopes: float64 (blocks, variables), products of their changes with the innovations.
         squares: float64 (blocks,), squares of the innovations.
         used: number of readings used in the blocks.
     """
@@ -41,8 +43,8 @@ class BlockSums:
             [(known[b] * root[b][..., None]).reshape(self._left.shape[1], -1) for b in blocks]
         )
         turned = self._known.transpose(0, 2, 1)
-        self._products = np.matmul(turned, self._known)
-        self._slopes = np.matmul(turned, self._left[..., None])[..., 0]
+        self.products = np.matmul(turned, self._known)
+        self.slopes = np.matmul(turned, self._left[..., None])[..., 0]
         self._buffer = np.empty(0)
         self.squares = np.square(self._left).sum(1)
         self.used = sum(int(np.isfinite(course.variances[b]).sum()) for b in blocks)
@@ -89,9 +91,9 @@ class BlockSums:
         found = []
         for count in counts:
             products = np.empty((len(self._blocks), base + count, base + count))
-            products[:, :base, :base] = self._products
+            products[:, :base, :base] = self.products
             slopes = np.empty((len(self._blocks), base + count))
-            slopes[:, :base] = self._slopes
+            slopes[:, :base] = self.slopes
             found.append((products, slopes))
         for b, block in enumerate(self._blocks):
             every = answers[block].reshape(self._left.shape[1], -1)

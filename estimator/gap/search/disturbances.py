@@ -7,7 +7,7 @@ equation and region together take as long as a few runs of the plant. Disturbanc
 together with the variables of the fit, with the same blocks and error bars as any column.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -241,6 +241,24 @@ class Attribution:
         """Return the weighted squares of each block's innovations, and the number of readings."""
         sums = self._block_sums()
         return np.concatenate([each.squares for each in sums]), sum(each.used for each in sums)
+
+    def of_variables(self) -> tuple[Array, Array]:
+        """Return the block sums of the fit's variables alone, as `summed` does."""
+        sums = self._block_sums()
+        products, slopes = ([getattr(e, name) for e in sums] for name in ("products", "slopes"))
+        return np.concatenate(products), np.concatenate(slopes)
+
+    def keep(self, kept: Iterable[bool]) -> None:
+        """Leave out blocks, and courses without any; `kept` says of each block whether it stays."""
+        said = iter(kept)
+        blocks = [tuple(block for block in own if next(said)) for own in self._blocks]
+        some = [k for k, own in enumerate(blocks) if own]
+        self._blocks = [blocks[k] for k in some]
+        self.courses = [self.courses[k] for k in some]
+        self.numbers = [self.numbers[k] for k in some]
+        self._first = [self._first[k] for k in some]
+        self._known = [self._known[k] for k in some]
+        self._sums = self._pulls = self._base_pulls = None
 
     def summed(
         self, place: Place, shapes: Sequence[Array], counts: Sequence[int]

@@ -123,6 +123,12 @@ class Explaining:
         )
         self._drifting = varying_of(self.plant)
         self.attribution = Attribution(filtered, values, variables, self.parts, self._drifting)
+        columns = filtered.columns(values, variables)
+        self._bounds = (
+            np.array([column.lower for column in columns]),
+            np.array([column.upper for column in columns]),
+        )
+        self._leave_out_broken()
         self.places = [*places_of(self.plant), *self._drifting]
         names = [*self.plant.regions, TIME_NAME]
         self._along = {name: self.attribution.along(name) for name in names}
@@ -131,17 +137,32 @@ class Explaining:
         if without is not None:
             place = next(each for each in self.places if each.name == without.place)
             self.attribution.take_out(place, [values[:, None] for values in self._values(without)])
-        self._base = len(self.attribution.base)
-        self._without: Array | None = None
+        self._without = self._change_by_variables()
         self._tables: dict[Shape, list[Array]] = {}
         self._spectra: dict[Shape, Array] = {}
         self._floor = floor
         self._hopeless: float | None = None
-        columns = filtered.columns(values, variables)
-        self._bounds = (
-            np.array([column.lower for column in columns]),
-            np.array([column.upper for column in columns]),
-        )
+
+    def _leave_out_broken(self) -> None:
+        """Leave out the blocks in which the linearised course does not hold.
+
+        Where a ram is about to stick, small changes may grow without end in the linearised filter,
+        and such a block would count for more than all others. So it is where variables that are
+        fitted to the other folds alone, a step next to none from where they are, would make a block
+        cost more than twice what it costs.
+        """
+        while True:
+            squares, _ = self.attribution.left()
+            kept = ~(self._change_by_variables() > squares)
+            if kept.all() or kept.sum() < _FOLDS:
+                break
+            # The worst hides others: the steps of the variables are as small as it needs them.
+            self.attribution.keep(kept)
+
+    def _change_by_variables(self) -> Array:
+        """Return by how much variables fitted to other folds alone change each block's cost."""
+        products, slopes = self.attribution.of_variables()
+        return _changes_out_of_fold(products, slopes, self._bounds, np.zeros_like(products[0]))
 
     def explanations(self, only: Wheres | None = None) -> list[Explanation]:
         """Return an explanation for each shape of each place that is tried, by falling gain.
@@ -297,16 +318,10 @@ class Explaining:
     def _evaluated(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
         """Return an explanation for each shape of a place; shapes that change nothing are left out.
 
-        What all shapes change is computed at once. The first call also sets `_without`: by how much
-        the variables alone change the cost of each block that they are not fitted to.
+        What all shapes change is computed at once.
         """
         columns, counts = self._columns(shapes), [shape.count for shape in shapes]
         summed = self.attribution.summed(place, columns, counts)
-        if self._without is None:
-            base, (products, slopes) = self._base, summed[0]
-            self._without = _changes_out_of_fold(
-                products[:, :base, :base], slopes[:, :base], self._bounds, np.zeros((base, base))
-            )
         squares, samples = self.attribution.left()
         excess = float(squares.sum()) - self._floor * samples
         found = []
@@ -352,7 +367,7 @@ class Explaining:
     ) -> Explanation | None:
         """Return the explanation by a shape with that penalty on roughness which predicts best.
 
-        The result is None if the shape changes nothing. `_without` must have been set.
+        The result is None if the shape changes nothing.
 
         Args:
             place: place where the disturbance enters.
@@ -361,7 +376,6 @@ class Explaining:
             slopes: float64 (blocks, k), as for `_crossed`.
             excess: cost of the excerpts above the floor.
         """
-        assert self._without is not None
         best: Explanation | None = None
         for rough in shape.roughness():
             crossed = _crossed(products, slopes, self._bounds, rough, self._without)
