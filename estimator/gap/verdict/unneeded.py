@@ -41,11 +41,11 @@ def without_unneeded(
         return choice
     model, before = choice.model, list(found.named)
     found.fitted, found.filtered, found.variables = model.fitted, model.filtered, model.variables
-    # Without disturbances this is the model that the search has asked already.
-    if model.discoveries:
-        search.eliminate(found)
     for named in _outweighed(found, choice):
         search.give_up(found, named)
+    # Without disturbances the search has asked this already.
+    if model.discoveries:
+        search.eliminate(found)
     while len(found.named) > 1 and (vague := _vaguest(search, found)) is not None:
         search.give_up(found, vague)
     if len(found.named) == len(before):
