@@ -1,4 +1,5 @@
 from .bands import unheard as unheard
+from .block_sums import BlockSums as BlockSums, weights_of as weights_of
 from .costly_stretches import Excerpt as Excerpt, excerpts as excerpts
 from .fit import Changes as Changes, Filtered as Filtered, Fitted as Fitted, Fitter as Fitter
 from .held_out import channel_gaps as channel_gaps, free_runs as free_runs, mean_gap as mean_gap

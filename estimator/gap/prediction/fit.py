@@ -9,6 +9,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from estimator.gap.plant import Array, BoolArray, Gains, Record
+from rig.lanes import LANES
 
 from .linear import Column, Linear, assemble, cost_of, slices_of
 from .predictor import Predictor
@@ -33,10 +34,17 @@ _BREAKDOWN: Final = 1e8
 
 @dataclass(frozen=True)
 class Fitted:
-    """Values of all parameters by name, and each block's cost with them (float64 (blocks,))."""
+    """Values of all parameters by name, and each block's cost with them (float64 (blocks,)).
+
+    Attributes:
+        values: the values, SI.
+        costs: the costs.
+        before: sum of the costs where the fit started; NaN if the values come from no fit.
+    """
 
     values: dict[str, float]
     costs: Array
+    before: float = float("nan")
 
     @property
     def cost(self) -> float:
@@ -273,25 +281,36 @@ class Filtered:
             kept: changes by column name that are used in every step and not run again (chord
                 method), such as those of nuisances, which can then be fitted along without further
                 runs.
-            first: changes by column name at the start, used in the first step only.
+            first: changes of all columns by name at the start, if they are known.
         """
-        present = Fitted(dict(values), self.costs(values))
-        if not present.cost < _BREAKDOWN * self.samples:
+        kept = kept or {}
+        columns = self.columns(values, variables)
+        if first is None:
+            innovations, changes = self._ahead(values, columns, kept)
+        else:
+            # These were run at the start, and so were the innovations there.
+            innovations, changes = [each for each, _ in self.innovations(values)], first
+        costs = self.costs_of(innovations)
+        before = float(costs.sum())
+        present = Fitted(dict(values), costs, before)
+        if not before < _BREAKDOWN * self.samples:
             return present
-        known = {**(kept or {}), **(first or {})}
-        for _ in range(steps):
-            columns = self.columns(present.values, variables)
-            linear = self.linearise(present.values, columns, known)
-            known = {**(kept or {})}
+        for left in reversed(range(steps)):
+            asked = [column for column in columns if column.name not in changes]
+            found = {**changes, **self._by_name(present.values, asked)}
+            of_columns = [found[column.name] for column in columns]
+            linear = assemble(columns, innovations, of_columns, self.used, self.blocks, self.pool)
             step, _ = linear.solve([column.name for column in columns])
             better = None
             for share in _SHARES:
                 tried = dict(present.values)
                 for variable, change in zip(variables, step, strict=True):
                     tried = variable.moved(tried, share * change)
-                costs = self.costs(tried)
+                columns = self.columns(tried, variables)
+                innovations, changes = self._ahead(tried, columns if left else [], kept)
+                costs = self.costs_of(innovations)
                 if costs.sum() < present.cost:
-                    better = Fitted(tried, costs)
+                    better = Fitted(tried, costs, before)
                     break
             if better is None:
                 break
@@ -300,3 +319,33 @@ class Filtered:
             if gained < tolerance * present.cost:
                 break
         return present
+
+    def _by_name(self, values: Values, columns: Sequence[Column]) -> dict[str, Changes]:
+        """Return the changes by columns (`changes`), by the names of these."""
+        names = [column.name for column in columns]
+        return dict(zip(names, self.changes(values, columns), strict=True)) if names else {}
+
+    def _ahead(
+        self, values: Values, columns: Sequence[Column], kept: Mapping[str, Changes]
+    ) -> tuple[list[Array], Mapping[str, Changes]]:
+        """Return for each record the innovations at `values`, and the changes that are known there.
+
+        The changes are by the columns' names, those in `kept` among them. Whether a step is good is
+        known once the innovations after it are; then the changes about the new values are wanted.
+        In lanes both take hardly longer than the innovations alone, so the columns that are not in
+        `kept` are run together with these if one run holds them all, and are left out if not.
+        """
+        asked = [column for column in columns if column.name not in kept]
+        sets = [values, *(column.values for column in asked)]
+        if not 1 < len(sets) <= LANES or not self.predictor.are_alike(sets):
+            return [innovations for innovations, _ in self.innovations(values)], kept
+        runs = list(
+            self.pool.map(
+                lambda record, gains: self.predictor.innovations_of(record, gains, sets),
+                self.records, self.gains,
+            )
+        )  # fmt: skip
+        found = dict(kept)
+        for k, column in enumerate(asked, 1):
+            found[column.name] = [_change(run[k], run[0], column.size) for run in runs]
+        return [run[0] for run in runs], found

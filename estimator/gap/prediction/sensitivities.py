@@ -24,7 +24,7 @@ from .variables import Values
 from .with_additions import drive_with, put, read_with, remember_with, scratch_of, step_with
 
 _LINEARISE: Final = void(*PLANT, ALONG, MATRIX, MATRIX, VECTOR, SLOPES)
-_RESPOND: Final = void(CUBE, CUBE, CUBE, MATRIX, int64[::1], int64[::1], CUBE, CUBE)
+_RESPOND: Final = void(CUBE, CUBE, CUBE, MATRIX, int64[::1], int64[::1], CUBE, MATRIX, CUBE)
 _PULL_BACK: Final = void(CUBE, CUBE, CUBE, MATRIX, int64[::1], MATRIX, MATRIX)
 
 
@@ -106,7 +106,7 @@ def linearise_course(
 
 
 @njit(_RESPOND, cache=True, error_model="numpy", nogil=True)
-def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers):
+def respond(transitions, slopes, gains, variances, starts, rows, rates, shapes, answers):
     """Compute the changes of the innovations by kicks, divided by the standard deviations of these.
 
     Args:
@@ -116,10 +116,13 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
         variances: float64 (m, outputs), of the innovations; infinite where a reading is not used.
         starts: int64 (m,), 1 where a stretch begins; no kick before it has an effect there.
         rows: int64 (r,), what is kicked: j for state j after the step, k + i for reading i.
-        kicks: float64 (m, r, columns), sizes of the kicks, SI.
+        rates: float64 (m, r, 1) or (m, r, columns), kicks by a shape of one, SI; with one column,
+            they are the same for all shapes.
+        shapes: float64 (m, columns), by which the rates are multiplied.
         answers: float64 (m, outputs, columns), written: the changes; 0 where a reading is not used.
     """
-    count, outputs, columns = transitions.shape[1], slopes.shape[1], kicks.shape[2]
+    count, outputs, columns = transitions.shape[1], slopes.shape[1], shapes.shape[1]
+    alike = rates.shape[2] == 1
     x, ahead = np.zeros((count, columns)), np.zeros((count, columns))
     error = np.empty(columns)
     for t in range(transitions.shape[0]):
@@ -138,7 +141,7 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
             for r in range(rows.size):
                 if rows[r] == count + i:
                     for c in range(columns):
-                        error[c] -= kicks[t, r, c]
+                        error[c] -= rates[t, r, 0 if alike else c] * shapes[t, c]
             scale = 1.0 / np.sqrt(variances[t, i])
             for c in range(columns):
                 answers[t, i, c] = scale * error[c]
@@ -154,9 +157,13 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
                     for c in range(columns):
                         ahead[i, c] += slope * x[j, c]
         for r in range(rows.size):
-            if rows[r] < count:
+            if rows[r] < count and alike:
+                rate = rates[t, r, 0]
                 for c in range(columns):
-                    ahead[rows[r], c] += kicks[t, r, c]
+                    ahead[rows[r], c] += rate * shapes[t, c]
+            elif rows[r] < count:
+                for c in range(columns):
+                    ahead[rows[r], c] += rates[t, r, c] * shapes[t, c]
         for i in range(count):
             put(x[i], ahead[i])
 
@@ -233,7 +240,10 @@ class Course:
     starts: NDArray[np.int64]
     shifts: Array
 
-    def answers(self, rows: Sequence[int], kicks: Array) -> Array:
+    def answers(
+        self, rows: Sequence[int], rates: Array, shapes: Array | None = None,
+        variances: Array | None = None, found: Array | None = None,
+    ) -> Array:  # fmt: skip
         """Return the changes of the innovations by kicks, (m, outputs, columns).
 
         They are divided by the innovations' standard deviations, and 0 where a reading is not used.
@@ -242,12 +252,23 @@ class Course:
         Args:
             rows: what is kicked: the index of a state, or the number of states plus the index of an
                 output.
-            kicks: float64 (m, rows, columns), sizes of the kicks, SI.
+            rates: float64 (m, rows, columns), sizes of the kicks by shapes of one, SI; or
+                (m, rows, 1), if they are the same for all shapes.
+            shapes: float64 (m, columns), by which the rates are multiplied; None for ones.
+            variances: float64 (m, outputs), which the changes are divided by the roots of; None for
+                those of the innovations.
+            found: float64 (m, outputs, columns), to be written and returned; None for a new array.
         """
-        found = np.empty((len(self.samples), self.variances.shape[1], kicks.shape[2]))
+        if shapes is None:
+            shapes = np.ones((len(self.samples), rates.shape[2]))
+        if variances is None:
+            variances = self.variances
+        if found is None:
+            found = np.empty((*variances.shape, shapes.shape[1]))
         respond(
-            self.transitions, self.slopes, self.gains, self.variances, self.starts,
-            np.array(rows, dtype=np.int64), np.ascontiguousarray(kicks), found,
+            self.transitions, self.slopes, self.gains, np.ascontiguousarray(variances), self.starts,
+            np.array(rows, dtype=np.int64), np.ascontiguousarray(rates),
+            np.ascontiguousarray(shapes), found,
         )  # fmt: skip
         return found
 

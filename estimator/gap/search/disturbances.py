@@ -7,7 +7,7 @@ equation and region together take as long as a few runs of the plant. Disturbanc
 together with the variables of the fit, with the same blocks and error bars as any column.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.gap.plant import DIRECTION, TIME_NAME, Array, Equation, Plant, Region, Varying
 from estimator.gap.prediction import (
-    HUBER,
+    BlockSums,
     Column,
     Course,
     Curve,
@@ -26,6 +26,7 @@ from estimator.gap.prediction import (
     Variable,
     course_of,
     excerpts,
+    weights_of,
 )
 
 from .shapes import hats
@@ -167,6 +168,7 @@ class Attribution:
             course.answers(rows, course.shifts[:, :, : len(sizes)] / sizes)
             for course in self.courses
         ]
+        self._sums: list[BlockSums] | None = None
         self._pulls: list[Array] | None = None
         self._base_pulls: tuple[list[Array], Array] | None = None
 
@@ -225,61 +227,78 @@ class Attribution:
             shapes: for each course, float64 (m, columns), SI: the shapes of all groups.
             counts: number of columns of each group, in their order.
         """
-        changes, residual, used = self.stacked(place, shapes)
-        base, turned = len(self._base), changes.transpose(0, 2, 1)
-        with_base = np.matmul(turned, changes[:, :, :base])
-        slopes = np.matmul(residual[:, None, :], changes)[:, 0]
-        squares = np.square(residual).sum(1)
-        found, first = [], base
-        for count in counts:
-            own = slice(first, first + count)
-            first = own.stop
-            known = [*range(base), *range(own.start, own.stop)]
-            products = np.empty((len(changes), len(known), len(known)))
-            products[:, :, :base] = with_base[:, known]
-            products[:, :base, base:] = with_base[:, own].transpose(0, 2, 1)
-            products[:, base:, base:] = np.matmul(turned[:, own], changes[:, :, own])
+        squares, used = self.left()
+        found = []
+        for count, (products, slopes) in zip(
+            counts, self.summed(place, shapes, counts), strict=True
+        ):
             columns = [*self._base, *(Column(f"#{k}", self.values, 1.0) for k in range(count))]
             quartics = np.zeros(len(columns))
-            found.append(Linear(columns, products, slopes[:, known], squares, quartics, used))
+            found.append(Linear(columns, products, slopes, squares, quartics, used))
         return found
 
-    def stacked(self, place: Place, shapes: Sequence[Array]) -> tuple[Array, Array, int]:
-        """Return how the fit's variables and shapes of a disturbance change the innovations.
+    def left(self) -> tuple[Array, int]:
+        """Return the weighted squares of each block's innovations, and the number of readings."""
+        sums = self._block_sums()
+        return np.concatenate([each.squares for each in sums]), sum(each.used for each in sums)
+
+    def of_variables(self) -> tuple[Array, Array]:
+        """Return the block sums of the fit's variables alone, as `summed` does."""
+        sums = self._block_sums()
+        products, slopes = ([getattr(e, name) for e in sums] for name in ("products", "slopes"))
+        return np.concatenate(products), np.concatenate(slopes)
+
+    def keep(self, kept: Iterable[bool]) -> None:
+        """Leave out blocks, and courses without any; `kept` says of each block whether it stays."""
+        said = iter(kept)
+        blocks = [tuple(block for block in own if next(said)) for own in self._blocks]
+        some = [k for k, own in enumerate(blocks) if own]
+        self._blocks = [blocks[k] for k in some]
+        self.courses = [self.courses[k] for k in some]
+        self.numbers = [self.numbers[k] for k in some]
+        self._first = [self._first[k] for k in some]
+        self._known = [self._known[k] for k in some]
+        self._sums = self._pulls = self._base_pulls = None
+
+    def summed(
+        self, place: Place, shapes: Sequence[Array], counts: Sequence[int]
+    ) -> list[tuple[Array, Array]]:
+        """Return the sums over all blocks (`BlockSums.summed`) for groups of shapes at a place.
+
+        Args:
+            place: place where a disturbance enters.
+            shapes: for each course, float64 (m, columns), SI: the shapes of all groups.
+            counts: number of columns of each group, in their order.
+        """
+
+        def run(sums: BlockSums, course: Course, each: Array) -> list[tuple[Array, Array]]:
+            return sums.summed(place.rows, self._rates(place, course), each, counts)
+
+        parts = list(self._pool.map(run, self._block_sums(), self.courses, shapes))
+        return [
+            (np.concatenate([p[g][0] for p in parts]), np.concatenate([p[g][1] for p in parts]))
+            for g in range(len(counts))
+        ]
+
+    def in_blocks(self, place: Place, shapes: Sequence[Array]) -> Array:
+        """Return what shapes of a disturbance change in the weighted innovations of each block.
+
+        The result is (blocks, samples, outputs, columns).
 
         Args:
             place: place where the disturbance enters.
             shapes: for each course, float64 (m, columns), SI.
-
-        Returns:
-            The changes (blocks, readings, columns), variables first, and the innovations (blocks,
-            readings), both weighted against outliers; the number of readings used.
         """
-        base = len(self._base)
-
-        def run(index: int) -> tuple[Array, Array, int]:
-            course, blocks = self.courses[index], self._blocks[index]
-            rates = self._rates(place, course)
-            answers = course.answers(place.rows, rates[:, :, None] * shapes[index][:, None, :])
-            root, used = np.sqrt(_weights(course)), 0
-            length, outputs = blocks[0].stop - blocks[0].start, root.shape[1]
-            changes = np.empty((len(blocks), length, outputs, base + answers.shape[2]))
-            residual = np.empty((len(blocks), length, outputs))
-            for changed, left, block in zip(changes, residual, blocks, strict=True):
-                weights = root[block][..., None]
-                np.multiply(self._known[index][block], weights, out=changed[..., :base])
-                np.multiply(answers[block], weights, out=changed[..., base:])
-                np.multiply(course.innovations[block], root[block], out=left)
-                used += int(np.isfinite(course.variances[block]).sum())
-            wide = (len(blocks), length * outputs)
-            return changes.reshape(*wide, -1), residual.reshape(wide), used
-
-        parts = list(self._pool.map(run, range(len(self.courses))))
-        return (
-            np.concatenate([part[0] for part in parts]),
-            np.concatenate([part[1] for part in parts]),
-            sum(part[2] for part in parts),
+        parts = zip(self._block_sums(), self.courses, shapes, strict=True)
+        return np.concatenate(
+            [sums.in_blocks(place.rows, self._rates(place, c), each) for sums, c, each in parts]
         )
+
+    def _block_sums(self) -> list[BlockSums]:
+        if self._sums is None:
+            parts = zip(self.courses, self._known, self._blocks, strict=True)
+            self._sums = [BlockSums(*each) for each in parts]
+        return self._sums
 
     def pull(self, place: Place) -> list[Array]:
         """Return the slope of half the cost by a unit of disturbance at each sample of each course.
@@ -323,7 +342,7 @@ class Attribution:
         for course, blocks in zip(self.courses, self._blocks, strict=True):
             weights = np.zeros_like(course.innovations)
             for block in blocks:
-                weights[block] = _weights(course)[block]
+                weights[block] = weights_of(course)[block]
             found.append(weights)
         return found
 
@@ -351,10 +370,10 @@ class Attribution:
         The innovations of `courses` are replaced, so that they hold again what the disturbance
         explains. `shapes` has an array (m, 1) for each course: the disturbance, SI.
         """
-        self._pulls = None
+        self._pulls = self._sums = None
         for index, course in enumerate(self.courses):
-            kicks = self._rates(place, course)[:, :, None] * shapes[index][:, None, :]
-            held = course.answers(place.rows, kicks)[:, :, 0]
+            rates = self._rates(place, course)[:, :, None]
+            held = course.answers(place.rows, rates, shapes[index])[:, :, 0]
             self.courses[index] = replace(course, innovations=course.innovations - held)
 
     def _rates(self, place: Place, course: Course) -> Array:
@@ -446,13 +465,6 @@ class Attribution:
             for curve in self._curves_of(place, (*place.of, TIME.name), floor)
         ]
         return sorted(found, key=lambda curve: -curve.gain)
-
-
-def _weights(course: Course) -> Array:
-    """Return the weights (m, outputs) of squared innovations, less for outliers (Huber)."""
-    return np.asarray(
-        np.minimum(1.0, HUBER / np.maximum(np.abs(course.innovations), 1e-12)), np.float64
-    )
 
 
 def attribution(

@@ -123,6 +123,12 @@ class Explaining:
         )
         self._drifting = varying_of(self.plant)
         self.attribution = Attribution(filtered, values, variables, self.parts, self._drifting)
+        columns = filtered.columns(values, variables)
+        self._bounds = (
+            np.array([column.lower for column in columns]),
+            np.array([column.upper for column in columns]),
+        )
+        self._leave_out_broken()
         self.places = [*places_of(self.plant), *self._drifting]
         names = [*self.plant.regions, TIME_NAME]
         self._along = {name: self.attribution.along(name) for name in names}
@@ -131,15 +137,32 @@ class Explaining:
         if without is not None:
             place = next(each for each in self.places if each.name == without.place)
             self.attribution.take_out(place, [values[:, None] for values in self._values(without)])
-        self._base = len(self.attribution.base)
-        self._without: Array | None = None
+        self._without = self._change_by_variables()
+        self._tables: dict[Shape, list[Array]] = {}
+        self._spectra: dict[Shape, Array] = {}
         self._floor = floor
         self._hopeless: float | None = None
-        columns = filtered.columns(values, variables)
-        self._bounds = (
-            np.array([column.lower for column in columns]),
-            np.array([column.upper for column in columns]),
-        )
+
+    def _leave_out_broken(self) -> None:
+        """Leave out the blocks in which the linearised course does not hold.
+
+        Where a ram is about to stick, small changes may grow without end in the linearised filter,
+        and such a block would count for more than all others. So it is where variables that are
+        fitted to the other folds alone, a step next to none from where they are, would make a block
+        cost more than twice what it costs.
+        """
+        while True:
+            squares, _ = self.attribution.left()
+            kept = ~(self._change_by_variables() > squares)
+            if kept.all() or kept.sum() < _FOLDS:
+                break
+            # The worst hides others: the steps of the variables are as small as it needs them.
+            self.attribution.keep(kept)
+
+    def _change_by_variables(self) -> Array:
+        """Return by how much variables fitted to other folds alone change each block's cost."""
+        products, slopes = self.attribution.of_variables()
+        return _changes_out_of_fold(products, slopes, self._bounds, np.zeros_like(products[0]))
 
     def explanations(self, only: Wheres | None = None) -> list[Explanation]:
         """Return an explanation for each shape of each place that is tried, by falling gain.
@@ -244,7 +267,8 @@ class Explaining:
     def remembered(self, place: Place, name: str) -> list[Explanation]:
         """Return explanations of a place by what remembers one quantity, unsorted."""
         along = [self._at_course(k) for k in range(len(self.attribution.courses))]
-        tried = self.of(place, memories(self.attribution, place, name, along, self._least))
+        shapes = memories(self.attribution, place, name, along, self._least, self._spectra)
+        tried = self.of(place, shapes)
         found = list(tried)
         for form in MEMORIES:
             best = max((e for e in tried if e.shape.form == form), key=_gain, default=None)
@@ -294,30 +318,15 @@ class Explaining:
     def _evaluated(self, place: Place, shapes: Sequence[Shape]) -> list[Explanation]:
         """Return an explanation for each shape of a place; shapes that change nothing are left out.
 
-        What all shapes change is computed at once. The first call also sets `_without`: by how much
-        the variables alone change the cost of each block that they are not fitted to.
+        What all shapes change is computed at once.
         """
-        changes, residual, samples = self.attribution.stacked(place, self._columns(shapes))
-        base = self._base
-        with_base = np.matmul(changes.transpose(0, 2, 1), changes[:, :, :base])
-        slopes = np.matmul(residual[:, None, :], changes)[:, 0]
-        if self._without is None:
-            self._without = _changes_out_of_fold(
-                with_base[:, range(base)], slopes[:, range(base)], self._bounds,
-                np.zeros((base, base)),
-            )  # fmt: skip
-        excess = float(np.square(residual).sum()) - self._floor * samples
-        found, first = [], base
-        for shape in shapes:
-            own = slice(first, first + shape.count)
-            first = own.stop
-            known = [*range(base), *range(own.start, own.stop)]
-            products = np.empty((len(changes), len(known), len(known)))
-            products[:, :, :base] = with_base[:, known]
-            products[:, :base, base:] = with_base[:, own].transpose(0, 2, 1)
-            mine = changes[:, :, own]
-            products[:, base:, base:] = np.matmul(mine.transpose(0, 2, 1), mine)
-            best = self._smoothed(place, shape, products, slopes[:, known], excess)
+        columns, counts = self._columns(shapes), [shape.count for shape in shapes]
+        summed = self.attribution.summed(place, columns, counts)
+        squares, samples = self.attribution.left()
+        excess = float(squares.sum()) - self._floor * samples
+        found = []
+        for shape, (products, slopes) in zip(shapes, summed, strict=True):
+            best = self._smoothed(place, shape, products, slopes, excess)
             if best is not None:
                 found.append(best)
         return found
@@ -328,8 +337,21 @@ class Explaining:
         A column is the disturbance with one coefficient of a shape at 1 and all others at 0. The
         columns of the first shape come first. A course (`Course`) is a linearised part of a record.
         """
-        along = [self._at_course(k) for k in range(len(self.attribution.courses))]
-        return [np.concatenate([s.columns(each) for s in shapes], axis=1) for each in along]
+        every = zip(*(self._columns_of(shape) for shape in shapes), strict=True)
+        return [np.concatenate(each, axis=1) for each in every]
+
+    def _columns_of(self, shape: Shape) -> list[Array]:
+        """Return the columns of one shape at the samples of each course, (m, count) for each.
+
+        Those of tables are kept, because each place is tried with the same ones.
+        """
+        found = self._tables.get(shape)
+        if found is None:
+            courses = range(len(self.attribution.courses))
+            found = [shape.columns(self._at_course(k)) for k in courses]
+            if shape.form == "table":
+                self._tables[shape] = found
+        return found
 
     def _at_course(self, k: int) -> dict[str, Array]:
         """Return all quantities along the course with index `k`, as `Shape.columns` takes them."""
@@ -345,7 +367,7 @@ class Explaining:
     ) -> Explanation | None:
         """Return the explanation by a shape with that penalty on roughness which predicts best.
 
-        The result is None if the shape changes nothing. `_without` must have been set.
+        The result is None if the shape changes nothing.
 
         Args:
             place: place where the disturbance enters.
@@ -354,7 +376,6 @@ class Explaining:
             slopes: float64 (blocks, k), as for `_crossed`.
             excess: cost of the excerpts above the floor.
         """
-        assert self._without is not None
         best: Explanation | None = None
         for rough in shape.roughness():
             crossed = _crossed(products, slopes, self._bounds, rough, self._without)
@@ -370,17 +391,15 @@ class Explaining:
     def _least(self) -> float:
         """Return the gain below which it is hopeless to look at a shape further (`_HOPELESS`)."""
         if self._hopeless is None:
-            none = [np.zeros((len(course.samples), 1)) for course in self.attribution.courses]
-            _, residual, samples = self.attribution.stacked(self.places[0], none)
-            excess = float(np.square(residual).sum()) - self._floor * samples
+            squares, samples = self.attribution.left()
+            excess = float(squares.sum()) - self._floor * samples
             self._hopeless = max(CHANCE, _HOPELESS * excess)
         return self._hopeless
 
     @property
     def samples(self) -> int:
         """Return the number of readings used in the excerpts' blocks."""
-        none = [np.zeros((len(course.samples), 1)) for course in self.attribution.courses]
-        return self.attribution.stacked(self.places[0], none)[2]
+        return self.attribution.left()[1]
 
 
 def _crossed(

@@ -50,11 +50,10 @@ class Refits:
         """
         for _ in range(rounds):
             filtered = self.fitter.filtered(values)
-            before = filtered.costs(values).sum()
             fitted = filtered.fit(values, variables, 4)
             values = fitted.values
             # If the values hardly moved, their gains did not change either.
-            if before - fitted.cost < SETTLED_BY * fitted.cost:
+            if fitted.before - fitted.cost < SETTLED_BY * fitted.cost:
                 break
         return fitted, filtered
 
@@ -112,7 +111,7 @@ class Refits:
         effect = self.plant.effects[candidate.effect]
         start = started(self.plant, values, effect, candidate.start)
         kept = changes_by_name(filtered, values, variables)
-        first = {}
+        first: dict[str, Changes] | None = None
         # At this start, and at no other, the screening has already run these changes side by side.
         if start == values:
             first = changes_by_name(filtered, values, (*variables, *effect_variables(effect)))

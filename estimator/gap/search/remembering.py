@@ -45,7 +45,7 @@ _PIECE: Final = 512
 
 def memories(
     attribution: Attribution, place: Place, of: str, along: Sequence[Mapping[str, Array]],
-    least: float = CHANCE,
+    least: float = CHANCE, kept: dict[Shape, Array] | None = None,
 ) -> list[Shape]:  # fmt: skip
     """Return what remembers a quantity and promises the most, as many of a form as `_BEST` says.
 
@@ -59,6 +59,8 @@ def memories(
         along: quantities by name at each sample of each course, (m,) each, as `Shape.columns` takes
             them.
         least: least promise that is worth a look.
+        kept: spectra of shapes along these courses, which do not depend on the place; those that
+            are computed are added. None if they are not kept.
     """
     period = float(along[0][TIME_NAME][1] - along[0][TIME_NAME][0])
     pulls = attribution.pull(place)
@@ -66,7 +68,8 @@ def memories(
     at = np.fft.rfftfreq(_PIECE, period)
     # White noise has twice the mean square of a tone.
     weights = 2.0 * np.interp(at, frequencies, curvature)
-    promising = _Promising(along, pulls, attribution.base_pulls(place), weights)
+    spectra: dict[Shape, Array] = {} if kept is None else kept
+    promising = _Promising(along, pulls, attribution.base_pulls(place), weights, spectra)
     low, high = np.quantile(np.concatenate([each[of] for each in along]), (0.01, 0.99))
     held = attribution.is_held(of)
     tried = _plays(of, float(high - low), held)
@@ -118,26 +121,32 @@ class _Promising:
         with_base: products of the disturbance with the fit's variables, (m, variables) for each
             course; and those of the variables with each other (`Attribution.base_pulls`).
         weights: what white noise of each frequency changes, per sample (`_PIECE` // 2 + 1,).
+        spectra: spectra of shapes that are known (`_spectrum`); those that are computed are added.
     """
 
     along: Sequence[Mapping[str, Array]]
     pulls: Sequence[Array]
     with_base: tuple[list[Array], Array]
     weights: Array
+    spectra: dict[Shape, Array]
 
     def gain(self, shape: Shape) -> float:
         """Return by how much a shape would lower the cost beyond what the variables could."""
         base, gram = self.with_base
-        slopes, matrix = np.zeros(shape.count), np.zeros((shape.count, shape.count))
-        crossed = np.zeros((len(gram), shape.count))
+        slopes, crossed = np.zeros(shape.count), np.zeros((len(gram), shape.count))
+        is_known = shape in self.spectra
+        spectrum = np.zeros((len(self.weights), shape.count, shape.count))
         for k, quantities in enumerate(self.along):
             columns = shape.columns(quantities)
             slopes += columns.T @ self.pulls[k]
             if len(gram):
                 crossed += base[k].T @ columns
-            starts = np.flatnonzero(quantities[STARTS] > 0.0)
-            for begin, end in zip(starts, [*starts[1:], len(columns)], strict=True):
-                matrix += self._squared(columns[begin:end])
+            if not is_known:
+                starts = np.flatnonzero(quantities[STARTS] > 0.0)
+                for begin, end in zip(starts, [*starts[1:], len(columns)], strict=True):
+                    spectrum += _spectrum(columns[begin:end])
+        spectrum = self.spectra.setdefault(shape, spectrum)
+        matrix = np.einsum("fij,f->ij", spectrum, self.weights)
         scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         scaled = matrix / np.outer(scale, scale)
         if len(gram):
@@ -150,14 +159,19 @@ class _Promising:
         along_them = vectors.T @ (slopes / scale)
         return float((along_them**2 / np.maximum(values, _LEAST)).sum())
 
-    def _squared(self, columns: Array) -> Array:
-        """Return the squares and products of what columns (m, count) change, (count, count)."""
-        pieces = max(len(columns) // _PIECE, 1)
-        cut = columns[: pieces * _PIECE]
-        if len(cut) < _PIECE:
-            cut = np.pad(cut, ((0, _PIECE - len(cut)), (0, 0)))
-        window = np.hanning(_PIECE)[:, None]
-        spectra = np.fft.rfft(cut.reshape(pieces, _PIECE, -1) * window, axis=1)
-        power = np.einsum("pfi,pfj,f->ij", spectra.conj(), spectra, self.weights).real
-        # A spectrum's two halves are alike, and the window lets a part of the power through.
-        return np.asarray(2.0 * power * len(columns) / (pieces * _PIECE * (window**2).sum()))
+
+def _spectrum(columns: Array) -> Array:
+    """Return powers and cross powers of columns (m, count), (`_PIECE` // 2 + 1, count, count).
+
+    Times what white noise of each frequency changes, they sum to the squares and products of what
+    the columns change.
+    """
+    pieces = max(len(columns) // _PIECE, 1)
+    cut = columns[: pieces * _PIECE]
+    if len(cut) < _PIECE:
+        cut = np.pad(cut, ((0, _PIECE - len(cut)), (0, 0)))
+    window = np.hanning(_PIECE)[:, None]
+    spectra = np.fft.rfft(cut.reshape(pieces, _PIECE, -1) * window, axis=1)
+    power = np.einsum("pfi,pfj->fij", spectra.conj(), spectra).real
+    # A spectrum's two halves are alike, and the window lets a part of the power through.
+    return np.asarray(2.0 * power * len(columns) / (pieces * _PIECE * (window**2).sum()))

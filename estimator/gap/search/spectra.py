@@ -29,9 +29,7 @@ def curvature_of(attribution: Attribution, place: Place) -> tuple[Array, Array]:
     """
     generator = np.random.default_rng(_SEED)
     noise = [generator.standard_normal((len(c.samples), 1)) for c in attribution.courses]
-    changes, residual, _ = attribution.stacked(place, noise)
-    outputs = len(attribution.plant.outputs)
-    answers = changes[:, :, -1].reshape(len(residual), -1, outputs)
+    answers = attribution.in_blocks(place, noise)[..., 0]
     window = np.hanning(answers.shape[1])[:, None]
     powers = np.square(np.abs(np.fft.rfft(answers * window, axis=1))).mean(0).sum(1)
     powers /= float(np.square(window).sum())

@@ -52,8 +52,8 @@ def promising(
         np.concatenate([waves[k].columns({waves[k].of: values}) for k in some], axis=1)
         for values in along
     ]
-    changes, _, _ = attribution.stacked(place, columns)
-    squares = np.square(changes[:, :, -2 * len(some) :]).sum((0, 1)).reshape(-1, 2).mean(1)
+    ((products, _),) = attribution.summed(place, columns, [2 * len(some)])
+    squares = np.diag(products.sum(0))[-2 * len(some) :].reshape(-1, 2).mean(1)
     curvatures = np.interp(np.arange(len(waves)), some, squares)
     gains = np.abs(slopes) ** 2 / np.maximum(curvatures, 1e-12 * curvatures.max())
     return [waves[k] for k in np.sort(np.argsort(-gains)[:_LOOKED_AT]) if gains[k] >= least]

@@ -216,15 +216,15 @@ def _divided(
 ) -> tuple[dict[str, Discovery], tuple[Discovery, ...]]:
     """Return the disturbances that correct named effects, by the effects' names, and the others.
 
-    A disturbance corrects an effect if it, or a rival of it, is in one of the places, and against
-    one of the quantities, of `Effect.own`. Each effect is corrected by one disturbance at most.
+    A disturbance corrects an effect if it, or a rival of it, may be the effect in another form
+    (`_forms`). Each effect is corrected by one disturbance at most.
     """
     corrections: dict[str, Discovery] = {}
     others: list[Discovery] = []
     for each in model.discoveries:
         where = (each.addition.place, each.addition.of)
         near = {where, *(rival.where[:2] for rival in each.rivals)}
-        names = [n.effect for n in found.named if near & set(plant.effects[n.effect].own)]
+        names = [n.effect for n in found.named if near & _forms(plant, plant.effects[n.effect])]
         name = next((name for name in names if name not in corrections), None)
         if name is None:
             others.append(each)
@@ -254,8 +254,8 @@ def _in_place_of_several(
     best = _explaining_most(discovering, found, likely)
     if best is None or best.named.gain < EXPLAINED * excess:
         return None
-    own = discovering.plant.effects[best.named.effect].own
-    model = discovering.run(best.fitted, best.variables, found.floor, 1, own)
+    forms = _forms(discovering.plant, discovering.plant.effects[best.named.effect])
+    model = discovering.run(best.fitted, best.variables, found.floor, 1, forms)
     if not model.discoveries:
         return None
     rest = best.fitted.cost - found.fitted.cost
@@ -281,6 +281,17 @@ def _by_formula(discovering: Discovering, found: Found, alone: DiscoveredModel) 
         return None
     best = _explaining_most(discovering, found, effects)
     return None if best is None or best.named.gain < EXPLAINED * excess else best
+
+
+def _forms(plant: Plant, effect: Effect) -> set[tuple[str, str]]:
+    """Return places, each with a quantity, of curves that may be an effect in another form.
+
+    They are the effect's own (`Effect.own`), and those of its parameter against whatever the plant
+    lets it change with: a level of friction may grow with the pressure that a seal is under.
+    """
+    parameter = effect.knobs[0].parameter
+    changing = [each for each in plant.varying if parameter in each.parameters]
+    return {*effect.own, *((each.name, of) for each in changing for of in each.of)}
 
 
 def owners(plant: Plant, place: str, of: str) -> list[Effect]:

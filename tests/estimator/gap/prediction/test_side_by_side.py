@@ -12,7 +12,7 @@ from estimator.gap.plant.records import Record
 from estimator.gap.prediction.fit import Fitter
 from estimator.gap.prediction.linear import Column
 from estimator.gap.prediction.predictor import Predictor
-from estimator.gap.prediction.variables import started
+from estimator.gap.prediction.variables import nuisance_variable, started
 from tests.estimator.gap.courses import recorded, rig
 
 
@@ -89,6 +89,24 @@ def test_what_a_column_changes_is_the_same_whatever_was_asked_before(
             asked.changes(plant.nominal, some)
         found = asked.changes(plant.nominal, columns)
     assert all(np.array_equal(a[0], b[0]) for a, b in zip(wanted, found, strict=True))
+
+
+def test_a_fit_in_lanes_ends_where_one_of_runs_alone_does(plant: Plant, record: Record) -> None:
+    variables = [nuisance_variable(each) for each in plant.nuisances]
+    start = {**plant.nominal, "viscous": 380.0, "supply_pressure": 13.9e6}
+    ends = []
+    with ThreadPoolExecutor(2) as pool:
+        for each in (plant, replace(plant, in_lanes=None)):
+            ends.append(
+                Fitter(Predictor(each), [record], pool).filtered(start).fit(start, variables)
+            )
+    first, second = ends
+    assert first.cost == pytest.approx(second.cost, rel=1e-6)
+    assert first.before == pytest.approx(second.before, rel=1e-6)
+    assert first.cost < first.before
+    for variable in variables:
+        name = variable.parameter
+        assert first.values[name] == pytest.approx(second.values[name], rel=1e-5)
 
 
 def test_a_plant_that_runs_alone_is_run_alone(plant: Plant, record: Record) -> None:

@@ -25,7 +25,7 @@ from estimator.gap.plant.records import Record, made_of
 from estimator.gap.prediction.fit import Fitter
 from estimator.gap.prediction.predictor import Predictor
 from estimator.gap.prediction.results import Curve
-from estimator.gap.prediction.sensitivities import course_of
+from estimator.gap.prediction.sensitivities import Course, course_of
 from estimator.gap.prediction.variables import Variable
 from estimator.gap.search.disturbances import attribution
 from estimator.gap.search.drift import drifts
@@ -182,6 +182,28 @@ def test_of_many_waves_those_that_explain_most_are_among_the_few_that_are_follow
     assert len(few) < len(waves) / 4
     best = max(explaining.of(place, waves), key=lambda each: each.gain)
     assert best.shape in few
+
+
+def test_a_block_in_which_small_changes_grow_without_end_does_not_count(
+    pool: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = _moved(lambda x, v: 400.0 * v * abs(v))
+    whole = _explaining(record, pool)
+    answers = Course.answers
+
+    def broken(self: Course, *given: Any) -> Array:
+        found = answers(self, *given)
+        found[2000:2500] *= 1e5
+        return found
+
+    monkeypatch.setattr(Course, "answers", broken)
+    explaining = _explaining(record, pool)
+    blocks = len(whole.attribution.left()[0])
+    assert len(explaining.attribution.left()[0]) in (blocks - 1, blocks - 2)
+    (force,) = (each for each in explaining.places if each.name == "force balance")
+    (simple,) = explaining.of(force, [Shape("velocity", "", "x |x|")])
+    assert simple.share > 0.8
+    assert simple.coefficients[0] == pytest.approx(400.0, rel=0.1)
 
 
 def test_a_plant_that_names_no_direction_of_motion_is_explained_without_it(

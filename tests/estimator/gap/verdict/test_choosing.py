@@ -42,15 +42,19 @@ class Discovers:
 
     def __init__(self, effects: list[Effect], alone: Any, beside: Any, solo: Any = None) -> None:
         nominal = {"drag": 1.0, "weight": 0.0}
-        self.plant = SimpleNamespace(effects={e.name: e for e in effects}, nominal=nominal)
+        self.plant = SimpleNamespace(
+            effects={e.name: e for e in effects}, nominal=nominal, varying=()
+        )
         self._alone, self._beside, self._solo = alone, beside, solo or {}
         self.runs = 0
+        self.only: Any = None
 
     def run(
         self, fitted: Any, variables: Any, floor: float, most: int = 3, only: Any = None,
         begun: Any = None,
     ) -> Any:  # fmt: skip
         self.runs += 1
+        self.only = only
         left, of = self._beside if variables else self._alone
         found = [discovery(name) for name in of]
         return DiscoveredModel(fit(left), None, variables, found, tuple(d.addition for d in found))  # type: ignore[arg-type]
@@ -148,6 +152,20 @@ def test_effects_that_share_a_curve_become_one_effect_with_a_correction() -> Non
         [DRAG, other], (9.0, []), (0.05, ["velocity"]), {"drag": 1.0, "weight": 6.0}
     )
     choice, names = chosen(discovers, found(0.05, "drag", "weight"))
+    assert names == ["drag"]
+    assert list(choice.corrections) == ["drag"]
+
+
+def test_the_correction_may_go_with_whatever_the_effects_parameter_changes_with() -> None:
+    other = effect("weight", (("force", "velocity"),))
+    discovers = Discovers(
+        [DRAG, other], (9.0, []), (0.05, ["pressure"]), {"drag": 1.0, "weight": 6.0}
+    )
+    discovers.plant.varying = (
+        SimpleNamespace(name="force", parameters=("drag",), of=("pressure",)),
+    )
+    choice, names = chosen(discovers, found(0.05, "drag", "weight"))
+    assert discovers.only == {("force", "velocity"), ("force", "pressure")}
     assert names == ["drag"]
     assert list(choice.corrections) == ["drag"]
 
