@@ -13,6 +13,7 @@ from estimator.accounts import (
     NUISANCES,
     AccountBlock,
     AccountSums,
+    Scores,
     compile_ramp_search,
     nuisance_index,
 )
@@ -25,9 +26,11 @@ from estimator.leaks import (
     LeakTest,
     OilAccountDetector,
     SupplyTest,
+    none_stands_out,
 )
 
 from .candidates import CompiledCandidates, Scored, log_evidence, scored_blocks, standing_out
+from .drifting import drift_scores
 from .dropping import searched
 from .sizing import sized
 from .whitening import drift_row, whitened
@@ -91,6 +94,12 @@ class CompiledLeakTest(LeakTest):
         if key not in self._thresholds:
             self._thresholds[key] = super().threshold(freedom, part)
         return self._thresholds[key]
+
+    def _search(self) -> list[Finding]:
+        raw = self._scored_blocks(None)
+        if none_stands_out(raw.most, raw.freedom, self.threshold(raw.freedom)):
+            return self._slow()
+        return super()._search()
 
     def log_evidence(self, lasting: float, greatest_flow: float) -> Array:
         """Return the logarithm of each fault's likelihood beside none, summed over onsets: (5,)."""
@@ -162,7 +171,7 @@ class CompiledSupplyTest(SupplyTest):
 
 
 class CompiledDriftTest(DriftTest):
-    """A test for a drift of the encoder whose blocks are scaled by compiled code."""
+    """A test for a drift of the encoder whose blocks and scores are computed by compiled code."""
 
     def _row(self, block: AccountBlock) -> Array:
         moved, per_second = self._moved(block)
@@ -171,6 +180,12 @@ class CompiledDriftTest(DriftTest):
             self._model_error,
         )  # fmt: skip
         return row
+
+    def _scores(self) -> tuple[Scores, Array, float]:
+        scores, gain, freedom = drift_scores(
+            self._rows, self._starts, self._before, self._blocks, *self.settings
+        )
+        return Scores(*scores), gain, freedom
 
 
 class CompiledDetector(OilAccountDetector):

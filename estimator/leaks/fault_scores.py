@@ -1,6 +1,7 @@
 """Scores: how well each fault from each onset explains the accounts, alone or beside another."""
 
 from dataclasses import dataclass
+from math import log1p
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,25 @@ SETTLED_PART: Final = 0.8
 """If a fault leaves less than this part of the noise variance, the variance is estimated anew.
 
 The noise was then largely the fault itself."""
+
+
+_ABOVE_RIVALS: Final = RIVAL_GAIN * (1.0 + 1e-9)
+"""`RIVAL_GAIN`, and more than rounding may take from a gain."""
+
+
+def none_stands_out(most: float, freedom: float, limit: float) -> bool:
+    """Return whether the greatest gain alone shows that no fault can be sure.
+
+    A statistic t above a limit b means a gain f log(1 + t^2 / f) above that of b. So where no gain
+    reaches `RIVAL_GAIN` but that of b would, no fault is sure, alone or beside another one, and no
+    leak that grew is looked for. Where the result is False, a fault may be sure or not.
+
+    Args:
+        most: greatest gain of a usable candidate that is scored alone.
+        freedom: degrees of freedom f of the noise variance.
+        limit: what the statistic of a first fault must exceed, b.
+    """
+    return most < RIVAL_GAIN and freedom * log1p(max(limit, 0.0) ** 2 / freedom) > _ABOVE_RIVALS
 
 
 @dataclass(frozen=True)
