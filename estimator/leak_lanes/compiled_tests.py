@@ -26,7 +26,7 @@ from estimator.leaks import (
     LeakTest,
     OilAccountDetector,
     SupplyTest,
-    none_stands_out,
+    least_gain,
 )
 
 from .candidates import CompiledCandidates, Scored, log_evidence, scored_blocks, standing_out
@@ -96,10 +96,23 @@ class CompiledLeakTest(LeakTest):
         return self._thresholds[key]
 
     def _search(self) -> list[Finding]:
+        # With no gain of `RIVAL_GAIN` no pair and no leak that grew are looked for either.
         raw = self._scored_blocks(None)
-        if none_stands_out(raw.most, raw.freedom, self.threshold(raw.freedom)):
+        if raw.most < min(RIVAL_GAIN, least_gain(raw.freedom, self.threshold(raw.freedom))):
             return self._slow()
         return super()._search()
+
+    def best(self, beside: Finding | None = None) -> Finding | None:
+        """Return the fault with the greatest gain whose statistic exceeds the limit; else None.
+
+        As in `LeakTest`, of which little is needed where no gain is large enough.
+
+        Args:
+            beside: a fault that was found and is fitted along; None for the first fault.
+        """
+        raw = self._scored_blocks(beside)
+        of = self.threshold if beside is None else self.limit_beside
+        return None if raw.most < least_gain(raw.freedom, of(raw.freedom)) else super().best(beside)
 
     def log_evidence(self, lasting: float, greatest_flow: float) -> Array:
         """Return the logarithm of each fault's likelihood beside none, summed over onsets: (5,)."""
@@ -112,11 +125,10 @@ class CompiledLeakTest(LeakTest):
     def _standing_out(
         self, beside: Finding | None, limit: float, dead_zone: Array
     ) -> tuple[Array, NDArray[np.int64]]:
-        raw, most = self._scored_blocks(beside), 0.0
-        if beside is not None:
-            most = float(self.candidates(beside).change.max())
+        raw = self._scored_blocks(beside)
+        most = max(raw.most, raw.changed)
         gain, marks = standing_out(
-            raw.scores, raw.sizes, raw.usable, raw.gain, max(most, raw.most), limit, dead_zone
+            raw.scores, raw.sizes, raw.usable, raw.gain, most, limit, dead_zone
         )
         return gain, marks
 

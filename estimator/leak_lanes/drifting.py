@@ -63,7 +63,7 @@ def drift_scores(rows, starts, before, blocks, group, witness_groups, least, set
     first = 0 if blocks > kept else 1
     onsets = groups - witness_groups + 1 - first
     squares = np.empty((onsets, _SHAPES, _SHAPES))
-    crossed = np.empty((onsets, _SHAPES, _FIRST - 1))
+    crossed = np.empty((_FIRST - 1, _SHAPES, onsets))
     products = np.empty((onsets, _SHAPES))
     since, line = np.zeros((_SHAPES + 1, width)), np.empty(width)
     for g in range(groups - 1, first - 1, -1):
@@ -87,7 +87,7 @@ def drift_scores(rows, starts, before, blocks, group, witness_groups, least, set
             line[_FIRST + _DRIFT] -= began * line[_FIRST + _PER_SECOND]
             products[onset, i] = line[0]
             for a in range(1, _FIRST):
-                crossed[onset, i, a - 1] = line[a]
+                crossed[a - 1, i, onset] = line[a]
             for k in range(_SHAPES):
                 squares[onset, i, k] = line[_FIRST + k]
     variance, used = fit_nuisances(ff, fy, yy, 2.0 * blocks, least)

@@ -23,23 +23,21 @@ SETTLED_PART: Final = 0.8
 The noise was then largely the fault itself."""
 
 
-_ABOVE_RIVALS: Final = RIVAL_GAIN * (1.0 + 1e-9)
-"""`RIVAL_GAIN`, and more than rounding may take from a gain."""
+_ROUNDED: Final = 1.0 - 1e-9
+"""Factor that takes more from a gain than rounding does."""
 
 
-def none_stands_out(most: float, freedom: float, limit: float) -> bool:
-    """Return whether the greatest gain alone shows that no fault can be sure.
+def least_gain(freedom: float, limit: float) -> float:
+    """Return the gain below which no candidate's statistic can exceed a limit.
 
-    A statistic t above a limit b means a gain f log(1 + t^2 / f) above that of b. So where no gain
-    reaches `RIVAL_GAIN` but that of b would, no fault is sure, alone or beside another one, and no
-    leak that grew is looked for. Where the result is False, a fault may be sure or not.
+    A statistic t means a gain in twice the log likelihood of f log(1 + t^2 / f) or more: that much
+    without a dead zone. So a greatest gain below the result shows that no fault is sure.
 
     Args:
-        most: greatest gain of a usable candidate that is scored alone.
         freedom: degrees of freedom f of the noise variance.
-        limit: what the statistic of a first fault must exceed, b.
+        limit: what the statistic must exceed.
     """
-    return most < RIVAL_GAIN and freedom * log1p(max(limit, 0.0) ** 2 / freedom) > _ABOVE_RIVALS
+    return freedom * log1p(max(limit, 0.0) ** 2 / freedom) * _ROUNDED
 
 
 @dataclass(frozen=True)
