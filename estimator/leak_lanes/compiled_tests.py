@@ -194,10 +194,7 @@ class CompiledDriftTest(DriftTest):
         return row
 
     def _scores(self) -> tuple[Scores, Array, float]:
-        scores, gain, freedom = drift_scores(
-            self._rows, self._starts, self._before, self._blocks, *self.settings
-        )
-        return Scores(*scores), gain, freedom
+        return drift_scores(self._rows, self._starts, self._before, self._blocks, self.settings)
 
 
 class CompiledDetector(OilAccountDetector):

@@ -4,15 +4,17 @@ The products of the blocks are summed from the newest one back to each onset, in
 rows. The scores are those of `scoring`, with one cause more than a search for faults has.
 """
 
-from math import log1p
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimator.accounts import FAULT_COUNT, NOISE_WEIGHT, NUISANCE_COUNT
+from estimator.accounts import FAULT_COUNT, NOISE_WEIGHT, NUISANCE_COUNT, Scores
 from rig.jit import njit
 
 from .scoring import fit_nuisances, score
+
+Array = NDArray[np.float64]
 
 _FIRST: Final = 1 + NUISANCE_COUNT
 """Index of the first cause in a row, after the missing flow and the nuisances."""
@@ -24,8 +26,8 @@ _ROUNDS: Final = 3
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def drift_scores(rows, starts, before, blocks, group, witness_groups, least, settled):
-    """Return the scores of all causes from all onsets on, their gains, and the degrees of freedom.
+def _drift_sums(rows, starts, before, blocks, group, witness_groups):
+    """Return the products of the nuisances, and those of the causes from each onset on.
 
     Args:
         rows: rows of the blocks that are kept, as of `DriftTest`, (kept, 2, width); block i is at
@@ -35,13 +37,11 @@ def drift_scores(rows, starts, before, blocks, group, witness_groups, least, set
         blocks: number of blocks so far.
         group: blocks from one onset to the next.
         witness_groups: fewest groups of blocks since an onset.
-        least: lower bound of the noise variance.
-        settled: if a cause leaves less than this part of the noise variance, that is estimated
-            anew.
 
     Returns:
-        The fields of `Scores`, (4, onsets, causes), the gains in twice the log likelihood,
-        (onsets, causes), and the degrees of freedom.
+        Products of the nuisances with each other and with the missing flow, and that of the latter
+        with itself; then those of the causes, as `scoring.score` takes them: with the nuisances,
+        with each other, and with the missing flow.
     """
     kept, width = rows.shape[0], rows.shape[2]
     ff, fy, yy = np.zeros((_FIRST - 1, _FIRST - 1)), np.zeros(_FIRST - 1), before[0, 0]
@@ -90,18 +90,41 @@ def drift_scores(rows, starts, before, blocks, group, witness_groups, least, set
                 crossed[a - 1, i, onset] = line[a]
             for k in range(_SHAPES):
                 squares[onset, i, k] = line[_FIRST + k]
+    return ff, fy, yy, crossed, squares, products
+
+
+def drift_scores(
+    rows: Array,
+    starts: Array,
+    before: Array,
+    blocks: int,
+    settings: tuple[int, int, float, float],
+) -> tuple[Scores, Array, float]:
+    """Return the scores of all causes from all onsets on, their gains, and the degrees of freedom.
+
+    The gains are in twice the log likelihood, (onsets, causes).
+
+    Args:
+        rows: rows of the blocks that are kept, as of `DriftTest`, (kept, 2, width); block i is at
+            i modulo their number.
+        starts: start of each of these blocks, s, (kept,).
+        before: products of the columns over all blocks that are no longer kept, (width, width).
+        blocks: number of blocks so far.
+        settings: `DriftTest.settings`.
+    """
+    group, witness_groups, least, settled = settings
+    ff, fy, yy, crossed, squares, products = _drift_sums(
+        rows, starts, before, blocks, group, witness_groups
+    )
     variance, used = fit_nuisances(ff, fy, yy, 2.0 * blocks, least)
     left_free = NOISE_WEIGHT + 2.0 * blocks - used - 1.0
-    scores = np.empty((4, onsets, _SHAPES - 1))
+    scores = np.empty((4, len(squares), _SHAPES - 1))
     for _ in range(_ROUNDS):
         score(crossed, squares, products, ff, fy, yy, left_free, variance, least, scores)
-        left = scores[3].min()
+        left = float(scores[3].min())
         if left > settled * variance:
             break
         variance = left
     freedom = max(left_free, NOISE_WEIGHT)
-    gain = np.empty((onsets, _SHAPES - 1))
-    for j in range(onsets):
-        for i in range(_SHAPES - 1):
-            gain[j, i] = freedom * log1p(scores[2, j, i] / (freedom * scores[3, j, i]))
-    return scores, gain, freedom
+    gain = freedom * np.log1p(scores[2] / (freedom * scores[3]))
+    return Scores(*scores), gain, freedom
