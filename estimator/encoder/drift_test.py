@@ -16,7 +16,7 @@ docs/detection.md says how well, and docs/decisions/0035-encoder-drift.md why it
 
 from dataclasses import dataclass, replace
 from math import hypot, inf, sqrt
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,9 @@ LEAST_VARIANCE: Final = 1.0 / 16.0
 The noise of accounts on rigs that are the model is 0.0027 L/min where 0.0104 is expected with the
 model's errors counted in (docs/detection.md), which is 1/15 in variance. What these errors make of
 a drift is left to the dead zone."""
+SETTLED_PART: Final = 0.8
+"""If a cause leaves less than this part of the noise variance, the variance is estimated anew, as
+in `estimator.leaks.fault_scores`."""
 END_MARGIN: Final = 2e-3
 """Distance in m by which a reading must be beyond a stroke end to prove that the encoder is wrong.
 
@@ -126,7 +129,15 @@ class DriftTest:
         expected: mean and covariance of the nuisances before any block.
         model_error: factor on what is allowed for errors of the model, as in `LeakTest`; the dead
             zone rises with it above 1, and does not fall below.
+
+    Attributes:
+        settings: constants of the test for compiled code: `GROUP`, `WITNESS_GROUPS`,
+            `LEAST_VARIANCE` and `SETTLED_PART`.
     """
+
+    settings: ClassVar[tuple[int, int, float, float]] = (
+        GROUP, WITNESS_GROUPS, LEAST_VARIANCE, SETTLED_PART,
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -222,9 +233,12 @@ class DriftTest:
             self._found = self._searched() if self._blocks >= MINIMUM_BLOCKS else None
         return self._found
 
+    def _scores(self) -> tuple[Scores, Array, float]:
+        """Return the scores of all causes from all onsets on, as `_scored` does."""
+        return _scored(self._kept(), 2 * self._blocks)
+
     def _searched(self) -> EncoderDrift | None:
-        kept = self._kept()
-        scores, gain, freedom = _scored(kept, 2 * self._blocks)
+        scores, gain, freedom = self._scores()
         onset = int(np.argmax(gain[:, _DRIFT]))
         coefficient = float(scores.coefficient[onset, _DRIFT])
         variance = float(scores.variance[onset, _DRIFT])
@@ -243,6 +257,7 @@ class DriftTest:
         best = gain.argmax(axis=0)
         if any(c < _FAULTS and scores.coefficient[best[c], c] <= 0.0 for c in rivals):
             return None
+        kept = self._kept()
         rate, deviation, statistic = self._sized(kept, onset, variance)
         if not statistic > limit:
             return None
@@ -337,7 +352,7 @@ def _scored(kept: _Kept, count: int) -> tuple[Scores, Array, float]:
     for _ in range(3):
         scores = regression.score(crossed, products, variance)
         left = float(scores.variance.min())
-        if left > 0.8 * variance:
+        if left > SETTLED_PART * variance:
             break
         variance = left
     freedom = max(regression.freedom, NOISE_WEIGHT)

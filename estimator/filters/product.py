@@ -45,7 +45,7 @@ from .fused import fma
 from .product_model import DYNAMIC, STATE_COUNT, predict_product
 from .product_noise import DRY
 from .readings import acting_command, settled_supply, true_position, true_pressures
-from .ud import add_noise, correct, forget, orthogonalise, variance_of
+from .ud import add_noises, correct, forget, orthogonalise, variance_of
 
 Array = NDArray[np.float64]
 
@@ -194,11 +194,8 @@ def predict(x, factors, command, supply, par, noise, jacobian, rows, vector):
     """
     predict_product(x, command, supply, par, jacobian)
     _predict_factors(factors, jacobian, noise, rows, vector)
-    add_noise(factors, 6, noise.load, vector)
-    add_noise(factors, 7, noise.leakage, vector)
-    add_noise(factors, 8, noise.leakage, vector)
-    add_noise(factors, 9, noise.leakage, vector)
-    add_noise(factors, 10, noise.null_bias, vector)
+    walks = noise.load, noise.leakage, noise.leakage, noise.leakage, noise.null_bias
+    add_noises(factors, walks, rows)
 
 
 @inlined

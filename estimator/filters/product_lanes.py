@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.jit import njit
-from rig.lanes import LANES, align_stack, everywhere, in_lanes, load, select, store
+from rig.lanes import (
+    LANES,
+    align_stack,
+    aligned,
+    empty_lanes,
+    everywhere,
+    in_lanes,
+    load,
+    select,
+    store,
+)
 from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters, inlined, inner
 
 from .divergence import READINGS, RESETS, SQUARES, SUPPLY, TICKS, WINDOW, take_innovation
@@ -177,6 +187,11 @@ def product_lane_ticks(memory, readings, par, noise, states):
         store(memory.held, 0, load(z, _COMMAND))
 
 
+def _zeros(*rows: int) -> Array:
+    """Return an array of zeros whose rows of lanes lie along cache lines, (*rows, LANES)."""
+    return aligned(np.zeros((*rows, LANES)))
+
+
 class ProductLanes:
     """The product filters of `LANES` rigs that all assume one model.
 
@@ -198,16 +213,16 @@ class ProductLanes:
         self._parameters: Parameters = model.parameters
         self._noise: ProductNoise = product_noise(sensors, model.parameters)
         self._memory = _Memory(
-            x=np.zeros((STATE_COUNT, LANES)),
-            factors=np.zeros((STATE_COUNT, STATE_COUNT, LANES)),
-            watch=np.zeros((_WATCHED, LANES)),
-            held=np.zeros((1, LANES)),
+            x=_zeros(STATE_COUNT),
+            factors=_zeros(STATE_COUNT, STATE_COUNT),
+            watch=_zeros(_WATCHED),
+            held=_zeros(1),
             x_one=np.zeros((LANES, STATE_COUNT)),
             factors_one=np.zeros((LANES, STATE_COUNT, STATE_COUNT)),
             work_one=np.zeros((LANES, *WORK_SHAPE)),
-            jacobian=np.zeros((DYNAMIC, STATE_COUNT, LANES)),
-            rows=np.zeros((DYNAMIC, _COLUMNS, LANES)),
-            vector=np.zeros((STATE_COUNT, LANES)),
+            jacobian=_zeros(DYNAMIC, STATE_COUNT),
+            rows=_zeros(DYNAMIC, _COLUMNS),
+            vector=_zeros(STATE_COUNT),
         )
         self._started = False
 
@@ -242,19 +257,22 @@ class ProductLanes:
         memory.held[0] = sample[_COMMAND]
         self._started = True
 
-    def advance(self, readings: Array) -> Array:
+    def advance(self, readings: Array, states: Array | None = None) -> Array:
         """Advance all filters by some samples and return the estimates.
 
         Args:
             readings: float64 (ticks, 6, LANES), SI, rows as `rig.loop.lane_ticks.LANE_READINGS`:
                 five readings, of which a NaN is skipped, and the command in V from then on, which
                 must be finite. The very first sample starts the filters.
+            states: array for the result, (ticks, 11, LANES); None makes one.
 
         Returns:
             float64 (ticks, 11, LANES), rows as `estimator.filters.product_model.STATES`; NaN in a
             lane until its position and both pressures have been measured at once.
         """
-        states = np.empty((readings.shape[0], STATE_COUNT, LANES))
+        ticks = readings.shape[0]
+        if states is None:
+            states = empty_lanes(ticks * STATE_COUNT).reshape((ticks, STATE_COUNT, LANES))
         first = 0 if self._started else 1
         if not self._started:
             self._start(readings[0])

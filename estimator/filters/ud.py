@@ -57,17 +57,45 @@ def add_rank_one(factors, size, vector, weight):
 
 
 @inlined
-def add_noise(factors, index, variance, vector):
-    """Add a variance, not negative, to P[index, index], in place; `vector` is scratch (n,)."""
-    d = factors[index, index]
-    raised = d + variance
-    kept = select(raised > 0.0, d / raised, 1.0)
-    factors[index, index] = raised
-    for i in range(index):
-        u = factors[index, i]
-        vector[i] = u
-        factors[index, i] = u * kept
-    add_rank_one(factors, index, vector, variance * kept)
+def add_noises(factors, variances, scratch):
+    """Add variances, not negative, to the last diagonal elements of P, in place.
+
+    Each is one column of U that is taken apart, and one addition of rank one to what is before it.
+    An addition works its way from its last row to its first, and needs of each row only what the
+    additions before it have made of that row. So each row takes all additions before the next row
+    does: the divisions of one row then do not wait for each other.
+
+    Args:
+        factors: (n, n), updated.
+        variances: of the last states, in their order; m of them.
+        scratch: array of m + 1 rows or more, with n - 1 columns or more, and m or more.
+    """
+    n, count = factors.shape[0], len(variances)
+    first = n - count
+    for k in range(n - 1, -1, -1):
+        for s in range(max(k - first, 0), count):
+            d = factors[k, k]
+            if first + s == k:
+                raised = d + variances[s]
+                kept = select(raised > 0.0, d / raised, 1.0)
+                scratch[count, s] = variances[s] * kept
+                for i in range(k):
+                    u = factors[k, i]
+                    scratch[s, i] = u
+                    factors[k, i] = u * kept
+            else:
+                a, weight = scratch[s, k], scratch[count, s]
+                raised = fma(weight * a, a, d)
+                # As in `add_rank_one`.
+                inverse = select(raised > 0.0, 1.0 / raised, 0.0)
+                share = weight * a * inverse
+                scratch[count, s] = select(raised > 0.0, weight * (d * inverse), weight)
+                for i in range(k):
+                    u = factors[k, i]
+                    rest = fma(-a, u, scratch[s, i])
+                    scratch[s, i] = rest
+                    factors[k, i] = fma(share, rest, u)
+            factors[k, k] = raised
 
 
 @inlined

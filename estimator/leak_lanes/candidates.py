@@ -33,7 +33,7 @@ _SIZE, _SECONDS, _BLOCKS = Places.SIZES, Places.SECONDS, Places.BLOCKS
 
 
 class Scored(NamedTuple):
-    """Scores of all candidates as compiled code returns them; marks come first in all arrays."""
+    """Scores of all candidates as compiled code returns them."""
 
     variance: float
     """Noise variance that the nuisances, and a known fault, leave."""
@@ -43,6 +43,8 @@ class Scored(NamedTuple):
     """Most likely size of the spool's null bias in its tolerances, and its variance."""
     most: float
     """Greatest gain of a usable candidate in twice the log likelihood."""
+    changed: float
+    """Greatest gain of a change of the known fault's own size; 0 without a known fault."""
     ff: Array
     """Products of the nuisances, and a known fault, with each other, (m, m)."""
     fy: Array
@@ -50,7 +52,7 @@ class Scored(NamedTuple):
     squares: Array
     """Products of the faults and the null's shift with each other, (marks, 6, 6)."""
     crossed: Array
-    """Their products with the nuisances, and a known fault, (marks, 6, m)."""
+    """Their products with the nuisances, and a known fault, (m, 6, marks)."""
     products: Array
     """Their products with the missing flow, (marks, 6)."""
     sizes: Array
@@ -98,7 +100,7 @@ def _scored(total, before, blocks, least, fault, mark, unit):
     marks = before.shape[0]
     m = _N + 1 if fault >= 0 else _N
     squares = np.empty((marks, _SHAPES, _SHAPES))
-    crossed = np.empty((marks, _SHAPES, m))
+    crossed = np.empty((m, _SHAPES, marks))
     products = np.empty((marks, _SHAPES))
     sizes = np.empty((marks, FAULT_COUNT))
     number = np.empty(marks)
@@ -111,7 +113,7 @@ def _scored(total, before, blocks, least, fault, mark, unit):
                 squares[j, i, k] = total[place] - at[place]
             for a in range(_N):
                 place = _LF + i * _N + a
-                crossed[j, i, a] = total[place] - at[place]
+                crossed[a, i, j] = total[place] - at[place]
         seconds = total[_SECONDS] - at[_SECONDS]
         for i in range(FAULT_COUNT):
             sizes[j, i] = (total[_SIZE + i] - at[_SIZE + i]) / seconds
@@ -123,13 +125,13 @@ def _scored(total, before, blocks, least, fault, mark, unit):
             ff[a, b] = total[_FF + a * _N + b]
     if fault >= 0:
         for a in range(_N):
-            ff[_N, a] = ff[a, _N] = unit * crossed[mark, fault, a]
+            ff[_N, a] = ff[a, _N] = unit * crossed[a, fault, mark]
         ff[_N, _N] = unit * unit * squares[mark, fault, fault]
         fy[_N] = unit * products[mark, fault]
         for j in range(marks):
             later = max(j, mark)
             for i in range(_SHAPES):
-                crossed[j, i, _N] = unit * squares[later, i, fault]
+                crossed[_N, i, j] = unit * squares[later, i, fault]
     variance, used = fit_nuisances(ff, fy, total[_YY], 2.0 * blocks, least)
     freedom = NOISE_WEIGHT + 2.0 * blocks - used - 1.0
     null_bias = first_nuisance(ff, fy, variance)
@@ -149,15 +151,17 @@ def _scored(total, before, blocks, least, fault, mark, unit):
             break
         weighed = left
     gain = np.empty((marks, FAULT_COUNT))
-    most = 0.0
+    most = changed = 0.0
     for j in range(marks):
         for i in range(FAULT_COUNT):
             gain[j, i] = freedom * log1p(scores[2, j, i] / (freedom * scores[3, j, i]))
             if usable[j, i]:
                 most = max(most, gain[j, i])
+        if fault >= 0 and j > mark and number[j] >= WITNESSES:
+            changed = max(changed, gain[j, fault])
     return (
-        variance, freedom, null_bias, most, ff, fy, squares, crossed, products, sizes, number,
-        scores, usable, gain,
+        variance, freedom, null_bias, most, changed, ff, fy, squares, crossed, products, sizes,
+        number, scores, usable, gain,
     )  # fmt: skip
 
 
@@ -239,7 +243,7 @@ class CompiledCandidates(Candidates):
     """
 
     def __init__(self, scored: Scored, known: tuple[int, int] | None) -> None:
-        crossed = scored.crossed[:, :, :NUISANCE_COUNT]
+        crossed = scored.crossed[:NUISANCE_COUNT].T
         self.__dict__.update(
             regression=CompiledRegression(scored),
             products=FaultProducts(

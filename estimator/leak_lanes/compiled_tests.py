@@ -13,6 +13,7 @@ from estimator.accounts import (
     NUISANCES,
     AccountBlock,
     AccountSums,
+    Scores,
     compile_ramp_search,
     nuisance_index,
 )
@@ -25,9 +26,11 @@ from estimator.leaks import (
     LeakTest,
     OilAccountDetector,
     SupplyTest,
+    least_gain,
 )
 
 from .candidates import CompiledCandidates, Scored, log_evidence, scored_blocks, standing_out
+from .drifting import drift_scores
 from .dropping import searched
 from .sizing import sized
 from .whitening import drift_row, whitened
@@ -92,6 +95,25 @@ class CompiledLeakTest(LeakTest):
             self._thresholds[key] = super().threshold(freedom, part)
         return self._thresholds[key]
 
+    def _search(self) -> list[Finding]:
+        # With no gain of `RIVAL_GAIN` no pair and no leak that grew are looked for either.
+        raw = self._scored_blocks(None)
+        if raw.most < min(RIVAL_GAIN, least_gain(raw.freedom, self.threshold(raw.freedom))):
+            return self._slow()
+        return super()._search()
+
+    def best(self, beside: Finding | None = None) -> Finding | None:
+        """Return the fault with the greatest gain whose statistic exceeds the limit; else None.
+
+        As in `LeakTest`, of which little is needed where no gain is large enough.
+
+        Args:
+            beside: a fault that was found and is fitted along; None for the first fault.
+        """
+        raw = self._scored_blocks(beside)
+        of = self.threshold if beside is None else self.limit_beside
+        return None if raw.most < least_gain(raw.freedom, of(raw.freedom)) else super().best(beside)
+
     def log_evidence(self, lasting: float, greatest_flow: float) -> Array:
         """Return the logarithm of each fault's likelihood beside none, summed over onsets: (5,)."""
         raw = self._scored_blocks(None)
@@ -103,11 +125,10 @@ class CompiledLeakTest(LeakTest):
     def _standing_out(
         self, beside: Finding | None, limit: float, dead_zone: Array
     ) -> tuple[Array, NDArray[np.int64]]:
-        raw, most = self._scored_blocks(beside), 0.0
-        if beside is not None:
-            most = float(self.candidates(beside).change.max())
+        raw = self._scored_blocks(beside)
+        most = max(raw.most, raw.changed)
         gain, marks = standing_out(
-            raw.scores, raw.sizes, raw.usable, raw.gain, max(most, raw.most), limit, dead_zone
+            raw.scores, raw.sizes, raw.usable, raw.gain, most, limit, dead_zone
         )
         return gain, marks
 
@@ -162,7 +183,7 @@ class CompiledSupplyTest(SupplyTest):
 
 
 class CompiledDriftTest(DriftTest):
-    """A test for a drift of the encoder whose blocks are scaled by compiled code."""
+    """A test for a drift of the encoder whose blocks and scores are computed by compiled code."""
 
     def _row(self, block: AccountBlock) -> Array:
         moved, per_second = self._moved(block)
@@ -171,6 +192,9 @@ class CompiledDriftTest(DriftTest):
             self._model_error,
         )  # fmt: skip
         return row
+
+    def _scores(self) -> tuple[Scores, Array, float]:
+        return drift_scores(self._rows, self._starts, self._before, self._blocks, self.settings)
 
 
 class CompiledDetector(OilAccountDetector):

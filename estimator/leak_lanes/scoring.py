@@ -208,7 +208,8 @@ def score(crossed, squares, products, ff, fy, total, freedom, variance, least, o
     """Fill `out` with the fields of `regression.Scores`, (4, marks, faults).
 
     Args:
-        crossed: products of faults and null shift with F, (marks, faults + 1, m).
+        crossed: products of F with faults and null shift, (m, faults + 1, marks). Marks come last,
+            as they are what the innermost loops run along.
         squares: products of faults and shift with each other, (marks, faults + 1, faults + 1).
         products: products of faults and shift with y, (marks, faults + 1).
         ff: F'F, (m, m).
@@ -247,22 +248,27 @@ def score(crossed, squares, products, ff, fy, total, freedom, variance, least, o
                 own[q] = squares[first + k, i, i]
                 with_y[q] = products[first + k, i]
                 with_shift[q] = squares[first + k, i, faults]
-                for a in range(m):
-                    columns[a, q] = crossed[first + k, i, a]
+        for a in range(m):
+            for i in range(shapes):
+                # Slices begin where they begin: an index that might be negative is no vector's.
+                here, there = columns[a, i * count : (i + 1) * count], crossed[a, i, first:]
+                for k in range(count):
+                    here[k] = there[k]
         for a in range(m):
             here = columns[a]
             for b in range(a):
                 part, there = lower[a, b], columns[b]
                 for q in range(width):
                     here[q] -= part * there[q]
-            scale, of_y = 1.0 / lower[a, a], white[a]
+            scale, of_y, shift_here = 1.0 / lower[a, a], white[a], here[fault_width:]
             for q in range(width):
                 here[q] *= scale
                 own[q] -= here[q] * here[q]
                 with_y[q] -= here[q] * of_y
             for i in range(shapes):
+                own_here, crossing = here[i * count :], with_shift[i * count :]
                 for k in range(count):
-                    with_shift[i * count + k] -= here[i * count + k] * here[fault_width + k]
+                    crossing[k] -= own_here[k] * shift_here[k]
         for i in range(faults):
             for k in range(count):
                 q, mark = i * count + k, first + k

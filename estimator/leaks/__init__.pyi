@@ -16,6 +16,7 @@ from .fault_scores import (
     SETTLED_PART as SETTLED_PART,
     WITNESSES as WITNESSES,
     Candidates as Candidates,
+    least_gain as least_gain,
 )
 from .fault_size import (
     GREAT_FLOW as GREAT_FLOW,

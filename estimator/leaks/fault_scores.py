@@ -1,6 +1,7 @@
 """Scores: how well each fault from each onset explains the accounts, alone or beside another."""
 
 from dataclasses import dataclass
+from math import log1p
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,23 @@ SETTLED_PART: Final = 0.8
 """If a fault leaves less than this part of the noise variance, the variance is estimated anew.
 
 The noise was then largely the fault itself."""
+
+
+_ROUNDED: Final = 1.0 - 1e-9
+"""Factor that takes more from a gain than rounding does."""
+
+
+def least_gain(freedom: float, limit: float) -> float:
+    """Return the gain below which no candidate's statistic can exceed a limit.
+
+    A statistic t means a gain in twice the log likelihood of f log(1 + t^2 / f) or more: that much
+    without a dead zone. So a greatest gain below the result shows that no fault is sure.
+
+    Args:
+        freedom: degrees of freedom f of the noise variance.
+        limit: what the statistic must exceed.
+    """
+    return freedom * log1p(max(limit, 0.0) ** 2 / freedom) * _ROUNDED
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ class Group:
         parameters = aligned(cases.parameters[:, at])
         rigs = [Parameters(*map(float, column)) for column in parameters.T]
         at_rest = [rest_state(rig, x) for rig, x in zip(rigs, self._starts(), strict=True)]
-        faults = np.zeros((len(NO_FAULT), LANES))
+        faults = aligned(np.zeros((len(NO_FAULT), LANES)))
         faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
         onset = cases.onset_tick[at][None, :].copy()
         setting = self.setting

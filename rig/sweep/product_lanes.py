@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.filters import ProductLanes
+from estimator.filters import FILTERS, ProductLanes
 from estimator.leak_lanes import CompiledDetector, LaneDetectors
 from estimator.leaks import Decision
 from rig.lanes import LANES, empty_lanes
@@ -23,6 +23,7 @@ from .ticks import BLOCK, reading_block
 Array = NDArray[np.float64]
 
 _LEAST_HEALTHY: Final = 1e-12
+_STATES: Final = len(FILTERS["product"].states)
 
 
 def judged_by_product(group: Group) -> Figures:
@@ -43,14 +44,16 @@ def judged_by_product(group: Group) -> Figures:
     squares, flow = np.zeros(LANES), np.zeros((1, LANES))
     kept = group.room()
     wanted = [LANE_READINGS.index(name) for name in setting.kept]
+    room = empty_lanes((BLOCK + 1) * _STATES).reshape((BLOCK + 1, _STATES, LANES))
     for time_s, readings in _blocks(group, flow):
         if wanted:
             first = round(time_s[0] / TICK)
             kept[first : first + time_s.size] = readings[:, wanted]
         # The filter's sums are reset with the last sample of a window, and are read before it.
-        before = filters.advance(readings[:-1])
+        states = room[: time_s.size]
+        filters.advance(readings[:-1], states[:-1])
         squares += filters.squares
-        states = np.concatenate([before, filters.advance(readings[-1:])])
+        filters.advance(readings[-1:], states[-1:])
         ends_s.append(float(time_s[-1]))
         last = len(ends_s) == setting.blocks
         detectors.update(time_s, readings, states)
@@ -97,7 +100,7 @@ def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
     Yields:
         The times of a block's ticks, s, (ticks,), and the readings at these ticks, as in
         `rig.loop.lane_ticks.LANE_READINGS`, (ticks, 6, LANES), in SI; NaN for a transducer that
-        the rig does not have.
+        the rig does not have. The next block overwrites them.
 
     Raises:
         SweepError: a rig needed more integration steps than are allowed.
@@ -105,10 +108,12 @@ def _blocks(group: Group, flow: Array) -> Iterator[tuple[Array, Array]]:
     setting = group.setting
     steps = (BLOCK + 1) * MOST_STEPS
     log = empty_lanes(steps * LOGGED).reshape((steps, LOGGED, LANES))
+    width = len(LANE_READINGS)
+    room = empty_lanes((BLOCK + 1) * width).reshape((BLOCK + 1, width, LANES))
     for block in range(setting.blocks):
         first = 0 if block == 0 else block * BLOCK + 1
         ticks = np.arange(first, (block + 1) * BLOCK + 1, dtype=np.float64)
-        readings = np.empty((ticks.size, len(LANE_READINGS), LANES))
+        readings = room[: ticks.size]
         enough = reading_block(
             first, group.rigs, group.lanes, setting.loop, setting.like, setting.sensors, log,
             readings, flow,

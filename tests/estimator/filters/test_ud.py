@@ -29,8 +29,12 @@ def raised(factors: Array, size: int, vector: Array, weight: float) -> None:
 
 
 @njit(error_model="numpy")
+def all_noisier(factors: Array, variances: Array) -> None:
+    ud.add_noises(factors, variances, np.empty((SIZE + 1, SIZE)))
+
+
 def noisier(factors: Array, index: int, variance: float) -> None:
-    ud.add_noise(factors, index, variance, np.empty(SIZE))
+    all_noisier(factors, variance * np.eye(SIZE)[index])
 
 
 @njit(error_model="numpy")
@@ -98,6 +102,17 @@ def test_white_noise_adds_to_one_variance(
     expected = ud.dense_covariance(factors)
     expected[index, index] += variance
     noisier(factors, index, variance)
+    assert agrees(factors, expected)
+    assert is_sound(factors)
+
+
+@given(seeds, indices, st.booleans())
+def test_white_noises_of_the_last_states_add_to_theirs(seed: int, first: int, known: bool) -> None:
+    rng = np.random.default_rng(seed)
+    factors = random_factors(rng, known)
+    variances = rng.choice([0.0, 1e-9, 0.5, 2.0], SIZE - first)
+    expected = ud.dense_covariance(factors) + np.diag([*[0.0] * first, *variances])
+    all_noisier(factors, variances)
     assert agrees(factors, expected)
     assert is_sound(factors)
 

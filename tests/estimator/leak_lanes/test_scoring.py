@@ -55,8 +55,8 @@ def test_the_scores_are_those_of_the_regression(columns: tuple[Array, Array, Arr
     expected = regression.score(crossed, given, regression.variance)
     found = np.empty((4, len(squares), SHAPES - 1))
     score(
-        crossed, squares, products, f.T @ f, f.T @ y, float(y @ y), regression.freedom,
-        regression.variance, LEAST, found,
+        np.ascontiguousarray(crossed.T), squares, products, f.T @ f, f.T @ y, float(y @ y),
+        regression.freedom, regression.variance, LEAST, found,
     )  # fmt: skip
     for ours, theirs in zip(
         found,
