@@ -140,6 +140,11 @@ class StreamedRun(Observer, Onlooker):
         """Send the state that the session on hardware has come to."""
         self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
 
+    def moves(self, motion: str, moved: str) -> None:
+        """Send which motion by hand has begun, and how the one before it ended."""
+        self._campaign |= {"motion": motion, "moved": moved}
+        self._list_tests(last=True)
+
     def came_before(self, last: Mapping[str, Any]) -> None:
         """Send what drove the rig last and how that ended; a station does this."""
         self._last = last
