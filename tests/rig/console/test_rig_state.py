@@ -218,15 +218,15 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     ),
     "to be held": (
         in_state("running", pausing=True), "warn", "Running, to be held", "after it",
-        {"resume", "skip", "retry"},
+        {"acknowledge", "resume", "skip", "retry"},
     ),
     "held": (
         in_state("armed", "passed", "", pausing=True), "warn", "Held", "Resume goes on",
-        {"resume", "skip", "retry"},
+        {"acknowledge", "resume", "skip", "retry"},
     ),
     "held by a condition": (
         in_state("armed", "passed", "", held=["supply_pressure_Pa has no reading"]), "warn",
-        "Held", "supply_pressure_Pa has no reading.", {"hold", "skip", "retry"},
+        "Held", "supply_pressure_Pa has no reading.", {"acknowledge", "hold", "skip", "retry"},
     ),
     "held by a limit": (
         rig(state={"state": "holding"},
@@ -235,7 +235,7 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     ),
     "tripped": (
         rig(state={"state": "tripped"}, health=TRIPPED), "bad", "Tripped", "press reset. First",
-        set(),
+        {"acknowledge"},
     ),
     "aborted": (
         ended("aborted", "", exit_code=3, reason="Anna: enough"), "warn", "Stopped",
@@ -309,7 +309,8 @@ def test_state_outcome_and_reason_stand_above_the_fold(
         expect(page.locator("#rig-state-why"), state).to_contain_text(why)
         expect(page.locator("#rig-state"), state).to_have_class(f"banner {tone}")
         # What may be pressed does not depend on the screen.
-        for button in ("start", "hold", "resume", "skip", "retry") if size == "desk" else ():
+        buttons = ("start", "hold", "resume", "skip", "retry", "acknowledge")
+        for button in buttons if size == "desk" else ():
             where = expect(page.locator(f"[data-do={button}]"), f"{button} when {state}")
             where.to_be_enabled() if button in enabled else where.to_be_disabled()
         if tone == "bad":
