@@ -192,6 +192,7 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
     names = (
         "status", "name", "activity", "begun_by", "description", "rig", "model", "filter",
         "directory", "reason", "hands_over", "motion", "moved",
+        "paused_by",
     )  # fmt: skip
     held = campaign.get("held")
     return {

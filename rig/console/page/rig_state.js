@@ -142,12 +142,12 @@ function live(link) {
   if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}${does(campaign, life)}.${begunBy(campaign)}`];
   const place = between(tests);
   if (!runs && waits(campaign)) {
-    const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : "An operator has asked for it; Resume goes on.";
+    const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : `${campaign.paused_by || "An operator"} has asked for it; Resume goes on.`;
     return ["warn", "Held", `The ram is held ${place}. ${why}${also}`];
   }
   if (!runs) return ["live", capital(place), `${campaign.name}.${also}${begunBy(campaign)}`];
   const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
-  if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}${begunBy(campaign)}`];
+  if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it${campaign.paused_by && `, as ${campaign.paused_by} has asked`}; Resume takes that back.${also}${begunBy(campaign)}`];
   if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${begunBy(campaign)}`];
   return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}${begunBy(campaign)}`];
 }

@@ -132,6 +132,7 @@ class StreamedRun(Observer, Onlooker):
             "begun_by": self._by,
             "begun_ns": time.time_ns(),
             "pausing": False,
+            "paused_by": "",
             "held": [],
             **({"last": dict(self._last)} if self._last else {}),
         }
@@ -193,11 +194,11 @@ class StreamedRun(Observer, Onlooker):
             self._note(outcome)
         self._list_tests(last=True)
 
-    def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
+    def campaign_stands(self, *, pausing: bool, held: Sequence[str], by: str = "") -> None:
         """Send whether a pause is requested, and the reasons why conditions hold the campaign."""
-        self._inner.campaign_stands(pausing=pausing, held=held)
+        self._inner.campaign_stands(pausing=pausing, held=held, by=by)
         with self._lock:
-            self._campaign |= {"pausing": pausing, "held": list(held)}
+            self._campaign |= {"pausing": pausing, "paused_by": by, "held": list(held)}
         self._list_tests(last=True)
 
     def campaign_ends(self, exit_code: int, reason: str) -> None:

@@ -217,11 +217,13 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         {"hold", "skip", "retry"},
     ),
     "to be held": (
-        in_state("running", pausing=True), "warn", "Running, to be held", "after it",
+        in_state("running", pausing=True, paused_by="Bo"), "warn", "Running, to be held",
+        "after it, as Bo has asked;",
         {"acknowledge", "resume", "skip", "retry"},
     ),
     "held": (
-        in_state("armed", "passed", "", pausing=True), "warn", "Held", "Resume goes on",
+        in_state("armed", "passed", "", pausing=True, paused_by="Bo"), "warn", "Held",
+        "Bo has asked for it; Resume goes on",
         {"acknowledge", "resume", "skip", "retry"},
     ),
     "held by a condition": (
