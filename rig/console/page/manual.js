@@ -47,8 +47,14 @@ export class Manual {
     }
     this.card.querySelector("[data-wave]").addEventListener("click", () => {
       const places = this.places();
-      this.ask(`generator ${by("manual-shape").value} ${this.wave()}${by("manual-shape").value === "chirp" ? ` upto ${2 * by("manual-frequency").value}Hz` : ""}`)
+      const [upto, sweep] = [by("manual-upto"), by("manual-sweep")];
+      const isChirp = by("manual-shape").value === "chirp";
+      if (isChirp && (this.lacks(upto) || this.lacks(sweep))) return;
+      this.ask(`generator ${by("manual-shape").value} ${this.wave()}${isChirp ? ` upto ${upto.value}Hz sweep ${sweep.value}s` : ""}`)
         .then((answer) => { this.waved = answer.accepted; if (answer.accepted) this.runs = places; });
+    });
+    by("manual-shape").addEventListener("change", (event) => {
+      for (const label of this.card.querySelectorAll(".chirp")) label.hidden = event.target.value !== "chirp";
     });
     // Whatever takes the hand or the eye off the button lets it go.
     addEventListener("blur", () => this.release());

@@ -301,6 +301,10 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
         page.locator("#manual-amplitude").fill("90")
         expect(said).to_contain_text("speed: the wave takes up to 1.257 m/s")
         expect(page.locator("#manual-amplitude")).to_have_value("20")
+        page.locator("#manual-shape").select_option("chirp")
+        page.locator("#manual-upto").fill("3")
+        page.get_by_role("button", name="Begin wave").click()
+        expect(said).to_contain_text("frequency 0.5Hz upto 3Hz sweep 10s: obeyed")
         # The rig says how a motion has ended, whoever sees the page.
         ended = "hold out: ended, as no heartbeat came in time, the ram is at 300.00 mm"
         site.client.shots["bench"] = replace(RUNNING, campaign=manual | {"moved": ended})
