@@ -13,14 +13,13 @@ const STARTING = {
   "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
 };
 
-// So often a count of seconds goes on, once it has come to ten: it is read aloud to who does not see it.
+// A count of seconds goes on in such steps: whoever does not see the page is read each of them aloud.
 const COUNTED_S = 5;
 
-// For how long something has gone on since a time of the console's clock; "" for less than a second.
+// For how long something has gone on since a time of the console's clock; "" before the first step.
 function since(link, ms) {
-  const seconds = (Date.now() - link.aheadMs - ms) / 1000;
-  const counted = seconds < 10 ? Math.floor(seconds) : COUNTED_S * Math.floor(seconds / COUNTED_S);
-  return ms && counted >= 1 ? ` for ${lasted(counted)}` : "";
+  const counted = COUNTED_S * Math.floor((Date.now() - link.aheadMs - ms) / 1000 / COUNTED_S);
+  return ms && counted > 0 ? ` for ${counted < 10 ? `${counted} s` : lasted(counted)}` : "";
 }
 
 // What the rig's programs compile while the devices are opened, in words; "" if they have gone on from there.
