@@ -18,7 +18,7 @@ from rig.surviving import Surviving
 
 from .curves import AVERAGED_S, CHANNELS, KEPT, SHOWN_S, Curves
 from .history import MOST_RIGS, History
-from .snapshot_sections import sections
+from .snapshot_sections import sections, unseen_trips
 
 TICK_S: Final = 0.05
 NOTICED_S: Final = 0.2
@@ -84,6 +84,8 @@ class RigFeed:
         self.curves = Curves()
         self.history = History(KEPT) if is_kept else None
         self._session = ""
+        self._unseen: list[dict[str, Any]] = []
+        """The trips that nobody had acknowledged when the rig's station was heard last."""
         self._noticed_at = 0.0
         self._anew: list[float] = []
         self._period_s = USUAL_PERIOD_S
@@ -109,7 +111,13 @@ class RigFeed:
         """
         if now - self._noticed_at >= NOTICED_S:
             self._noticed_at = now
-            for name, content in sections(snapshot).items():
+            shown = sections(snapshot)
+            # Only the station tells of them, and is not heard while somebody drives.
+            if shown["last"]:
+                self._unseen = unseen_trips(shown["last"])
+            elif self._unseen:
+                shown["last"] = {"unseen": self._unseen}
+            for name, content in shown.items():
                 self.sections.put(name, content)
             if snapshot.session != self._session:
                 self._session = snapshot.session

@@ -396,7 +396,9 @@ class Console:
 
     def _about(self, visitor: Visitor) -> str:
         """Return the message that tells a page whose it is, and what its role may not do."""
-        about: dict[str, Any] = {"you": visitor.number, "name": visitor.name}
+        about: dict[str, Any] = {
+            "you": visitor.number, "name": visitor.name, "now_ms": time.time_ns() // 10**6,
+        }  # fmt: skip
         if self.members is not None:
             about |= {"role": str(visitor.role), "may_not": refusals(visitor.role)}
         return json.dumps(about)

@@ -13,6 +13,7 @@ EVENTS: Final = 60
 VERDICTS: Final = 30
 MOST_TESTS: Final = 2000
 MOST_HELD: Final = 10
+MOST_UNSEEN: Final = 8
 SHOWN_OF_TESTS: Final = ("name", "expect", "status", "verdict", "message")
 
 READINGS: Final = sorted(
@@ -190,7 +191,8 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
         return {}
     names = (
         "status", "name", "activity", "begun_by", "description", "rig", "model", "filter",
-        "directory", "reason", "hands_over",
+        "directory", "reason", "hands_over", "motion", "moved",
+        "paused_by",
     )  # fmt: skip
     held = campaign.get("held")
     return {
@@ -228,6 +230,7 @@ def _last(snapshot: Snapshot) -> dict[str, Any]:
     before, seen = _as_it_ended(snapshot), _mapping(last.get("acknowledged"))
     trips = _interlocks(before)
     return {
+        "unseen": [_trip(use) for use in _mappings(last.get("unseen"))[-MOST_UNSEEN:]],
         "campaign": _campaign(before),
         "decision": _decision(before),
         "interlocks": {name: trips[name] for name in ("first_out", "confirmed")},
@@ -236,6 +239,22 @@ def _last(snapshot: Snapshot) -> dict[str, Any]:
         if seen
         else {},
     }
+
+
+def _trip(use: Mapping[str, Any]) -> dict[str, Any]:
+    names = ("name", "activity", "begun_by", "sentence")
+    return {**_texts(use, *names), "ended_ms": _milliseconds(use.get("ended_ns"))}
+
+
+def unseen_trips(last: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the trips that nobody has acknowledged, of a section `last`, the newest one last."""
+    unseen, first = list(last.get("unseen", [])), last["interlocks"]["first_out"] if last else []
+    if first and not last["acknowledged"]:
+        campaign = {name: last["campaign"].get(name, "") for name in ("name", "activity")}
+        by, ended_ms = last["campaign"].get("begun_by", ""), last["ended_ms"]
+        what = {"sentence": first[0]["sentence"], "begun_by": by, "ended_ms": ended_ms}
+        unseen.append(campaign | what)
+    return unseen
 
 
 def _decision(snapshot: Snapshot) -> dict[str, Any]:

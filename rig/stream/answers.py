@@ -1,7 +1,7 @@
 """A command is sent to a rig once here, and its answer read."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 
 import msgpack
@@ -33,27 +33,33 @@ class Answer:
 def answered(
     session: zenoh.Session | None,
     selector: str,
-    command: bytes,
+    sign: Callable[[], bytes],
+    turn: AbstractContextManager[object],
     timeout_s: float,
-    counts: Callable[[zenoh.Sample], bool],
+    counts: Callable[[zenoh.Sample, bytes], bool],
 ) -> Answer:
-    """Send a command, and return the first answer that counts.
+    """Sign a command, send it, and return the first answer that counts.
 
     If none comes, the returned answer is not accepted, and its reason begins "no answer".
 
     Args:
         session: Zenoh's session; None if there is no connection yet.
         selector: key of the command.
-        command: the signed command.
+        sign: returns the signed command, which has the next number of its sender.
+        turn: is held from the signing until the command is on its way, so that commands leave in
+            the order of their numbers: the rig refuses one that comes after a later one.
         timeout_s: how long to wait for an answer, s.
-        counts: tells whether an answer comes from the rig.
+        counts: tells whether an answer to these bytes comes from the rig.
     """
     if session is None:
         return Answer(False, "no answer: there is no connection yet")
     try:
-        for reply in session.get(selector, payload=command, timeout=timeout_s):
+        with turn:
+            command = sign()
+            replies = session.get(selector, payload=command, timeout=timeout_s)
+        for reply in replies:
             answer = None if reply.ok is None else _answer(bytes(reply.ok.payload))
-            if answer is not None and reply.ok is not None and counts(reply.ok):
+            if answer is not None and reply.ok is not None and counts(reply.ok, command):
                 return answer
     except zenoh.ZError as error:
         return Answer(False, f"no answer: {error}")

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import cached_property
 from math import inf
 from typing import Any, Final
@@ -314,16 +314,22 @@ class StreamClient:
         with self._lock:
             view = self._rigs.known(rig)
             is_proven = view.snapshot(self._clock.now_ns()).proven
-            payload = self._sender.sign(view.rig, view.session, command, text, test, person)
+            # A stop takes no turn: it waits for no other command that is still on its way out.
+            turn = view.turn if command != "abort" else nullcontext()
 
-        def counts(reply: zenoh.Sample) -> bool:
+        def sign() -> bytes:
+            with self._lock:
+                return self._sender.sign(view.rig, view.session, command, text, test, person)
+
+        def counts(reply: zenoh.Sample, payload: bytes) -> bool:
             if not is_proven or self._answers(reply, payload):
                 return True
             with self._lock:
                 view.refuse("an answer not signed by the rig: another program gives it")
             return False
 
-        return answered(self._session, command_key(view.rig, command), payload, timeout_s, counts)
+        where = command_key(view.rig, command)
+        return answered(self._session, where, sign, turn, timeout_s, counts)
 
     def _answers(self, sample: zenoh.Sample, asked: bytes) -> bool:
         """Return whether the rig has signed an answer, and it answers these bytes."""

@@ -3,7 +3,9 @@
 It does not use Zenoh: received messages are given to it, and it returns snapshots and windows.
 """
 
+import threading
 from collections import deque
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any, Final
@@ -49,12 +51,14 @@ class RigView:
         session: name of the publisher's present session, for commands; empty if unknown.
         has_token: whether the rig's liveliness token is there.
         asked_again_at: monotonic time in s before which it is asked for no lost messages again.
+        turn: lock that is held while a command to the rig is signed and handed to Zenoh.
     """
 
     def __init__(self, rig: str, window_s: float = 30.0) -> None:
         self.rig = rig
         self.has_token = False
         self.asked_again_at = 0.0
+        self.turn: AbstractContextManager[object] = threading.Lock()
         self._window_ns = round(1e9 * window_s)
         self._begin()
 

@@ -67,7 +67,9 @@ def command(
                 connected = ConnectedRig(
                     rig, DEFAULT_FILTER, assumed, directory, stop, say, onlooker
                 )
-                return _move(connected, inbox, say, lines)
+                return _move(
+                    connected, Manual(connected, inbox, say, onlooker.moves), inbox, say, lines
+                )
     finally:
         # The folder is empty, and is removed, unless the rig tripped.
         with contextlib.suppress(OSError):
@@ -96,13 +98,17 @@ def _lines(words: tuple[str, ...], speed: str | None) -> list[str]:
 
 
 def _move(
-    connected: ConnectedRig, inbox: Inbox, say: Callable[[str], None], lines: list[str]
+    connected: ConnectedRig,
+    manual: Manual,
+    inbox: Inbox,
+    say: Callable[[str], None],
+    lines: list[str],
 ) -> int:
     """Connect the rig, carry commands out, and leave it safe; return the exit code."""
     connected.connect()
     refused: list[str] = []
     try:
-        manual, done = Manual(connected, inbox, say), threading.Event()
+        done = threading.Event()
 
         def one_by_one() -> None:
             for line in lines:

@@ -11,7 +11,7 @@ import { Manual } from "./manual.js";
 import { preview } from "./preview.js";
 import { QueueCard } from "./queue.js";
 import { Trigger } from "./trigger.js";
-import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
+import { isOfAnother, ofStation, shownUse, underWay, waitsToBeSeen } from "./uses.js";
 import * as views from "./views.js";
 import { answered, capital, clock, element, lasted } from "./words.js";
 
@@ -96,7 +96,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
 // What the chart of the leak says while it has no curve.
 function noLeak({ campaign, decision }) {
   if (!history.isLive) return "no leak was estimated";
-  return campaign?.status === "running" && decision?.verdict ? "no leak found" : "nothing is judged";
+  return campaign?.status === "running" && decision?.verdict && campaign.tests.some((test) => test.status === "running") ? "no leak found" : "nothing is judged";
 }
 
 function render() {
@@ -250,7 +250,7 @@ function actions() {
   const may = {
     start: isFree && launch.offers.length + unfinished().length > 0,
     reset: isFree && toReset() !== undefined,
-    acknowledge: isLive && !campaign.activity || unseen() !== undefined || unseenUse(link) !== null,
+    acknowledge: isLive && wantsAttention(link.sections) || unseen() !== undefined || waitsToBeSeen(link),
   };
   may.abort = isLive;
   may.note = isLive && !campaign.activity;
@@ -265,7 +265,7 @@ function actions() {
   for (const button of document.querySelectorAll("[data-do]")) {
     button.disabled = link.lost || !isMine() || !may[button.dataset.do];
   }
-  by("rig-last-seen").hidden = unseenUse(link) === null || !isMine();
+  by("rig-last-seen").hidden = !waitsToBeSeen(link) || !isMine();
   by("actions-why").textContent = link.lost ? "The console does not answer; nothing can be asked of it."
     : isMine()
     ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : may.start || may.reset ? startRefused() : ""
@@ -348,6 +348,12 @@ function startRefused() {
   return isOpen ? `The emergency stop of ${link.rig} is open: nothing starts there before its button is released. ` : "";
 }
 
+// Whether something of a campaign that runs has failed, tripped or been held, so that somebody may say to have seen it.
+function wantsAttention({ campaign, interlocks }) {
+  const isAsExpected = (test) => !test.status || ["passed", "running", "not_run"].includes(test.status);
+  return !campaign.activity && (campaign.pausing || campaign.held.length > 0 || interlocks?.first_out?.length > 0 || !campaign.tests.every(isAsExpected));
+}
+
 // The run that is shown, if it ended badly and nobody has acknowledged that.
 const unseen = () => (link.common.launch?.unseen ?? []).find((run) => run.folder === shownRun());
 
@@ -404,7 +410,7 @@ const ORDERS = { reset: "go on" };
 for (const button of document.querySelectorAll("[data-do]")) {
   button.addEventListener("click", async () => {
     // What the station tells of is acknowledged to it: it keeps that in the journal of the run.
-    const ended = button.dataset.do === "acknowledge" && !unseenUse(link) ? unseen() : undefined;
+    const ended = button.dataset.do === "acknowledge" && !waitsToBeSeen(link) ? unseen() : undefined;
     const told = await ask(DIALOGS[button.dataset.do]());
     if (!told) return;
     const goesOn = button.dataset.do === "start" && told.name.startsWith(GO_ON);
@@ -430,3 +436,6 @@ by("holder-button").addEventListener("click", async () => {
 });
 
 by("rig").addEventListener("change", (event) => link.choose(event.target.value));
+
+// Before anything was heard, nothing can be asked for.
+actions();

@@ -21,6 +21,8 @@ export class Link {
     this.mayNot = {};
     this.expired = false;
     this.heardAt = 0;
+    // By how much this browser's clock is ahead of the console's.
+    this.aheadMs = 0;
     this.open = false;
     this.lost = true; // whether the console does not answer; the page looks after it
     this.tries = 0;
@@ -64,6 +66,7 @@ export class Link {
     this.heardAt = performance.now();
     const changed = ["link"];
     if (message.you !== undefined) this.you = message.you;
+    if (message.now_ms !== undefined) this.aheadMs = Date.now() - message.now_ms;
     if (message.role !== undefined) {
       [this.name, this.role, this.mayNot] = [message.name, message.role, message.may_not];
       changed.push("role");

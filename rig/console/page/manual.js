@@ -1,6 +1,6 @@
 // Manual mode: what a person asks of the ram, the pump and the bypasses, while `rig jog` runs.
 
-import { element, figure, shortly } from "./words.js";
+import { byHand, capital, element, figure, shortly } from "./words.js";
 
 const by = (id) => document.getElementById(id);
 // A holder beats at least every 100 ms; the rig comes to rest 120 ms after the last heartbeat.
@@ -9,6 +9,8 @@ const HOLD_MS = 40;
 const THERE_MS = 1000;
 // So long a slider that was moved stays where it is, until the needle has followed: its stroke takes some seconds.
 const SET_MS = 10000;
+
+const WAVE = ["manual-mean", "manual-amplitude", "manual-frequency"];
 
 // What the page calls commands that have a button.
 const CALLED = { __proto__: null, "pump high": "Load pump", "pump unloaded": "Unload pump", home: "Home", stop: "Bring to rest" };
@@ -21,6 +23,7 @@ export class Manual {
     this.used = false;
     this.waved = false;
     this.held = null;
+    this.moved = "";
     this.changing = false;
     // Orders that were given, and the newest whose answer is shown.
     this.asked = this.answered = 0;
@@ -30,8 +33,9 @@ export class Manual {
     }
     for (const button of this.card.querySelectorAll("[data-go]")) {
       button.addEventListener("click", () => {
-        const length = by(button.dataset.go === "by" ? "manual-step" : "manual-to").value;
-        this.ask(`${button.dataset.go} ${length}mm speed ${by("manual-speed").value}mm/s`);
+        const length = by(button.dataset.go === "by" ? "manual-step" : "manual-to");
+        if (this.lacks(length) || this.lacks(by("manual-speed"))) return;
+        this.ask(`${button.dataset.go} ${length.value}mm speed ${by("manual-speed").value}mm/s`);
       });
     }
     for (const button of this.card.querySelectorAll("[data-hold]")) this.holdable(button);
@@ -42,8 +46,15 @@ export class Manual {
       show();
     }
     this.card.querySelector("[data-wave]").addEventListener("click", () => {
-      this.ask(`generator ${by("manual-shape").value} ${this.wave()}${by("manual-shape").value === "chirp" ? ` upto ${2 * by("manual-frequency").value}Hz` : ""}`)
-        .then((answer) => { this.waved = answer.accepted; });
+      const places = this.places();
+      const [upto, sweep] = [by("manual-upto"), by("manual-sweep")];
+      const isChirp = by("manual-shape").value === "chirp";
+      if (isChirp && (this.lacks(upto) || this.lacks(sweep))) return;
+      this.ask(`generator ${by("manual-shape").value} ${this.wave()}${isChirp ? ` upto ${upto.value}Hz sweep ${sweep.value}s` : ""}`)
+        .then((answer) => { this.waved = answer.accepted; if (answer.accepted) this.runs = places; });
+    });
+    by("manual-shape").addEventListener("change", (event) => {
+      for (const label of this.card.querySelectorAll(".chirp")) label.hidden = event.target.value !== "chirp";
     });
     // Whatever takes the hand or the eye off the button lets it go.
     addEventListener("blur", () => this.release());
@@ -62,9 +73,18 @@ export class Manual {
     const { life, campaign, bypass } = this.link.sections;
     this.card.hidden = !(life?.life === "live" && campaign?.status === "running" && campaign.activity === "manual");
     if (this.card.hidden) { this.used = this.waved = false; }
+    this.ended(campaign?.moved ?? "");
     if (this.held && !this.on()) this.release();
     for (const button of this.card.querySelectorAll("button, input, select")) button.disabled = !this.on();
     for (const valve of bypass ?? []) this.bypass(valve);
+  }
+
+  // Shows how the last motion ended, in the rig's words; a wave that has ended is begun anew, and not changed.
+  ended(moved) {
+    if (moved === this.moved) return;
+    this.moved = moved;
+    if (moved) this.waved = false;
+    by("manual-moved").textContent = capital(byHand(moved));
   }
 
   // Another rig has bypasses of its own.
@@ -103,13 +123,39 @@ export class Manual {
     return `mean ${by("manual-mean").value}mm amplitude ${by("manual-amplitude").value}mm frequency ${by("manual-frequency").value}Hz`;
   }
 
+  places() {
+    return WAVE.map((name) => by(name).value);
+  }
+
+  // Puts the sliders back to the wave that runs.
+  place(values) {
+    WAVE.forEach((name, k) => {
+      by(name).value = values[k];
+      by(name).parentElement.querySelector("output").textContent = values[k];
+    });
+  }
+
+  // Says what is to be filled in, if a field holds no number that may be asked for.
+  lacks(field) {
+    const isMissing = field.value === "" || !field.checkValidity();
+    if (isMissing) {
+      const allowed = field.min ? `, from ${field.min} to ${field.max}` : "";
+      this.say(`${field.parentElement.textContent.trim()}: write a number${allowed}`, true, this.asked += 1);
+      field.focus();
+    }
+    return isMissing;
+  }
+
   // Only the newest place of the sliders is sent, one change after the other.
   async change() {
     if (this.changing) { this.again = true; return; }
     this.changing = true;
     do {
       this.again = false;
-      await this.ask(`generator ${this.wave()}`);
+      const places = this.places();
+      const { accepted } = await this.ask(`generator ${this.wave()}`);
+      if (accepted) this.runs = places;
+      else if (!this.again && this.waved) this.place(this.runs);
     } while (this.again);
     this.changing = false;
   }

@@ -14,6 +14,7 @@ async function asked(campaign) {
   }
 }
 
+const plain = (seconds) => `${Number(figure(seconds, 1))} s`;
 const range = ([low, high], factor, digits) => `${figure(factor * low, digits)} to ${figure(factor * high, digits)}`;
 
 function motion(test) {
@@ -26,9 +27,9 @@ function shown(test, number) {
   const lines = [
     ["motion", motion(test)], ["expected", shortly(test.expect)],
     ...test.faults.map((text) => ["fault", text]), ...test.limits.map((text) => ["limit", text]),
-    ...(test.following ? [["following", test.following]] : []),
+    ...(test.following ? [["following", test.following.replace(/^following /, "")]] : []),
   ];
-  return element("li", "", element("strong", "", `${number}. ${test.name}`), ` ${lasted(test.duration_s)} after ${lasted(test.settle_s)}`,
+  return element("li", "", element("strong", "", `${number}. ${test.name}`), `, ${lasted(test.duration_s)}${test.settle_s ? ` after ${plain(test.settle_s)} of settling` : ""}`,
     element("dl", "figures", ...lines.flatMap(([name, text]) => [element("dt", "", name), element("dd", "", text)])),
     ...test.warnings.map((text) => element("p", "warn", `▲ ${text}`)));
 }
@@ -37,7 +38,7 @@ function shown(test, number) {
 function greatest(tests) {
   const positions = tests.flatMap((test) => test.position_m);
   const speeds = tests.map((test) => test.peak_speed_m_per_s);
-  const fastest = speeds.includes(null) ? "in jumps" : `${figure(MM * Math.max(...speeds), 0)} mm/s`;
+  const fastest = speeds.includes(null) ? "in jumps" : `at most ${figure(MM * Math.max(...speeds), 0)} mm/s`;
   return `${range([Math.min(...positions), Math.max(...positions)], MM, 0)} mm, ${fastest}`;
 }
 
@@ -49,14 +50,14 @@ function plan(told) {
   const faults = told.tests.filter((test) => test.faults.length).length;
   const total = told.tests.reduce((sum, test) => sum + test.duration_s + test.settle_s, 0);
   const facts = [
-    ["tests", `${told.tests.length}, ${faults} with faults; ${lasted(total)} in all`], ["setpoint", greatest(told.tests)],
-    ["rig", told.rig.find((line) => line.startsWith("limits")) ?? ""],
+    ["tests", `${told.tests.length}, ${faults ? `${faults} with` : "none with"} faults; ${lasted(total)} of rig time`], ["motion", greatest(told.tests)],
+    ["limits", (told.rig.find((line) => line.startsWith("limits ")) ?? "").replace(/^limits /, "")],
   ];
   return [
     element("p", told.warnings.length ? "warn" : "good",
       told.warnings.length ? `▲ Valid, with ${told.warnings.length} ${told.warnings.length === 1 ? "warning" : "warnings"}` : "✓ Valid, without warnings"),
     ...told.warnings.map((text) => element("p", "warn", text)),
-    ...told.summary.map((line) => element("p", "", line)),
+    ...told.summary.filter((line) => !line.startsWith("rig time ")).map((line) => element("p", "", line)),
     element("dl", "figures", ...facts.flatMap(([name, text]) => [element("dt", "", name), element("dd", "", text)])),
     element("ol", "plan", ...told.tests.map((test, k) => shown(test, k + 1))),
     folded("The rig and all its limits", element("ul", "", ...told.rig.map((line) => element("li", "", line)))),

@@ -1,7 +1,7 @@
 // How the rig stands, in a word and a sentence: what the page says first, and says only once.
 
-import { capital, clock, lasted } from "./words.js";
-import { isOfAnother, ofStation, shownUse, underWay, unseenUse } from "./uses.js";
+import { byHand, capital, clock, lasted } from "./words.js";
+import { isOfAnother, ofStation, shownUse, underWay, unseenTrips, unseenUse } from "./uses.js";
 
 const STARTING = {
   __proto__: null,
@@ -13,7 +13,28 @@ const STARTING = {
   "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
 };
 
-const READ_SOON = ["off", "Idle", "The station opens the devices; nothing drives."];
+// A count of seconds goes on in such steps: whoever does not see the page is read each of them aloud.
+const COUNTED_S = 5;
+
+// For how long something has gone on since a time of the console's clock; "" before the first step.
+function since(link, ms) {
+  const counted = COUNTED_S * Math.floor((Date.now() - link.aheadMs - ms) / 1000 / COUNTED_S);
+  return ms && counted > 0 ? ` for ${counted < 10 ? `${counted} s` : lasted(counted)}` : "";
+}
+
+// What the rig's programs compile while the devices are opened, in words; "" if they have gone on from there.
+function compiling(link) {
+  const said = (link.sections.events ?? []).filter(({ kind }) => kind === "told").at(-1);
+  return said && /^\w+: compiles /.test(said.text)
+    ? `Its program is compiled for this machine, once for each version of it,${since(link, said.at_ms)} now.` : "";
+}
+
+function readSoon(link) {
+  const compiles = compiling(link);
+  return ["off", "Idle", compiles ? `${compiles} Nothing drives.` : "The station opens the devices; nothing drives."];
+}
+
+const LEFT = "The rig is left: the valve is at null and disabled.";
 
 const several = (tests) => tests.map((test) => test.name).join(", ");
 const sentence = (text) => (text && !/[.!?]$/.test(text) ? `${text}.` : text ?? "");
@@ -43,9 +64,9 @@ function between(tests) {
 }
 
 // What the ram does under somebody's hand, as far as the state of its session tells.
-function does({ activity }, { state }) {
+function does({ activity, motion }, { state }) {
   if (activity !== "manual") return "";
-  return { armed: ": the ram is at rest", running: ": the ram moves" }[state] ?? "";
+  return { armed: ": the ram is at rest", running: `: the ram moves${motion ? ` (${byHand(motion)})` : ""}` }[state] ?? "";
 }
 
 // Who began what is under way.
@@ -95,12 +116,13 @@ function ended({ life, campaign, interlocks }) {
   return ["good", "Ended, all passed", tests.length === 1 ? "Its one test came out as expected." : `${tests.length} tests came out as expected.`];
 }
 
-function live({ life, campaign, progress, interlocks }) {
+function live(link) {
+  const { life, campaign, progress, interlocks } = link.sections;
   const first = interlocks?.first_out?.[0];
   if (first) return ["bad", "Tripped", tripped(interlocks, false)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
   if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
-  if (campaign?.status === "idle" && life.state === "connecting") return READ_SOON;
+  if (campaign?.status === "idle" && life.state === "connecting") return readSoon(link);
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
   // What has said that it has ended is heard for another moment.
   if (campaign?.status === "ended") return ended({ life, campaign, interlocks });
@@ -111,18 +133,20 @@ function live({ life, campaign, progress, interlocks }) {
   const runs = of(tests, "running")[0];
   if (life.state === "holding") return ["bad", "Held by the interlock", sentence(interlocks?.sentence)];
   if (STARTING[life.state]) {
-    const [word, what] = STARTING[life.state];
+    const [word, opens] = STARTING[life.state];
+    const isLeft = life.state === "disarmed" && !campaign.resumed && tests.some((test) => test.status && test.status !== "not_run");
+    const what = isLeft ? LEFT : life.state === "connecting" ? compiling(link) || opens : opens;
     return ["warn", word, `${what}${campaign.activity && campaign.activity !== life.state ? ` ${capital(campaign.activity)}.` : ""}${begunBy(campaign)}`];
   }
   if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}${does(campaign, life)}.${begunBy(campaign)}`];
   const place = between(tests);
   if (!runs && waits(campaign)) {
-    const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : "An operator has asked for it; Resume goes on.";
+    const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : `${campaign.paused_by || "An operator"} has asked for it; Resume goes on.`;
     return ["warn", "Held", `The ram is held ${place}. ${why}${also}`];
   }
   if (!runs) return ["live", capital(place), `${campaign.name}.${also}${begunBy(campaign)}`];
   const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
-  if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}${begunBy(campaign)}`];
+  if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it${campaign.paused_by && `, as ${campaign.paused_by} has asked`}; Resume takes that back.${also}${begunBy(campaign)}`];
   if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${begunBy(campaign)}`];
   return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}${begunBy(campaign)}`];
 }
@@ -134,14 +158,21 @@ function acknowledged({ common }, folder) {
 }
 
 // A run that was begun here, of this rig or of one that is not known, and that is not heard yet; or null.
-function starting({ sections, common, rig }, run) {
+function starting(link, run) {
+  const { sections, common, rig } = link;
   const { campaign, life } = sections;
   // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
   if (!run || run.heard || life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms) return null;
   if (life?.life === "live" && isOfAnother({ common, rig }, run)) return null;
   if (run.stopped) return ["warn", `Stopping ${run.name}`, `It was stopped by ${sentence(run.stopped)} Nothing has moved yet; its program ends.`];
-  return ["warn", `${run.resumed ? "Going on with" : "Starting"} ${run.name}`, run.said ? sentence(run.said) : "Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet."];
+  const lasts = since(link, run.started_ms);
+  return ["warn", `${run.resumed ? "Going on with" : "Starting"} ${run.name}`, run.said ? `${sentence(run.said)}${lasts && ` On its way${lasts}.`}`
+    : `Its program is loaded, which takes seconds, longer on a busy machine; its rig is not heard yet.${lasts && ` That has gone on${lasts}.`}`];
 }
+
+// What has tripped before, was driven again since, and is to be acknowledged still.
+const trippedBefore = (link) => unseenTrips(link).map(({ name, activity, begun_by: by, ended_ms: at, sentence: what }) =>
+  `${activity ? capital(name) : name}${by ? `, begun by ${by},` : ""} tripped${at ? ` at ${clock(at)}` : ""}: ${sentence(what)}`).join(" ");
 
 // Tone, word and sentence of how what drove the rig last has ended, beside the state of a station that reads it; null if
 // somebody has seen it, or there is nothing to be seen.
@@ -149,7 +180,9 @@ export function lastState(link) {
   const failed = ofStation(link.sections.campaign) && link.sections.life?.life === "live" && !underWay(link) ? failedStart(link) : null;
   if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending)];
   const use = unseenUse(link);
-  if (!use) return null;
+  const before = trippedBefore(link);
+  if (!use) return before ? ["warn", "Tripped before", `${before} Nobody has acknowledged that${ofStation(link.sections.campaign) ? "." : "; it can be, once the rig is idle."}`] : null;
+  const also = before && ` Before that, and not acknowledged: ${before}`;
   const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
   const { name, activity, begun_by: by } = use.campaign;
   // A campaign is called as it is written; what else is done with a rig begins a sentence.
@@ -157,9 +190,9 @@ export function lastState(link) {
   const at = use.ended_ms ? ` at ${clock(use.ended_ms)}` : "";
   const plain = why.replace(` Begun by ${by}.`, "");
   const way = ["came to its end", "ended early"].find((each) => activity && plain.startsWith(`${capital(activity)} ${each}`));
-  if (way) return [tone, word, `${what} ${way}${at}${plain.slice(activity.length + 1 + way.length)}`];
+  if (way) return [tone, word, `${what} ${way}${at}${plain.slice(activity.length + 1 + way.length)}${also}`];
   const whose = plain.startsWith("By ") ? ` by ${plain.slice(3)}` : `. ${capital(plain)}`;
-  return [tone, word, `${what} ended${at}${whose}`];
+  return [tone, word, `${what} ended${at}${whose}${also}`];
 }
 
 // Returns tone, word and sentence.
@@ -173,7 +206,7 @@ export function rigState(link, lost, silent) {
   if (common.listening && !campaign?.name && !run) return ["off", "Listening", "The console has only begun to listen; what runs is heard within seconds."];
   const starts = starting(link, run);
   // What moves a rig, or has moved another one, stands before what was begun here and is not heard yet.
-  if (life?.life === "live" && !(starts && ofStation(campaign) && !campaign.hands_over)) return live(sections);
+  if (life?.life === "live" && !(starts && ofStation(campaign) && !campaign.hands_over)) return live(link);
   if (starts) return ofStation(campaign) && campaign.hands_over && !(life?.age_s > LONGEST_HANDOVER_S) ? handsOver(campaign) : starts;
   const failed = failedStart(link);
   if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending) + acknowledged(link, failed.folder)];
@@ -182,7 +215,7 @@ export function rigState(link, lost, silent) {
     return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${tripped(sections.interlocks, true)}` : ""}`];
   }
   if (campaign?.status === "running" && life?.life === "unheard") return ["warn", ...STARTING.connecting];
-  if (campaign?.status === "idle" && life?.life === "unheard") return READ_SOON;
+  if (campaign?.status === "idle" && life?.life === "unheard") return readSoon(link);
   if (campaign?.name && life) {
     const [tone, word, why] = ended(sections);
     return [tone, word, why + acknowledged(link, campaign.directory)];

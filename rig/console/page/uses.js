@@ -12,6 +12,12 @@ export function unseenUse(link) {
   return use === link.sections || use.acknowledged.by ? null : use;
 }
 
+// Trips of earlier uses of the rig that nobody has acknowledged. While somebody drives it, they cannot be acknowledged.
+export const unseenTrips = ({ sections }) => sections.last?.unseen ?? [];
+
+// Whether something that has ended waits for somebody to acknowledge it to the station.
+export const waitsToBeSeen = (link) => unseenUse(link) !== null || (ofStation(link.sections.campaign) && unseenTrips(link).length > 0);
+
 // A run that was started here and has not ended; it may be on its way still, or writing its report.
 export const underWay = ({ common }) => (common.launch?.last?.exit_code === null ? common.launch.last : null);
 

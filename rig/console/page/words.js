@@ -36,6 +36,9 @@ export function tone(name) {
   return !name || name === "inconclusive" ? "open" : "fault";
 }
 
+// A motion by hand as the page calls it; it comes as it is typed in a terminal.
+export const byHand = (motion) => motion.replace(/^by /, "jog by ").replace(/^to /, "move to ").replace(/^generator /, "wave, ").replace(/^hold /, "hold: ");
+
 export const figure = (value, digits) =>
   value === null || value === undefined ? "-" : Number(value).toFixed(digits);
 

@@ -292,7 +292,9 @@ class _CampaignRun(Setting):
             {index: str(outcome.status) for index, outcome in finished.items()},
             self._keep,
             self.stop,
-            lambda pausing, held: self.observer.campaign_stands(pausing=pausing, held=held),
+            lambda pausing, held: self.observer.campaign_stands(
+                pausing=pausing, held=held, by=self.desk.paused_by
+            ),
         )
         self._begin(started, given, by)
         self.desk.begun()
@@ -398,7 +400,7 @@ class _CampaignRun(Setting):
                 desk.record("held", reasons=list(reasons))
                 self.observer.rig_tells(f"held: {'; '.join(reasons)}")
             elif desk.paused and not paused:
-                self.observer.rig_tells("paused")
+                self.observer.rig_tells(f"paused, asked for by {desk.paused_by}")
             held, paused = held or bool(reasons), paused or desk.paused
             if not reasons and not desk.paused:
                 break

@@ -64,6 +64,7 @@ class Desk:
 
     Attributes:
         paused: whether the campaign is to wait before its next test.
+        paused_by: who has asked for that; empty if nobody has.
         interruption: SKIP or RETRY if the present test is to be ended at once, else None; it stays
             until the next test begins.
     """
@@ -85,6 +86,7 @@ class Desk:
         self._attention: list[str] = []
         self._notes: list[str] = []
         self.paused = False
+        self.paused_by = ""
         self.interruption: Request | None = None
         self._changed: Changed
 
@@ -384,6 +386,7 @@ class Desk:
         match request:
             case Request.PAUSE | Request.RESUME:
                 self.paused = request is Request.PAUSE
+                self.paused_by = who if self.paused else ""
             case Request.ABORT:
                 self._stop.request(f"{who}: {text}" if text else who)
             case Request.ACKNOWLEDGE:

@@ -132,6 +132,7 @@ class StreamedRun(Observer, Onlooker):
             "begun_by": self._by,
             "begun_ns": time.time_ns(),
             "pausing": False,
+            "paused_by": "",
             "held": [],
             **({"last": dict(self._last)} if self._last else {}),
         }
@@ -139,6 +140,11 @@ class StreamedRun(Observer, Onlooker):
     def came_to(self, state: str) -> None:
         """Send the state that the session on hardware has come to."""
         self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
+
+    def moves(self, motion: str, moved: str) -> None:
+        """Send which motion by hand has begun, and how the one before it ended."""
+        self._campaign |= {"motion": motion, "moved": moved}
+        self._list_tests(last=True)
 
     def came_before(self, last: Mapping[str, Any]) -> None:
         """Send what drove the rig last and how that ended; a station does this."""
@@ -188,11 +194,11 @@ class StreamedRun(Observer, Onlooker):
             self._note(outcome)
         self._list_tests(last=True)
 
-    def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
+    def campaign_stands(self, *, pausing: bool, held: Sequence[str], by: str = "") -> None:
         """Send whether a pause is requested, and the reasons why conditions hold the campaign."""
-        self._inner.campaign_stands(pausing=pausing, held=held)
+        self._inner.campaign_stands(pausing=pausing, held=held, by=by)
         with self._lock:
-            self._campaign |= {"pausing": pausing, "held": list(held)}
+            self._campaign |= {"pausing": pausing, "paused_by": by, "held": list(held)}
         self._list_tests(last=True)
 
     def campaign_ends(self, exit_code: int, reason: str) -> None:

@@ -36,12 +36,13 @@ class Observer:
             resumed: whether it is gone on with.
         """
 
-    def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
+    def campaign_stands(self, *, pausing: bool, held: Sequence[str], by: str = "") -> None:
         """Handle a pause, its end, or a change of the reasons for a hold; called from any thread.
 
         Args:
             pausing: whether an operator has asked for a pause, and not to go on since.
             held: the reasons why conditions hold the campaign, a sentence each; empty if none does.
+            by: who has asked for the pause; empty if nobody has.
         """
 
     def campaign_ends(self, exit_code: int, reason: str) -> None:

@@ -24,6 +24,8 @@ DIED: Final = "its process died without a word"
 SEEN_ALREADY: Final = "nothing that has ended waits to be acknowledged"
 LOOK_S: Final = 1.0
 """Period in s at which it is looked whether the run was acknowledged from a terminal."""
+MOST_UNSEEN: Final = 8
+"""Most earlier trips that are kept until somebody has acknowledged them, the newest ones."""
 
 
 class LastUse:
@@ -31,7 +33,10 @@ class LastUse:
 
     Whoever drives it says in the end how that was, as in the last messages of its live stream. That
     a run was acknowledged stands in the run's own journal; of what has no journal, such as homing,
-    it stands here.
+    it stands here. A trip that nobody has acknowledged stays in the content, as one of `unseen`,
+    also when the rig is driven again.
+
+    Its methods may be called from any thread.
 
     Args:
         folder: the station's folder, which exists.
@@ -41,16 +46,20 @@ class LastUse:
     def __init__(self, folder: Path, say: Callable[[str], None]) -> None:
         self._path = folder / LAST
         self._say = say
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        """Held while the content changes and is written: two writers would share one file."""
         self._content = _kept(self._path)
         self._looked_at = 0.0
-        self._journal_ns = 0
+        self._journals_ns: dict[Path, int] = {}
+        """When the journals had changed that were read last, by folder."""
         self._is_new = True
 
     @property
     def content(self) -> Mapping[str, Any]:
         """The content as docs/stream.md describes `last`; {} if nothing has driven the rig yet."""
-        return {name: value for name, value in self._content.items() if name != "folder"}
+        content = self._content
+        unseen = [_without_folder(trip) for trip in content.get("unseen", [])]
+        return _without_folder(content) | ({"unseen": unseen} if content else {})
 
     @property
     def name(self) -> str:
@@ -69,18 +78,20 @@ class LastUse:
             "reason": NOT_TOLD,
             "tests": [],
         }
-        self._become({"campaign": campaign, "ended_ns": None})
+        with self._lock:
+            self._become({"campaign": campaign, "ended_ns": None, "unseen": self._unseen()})
 
     def ended(self, lease: Lease) -> None:
         """Take what somebody has said who drove the rig, or that he died without a word."""
-        said, lease.told = lease.told, None
-        if said is not None:
-            known = {name: said[name] for name in ("campaign", "decision", "trips", "folder")}
-            self._become({**known, "ended_ns": time.time_ns()})
-        elif self._content.get("ended_ns") is None:
-            died = {} if lease.said_end else {"exit_code": EXIT_STOPPED, "reason": DIED}
-            campaign = {**self._content["campaign"], **died}
-            self._become({"campaign": campaign, "ended_ns": time.time_ns()})
+        with self._lock:
+            said, lease.told = lease.told, None
+            kept = {"unseen": self._content.get("unseen", []), "ended_ns": time.time_ns()}
+            if said is not None:
+                known = {name: said[name] for name in ("campaign", "decision", "trips", "folder")}
+                self._become({**known, **kept})
+            elif self._content.get("ended_ns") is None:
+                died = {} if lease.said_end else {"exit_code": EXIT_STOPPED, "reason": DIED}
+                self._become({"campaign": {**self._content["campaign"], **died}, **kept})
 
     def acknowledge(self, who: str, person: str, text: str) -> str:
         """Keep that somebody has seen how it ended; return why that is not done, or "".
@@ -90,71 +101,101 @@ class LastUse:
             person: who gave the order, if several people use that program; else empty.
             text: the order's text, which may begin with the person's name.
         """
-        if not self._content or self._content.get("acknowledged"):
-            return SEEN_ALREADY
-        remark = remark_of(text, person)
-        folder = self._folder
-        if folder is not None:
-            try:
-                acknowledge_ended(folder, who, remark, person)
-            except JournalError as error:
-                return str(error)
-        seen = {"by": person or who, "at_ns": time.time_ns(), "text": remark}
-        self._become({**self._content, "acknowledged": seen})
-        return ""
+        with self._lock:
+            unseen = self._content.get("unseen", [])
+            is_seen = not self._content or bool(self._content.get("acknowledged"))
+            if is_seen and not unseen:
+                return SEEN_ALREADY
+            remark = remark_of(text, person)
+            uses = [*unseen, *([] if is_seen else [self._content])]
+            # A run that tripped, went on and tripped again is in one folder.
+            for folder in filter(None, dict.fromkeys(map(_folder, uses))):
+                try:
+                    acknowledge_ended(folder, who, remark, person)
+                except JournalError as error:
+                    return str(error)
+            seen = {"by": person or who, "at_ns": time.time_ns(), "text": remark}
+            self._become({"acknowledged": seen, **self._content, "unseen": []})
+            return ""
 
     def look(self) -> bool:
         """Return whether the content is another one than at the last call.
 
         Once a second it is looked whether the run was acknowledged elsewhere.
         """
-        now = time.monotonic()
-        if now - self._looked_at >= LOOK_S:
-            self._looked_at = now
-            self._read_journal()
         with self._lock:
+            now = time.monotonic()
+            if now - self._looked_at >= LOOK_S:
+                self._looked_at = now
+                self._read_journals()
             is_new, self._is_new = self._is_new, False
         return is_new
 
-    @property
-    def _folder(self) -> Path | None:
-        """The folder of the run, if its journal is there."""
-        folder = Path(str(self._content.get("folder") or ""))
-        return folder if folder.is_absolute() and (folder / JOURNAL).is_file() else None
+    def _unseen(self) -> list[dict[str, Any]]:
+        """Return the trips up to now that nobody has acknowledged, the newest last."""
+        unseen = list(self._content.get("unseen", []))
+        first = (self._content.get("trips") or {}).get("first_out")
+        if first and not self._content.get("acknowledged"):
+            campaign = self._content["campaign"]
+            known = {name: campaign.get(name, "") for name in ("name", "activity", "begun_by")}
+            kept = {"ended_ns": self._content["ended_ns"], "folder": self._content.get("folder")}
+            unseen.append({**known, **kept, "sentence": first[0].get("sentence", "")})
+        return unseen[-MOST_UNSEEN:]
 
-    def _read_journal(self) -> None:
-        """Note that the run was acknowledged, if its journal has changed and says so."""
-        folder = self._folder
-        if folder is None or self._content.get("acknowledged"):
-            return
+    def _read_journals(self) -> None:
+        """Note which runs were acknowledged elsewhere, as their journals say."""
+        unseen = self._content.get("unseen", [])
+        left = [trip for trip in unseen if self._seen(trip) is None]
+        if len(left) < len(unseen):
+            self._become({**self._content, "unseen": left})
+        seen = None if self._content.get("acknowledged") else self._seen(self._content)
+        if seen is not None:
+            self._become({**self._content, "acknowledged": seen})
+
+    def _seen(self, use: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Return who has acknowledged a use's run, if its journal has changed and says so."""
+        folder = _folder(use)
+        if folder is None:
+            return None
         try:
             changed_ns = (folder / JOURNAL).stat().st_mtime_ns
         except OSError:
-            return
-        if changed_ns == self._journal_ns:
-            return
-        self._journal_ns = changed_ns
+            return None
+        if changed_ns == self._journals_ns.get(folder):
+            return None
+        self._journals_ns[folder] = changed_ns
         try:
             entries = read_journal(folder / JOURNAL)
         except JournalError:
-            return
+            return None
         last = entries[-1] if entries else None
         has_ended = any(entry.kind == "end" for entry in entries)
         if last is None or not has_ended or last["request"] != "acknowledge":
-            return
+            return None
         person = str(last["person"] or "")
         text = remark_of(str(last["text"] or ""), person)
-        seen = {"by": person or str(last["who"]), "at_ns": changed_ns, "text": text}
-        self._become({**self._content, "acknowledged": seen})
+        return {"by": person or str(last["who"]), "at_ns": changed_ns, "text": text}
 
     def _become(self, content: Mapping[str, Any]) -> None:
+        """Change the content, with the lock held, and write it."""
+        folders = [_folder(use) for use in (content, *content.get("unseen", []))]
+        self._journals_ns = {k: ns for k, ns in self._journals_ns.items() if k in folders}
         self._content = content
-        with self._lock:
-            self._is_new = True
+        self._is_new = True
         try:
             replace_text(self._path, json.dumps(content, ensure_ascii=False))
         except OSError as error:
             self._say(f"{self._path} cannot be written: {refusal(error)}")
+
+
+def _without_folder(use: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in use.items() if name != "folder"}
+
+
+def _folder(use: Mapping[str, Any]) -> Path | None:
+    """Return the folder of a use's run, if its journal is there."""
+    folder = Path(str(use.get("folder") or ""))
+    return folder if folder.is_absolute() and (folder / JOURNAL).is_file() else None
 
 
 def _kept(path: Path) -> Mapping[str, Any]:

@@ -4,6 +4,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -32,6 +33,8 @@ REMOTE_S: Final = 3.0
 """Time in s without a sign of life after which a page that moved the ram last counts as lost."""
 ANSWER_S: Final = 1.0
 """Time in s within which a command must be looked at."""
+DONE: Final = "done"
+"""How a motion is said to have ended that has come to where it was to."""
 SETTLING_TICKS: Final = 200
 """Number of ticks after which a ram is at the setpoint that rests, but for a fine creep."""
 _HOMED: Final = (State.ARMED, State.RUNNING, State.HOLDING)
@@ -45,7 +48,8 @@ class Inbox:
     """Takes commands from several threads, and keeps them until the session looks at them."""
 
     def __init__(self) -> None:
-        self._waiting: queue.SimpleQueue[tuple[float, Waiting]] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[tuple[threading.Lock, Waiting]] = queue.SimpleQueue()
+        """Each command, with the lock that the session acquires, or else who has given it up."""
         self._lock = threading.Lock()
         self._beats: list[float | None] = []
         self.busy = "the rig is being connected"
@@ -72,11 +76,17 @@ class Inbox:
         if self.busy:
             return f"{asked.what}: {self.busy}; ask again when that is done, or stop it by abort"
         answer: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._waiting.put((time.monotonic() + ANSWER_S, (asked, who, remote, answer)))
-        try:
+        claim = threading.Lock()
+        self._waiting.put((claim, (asked, who, remote, answer)))
+        with suppress(queue.Empty):
             return answer.get(timeout=ANSWER_S)
-        except queue.Empty:
+        if claim.acquire(blocking=False):
             return f"{asked.what}: was not looked at within {ANSWER_S:g} s"
+        with suppress(queue.Empty):
+            return answer.get(timeout=ANSWER_S)
+        return (
+            f"{asked.what}: was begun, but not answered within {2 * ANSWER_S:g} s; look at the ram"
+        )
 
     def beats(self) -> list[float | None]:
         """Return the heartbeats since the last call, with their senders' times in ms."""
@@ -87,12 +97,12 @@ class Inbox:
     def take(self) -> "Waiting | None":
         """Return the next command; None without one.
 
-        One that has waited for longer than `ANSWER_S` is dropped, as its giver was told that it was
-        not looked at, and must not be surprised by it.
+        One whose giver was told that it was not looked at is dropped, as nobody must be surprised
+        by it.
         """
         while not self._waiting.empty():
-            until, waiting = self._waiting.get()
-            if time.monotonic() <= until:
+            claim, waiting = self._waiting.get()
+            if claim.acquire(blocking=False):
                 return waiting
         return None
 
@@ -104,15 +114,23 @@ class Manual:
         rig: the connected rig; whoever connected it leaves it.
         inbox: takes the commands.
         say: shows a line to whoever commands.
+        tells: is called with what moves the ram, empty while it rests, and with how the motion
+            before it has ended.
     """
 
-    def __init__(self, rig: ConnectedRig, inbox: Inbox, say: Callable[[str], None]) -> None:
-        self._rig, self._inbox, self._say = rig, inbox, say
+    def __init__(
+        self,
+        rig: ConnectedRig,
+        inbox: Inbox,
+        say: Callable[[str], None],
+        tells: Callable[[str, str], None] = lambda moves, moved: None,
+    ) -> None:
+        self._rig, self._inbox, self._say, self._tells = rig, inbox, say, tells
         self._bounds = bounds_of(rig.configured, rig.model)
         self._live: Live | None = None
         self._ended = self._remote = False
         self._moving = ""
-        self._holds = False
+        self._holds, self._ending = False, DONE
         self._quickest_s = float("inf")
         self._bypass, self._shown_at = "", 0.0
 
@@ -222,7 +240,8 @@ class Manual:
         return self._live
 
     def _begin(self, moving: str) -> None:
-        self._moving, self._holds = moving, False
+        self._moving, self._holds, self._ending = moving, False, DONE
+        self._tells(moving, "")
         if self._rig.state is State.ARMED:
             self._rig.handle(Event.RUN)
 
@@ -272,6 +291,8 @@ class Manual:
     def _stop(self, _: Asked) -> None:
         if self._live is None:
             return
+        if self._holds or not self._live.planner.rests:
+            self._ending = "brought to rest"
         self._holds = False
         self._live.planner.halt()
 
@@ -371,16 +392,26 @@ class Manual:
         if live.ticks_left < 0 and not live.planner.rests:
             self._wear(live)
         if live.turn():
-            self._say("generator: broken off, as this computer was too busy; the ram comes to rest")
+            self._ending = "broken off, as this computer was too busy"
         if live.planner.rests and rig.state is State.RUNNING:
             # The last stretch is laid out, and the ram has still to follow it.
             if live.place < live.planner.place + SETTLING_TICKS:
                 return
             rig.handle(Event.DONE)
+            if self._holds and live.planner.position_m not in (
+                self._bounds.low_m,
+                self._bounds.high_m,
+            ):
+                self._ending = "ended, as no heartbeat came in time"
             self._holds = False
-            self._say(
-                f"{self._moving}: done, the ram is at {1e3 * rig.latest('position_m'):.2f} mm"
+            self._end_motion(
+                f"{self._ending}, the ram is at {1e3 * rig.latest('position_m'):.2f} mm"
             )
+
+    def _end_motion(self, how: str) -> None:
+        moved = f"{self._moving or 'the ram'}: {how}"
+        self._say(moved)
+        self._tells("", moved)
 
     def _wear(self, live: Live) -> None:
         """Bring a motion to rest whose segment is nearly at its end."""
@@ -389,7 +420,7 @@ class Manual:
             live.planner.halt()
         elif generator.wanted.amplitude_m:
             generator.change(generator.wanted.at_rest)
-            self._say("generator: it has run for ten minutes, and comes to rest; ask for it again")
+            self._ending = "ended after ten minutes"
 
     def _held(self) -> None:
         """Hold the ram in a segment of its own after the loop has ended the motion for a limit."""
@@ -402,7 +433,7 @@ class Manual:
         else:
             rig.ramp_down()
         sentence, remedy = explain(cause, loop_channel(rig.board))
-        self._say(f"{self._moving or 'the ram'}: held: {sentence}; {remedy}")
+        self._end_motion(f"held: {sentence}; {remedy}")
 
 
 def _changed(wave: Wave, numbers: Mapping[str, float]) -> Wave:

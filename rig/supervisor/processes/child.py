@@ -147,14 +147,16 @@ class Child:
         try:
             answer = self._answers.get(timeout=timeout_s)
         except queue.Empty:
-            state = f"did not answer within {timeout_s:g} s"
-            raise NoAnswerError(f"{self.name} process: {state}") from None
+            raise self._unanswered(timeout_s) from None
         if answer is _CLOSED:
             self._answers.put(_CLOSED)
             raise self._gone()
         if isinstance(answer, BaseException):
             raise answer
         return answer
+
+    def _unanswered(self, timeout_s: float) -> NoAnswerError:
+        return NoAnswerError(f"{self.name} process: did not answer within {timeout_s:g} s")
 
     def ask(self, order: object, timeout_s: float) -> Any:
         """Send an order, wait up to `timeout_s` for the next answer, and return it.
@@ -190,8 +192,10 @@ class Child:
             try:
                 return self.answer(look_s)
             except NoAnswerError:
-                if self.ended or time.monotonic() > until:
+                if self.ended:
                     raise
+                if time.monotonic() > until:
+                    raise self._unanswered(timeout_s) from None
             look()
 
     def last_answer(self, order: object, kind: type[Last], timeout_s: float) -> Last:

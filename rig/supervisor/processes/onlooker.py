@@ -41,6 +41,12 @@ class Onlooker:
     def came_to(self, state: str) -> None:
         """Learn the session's new state."""
 
+    def moves(self, motion: str, moved: str) -> None:
+        """Learn which motion by hand has begun, and how the one before it ended, in words.
+
+        Either is empty if there is none.
+        """
+
     def came_before(self, last: Mapping[str, Any]) -> None:
         """Learn what drove the rig last, how that ended and who saw it; a station tells this."""
 

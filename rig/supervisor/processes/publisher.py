@@ -21,6 +21,7 @@ from typing import Any, Final
 import numpy as np
 import zenoh
 
+from rig.control_socket import remark_of
 from rig.loop import Board, RingReader, Word
 from rig.recording import unit_of
 from rig.stream import (
@@ -311,8 +312,9 @@ class Publisher:
         self._pipe.send(Asked(time.monotonic_ns(), "stream", asked_for, command))
 
     def _described(self, command: Command, state: str) -> str:
-        remark = f": {command.text}" if command.text else ""
-        return f"{command.name} by {command.by} {state}{remark}"
+        remark = remark_of(command.text, command.person)
+        who = f"{command.person} ({command.by})" if command.person else command.by
+        return f"{command.name} by {who} {state}{f': {remark}' if remark else ''}"
 
     def _refuse(self, text: str, by: str, payload: bytes) -> None:
         """Report a refusal; after too many within a second, only count it."""

@@ -16,6 +16,17 @@ from .fakes import RUNNING, until
 from .site import Site, site_served
 from .test_rig_state import TRIPPED, ended, launched
 
+PLAN = {
+    "summary": ["rig time 1 min 4 s"], "warnings": [], "text": "", "rig": ["limits 10 V"],
+    "tests": [{
+        "name": "healthy", "duration_s": 30.0, "settle_s": 2.0, "expect": "healthy", "faults": [],
+        "limits": [], "warnings": [], "command_V": None, "position_m": [0.15, 0.45],
+        "peak_speed_m_per_s": 0.471, "valve_speed_m_per_s": 0.708,
+        "following": "following error at most 106 mm",
+    }],
+}  # fmt: skip
+"""What `rig check --json` says of a campaign."""
+
 expect.set_options(timeout=WAIT_MS)
 PHONE = {"width": 420, "height": 900}
 RUN = {"folder": "out", "campaign": "leaks"}
@@ -286,9 +297,15 @@ def test_the_queue_is_edited_and_a_start_is_shown_beforehand_on_the_page(
     expect(page.locator("#toasts")).to_contain_text("Queue: added at its end")
 
     # A console that does not answer is asked nothing, and says afterwards what it had done.
-    found.append({"problems": []})
+    found.append({"plan": PLAN})
     page.route("**/order", lambda route: route.abort())
     page.locator("#queue-add").click()
+    shown = page.locator("#dialog-details")
+    expect(shown).to_contain_text("1. healthy, 30 s after 2 s of settling")
+    expect(shown).to_contain_text("1, none with faults; 32 s of rig time")
+    expect(shown).to_contain_text("150 to 450 mm, at most 471 mm/s")
+    expect(shown.locator("dd", has_text="106 mm")).to_have_text("error at most 106 mm")
+    expect(shown).not_to_contain_text("1 min 4 s")
     page.locator("#dialog select").press("Enter")
     expect(page.locator("#toasts")).to_contain_text("Queue: the console does not answer")
     page.unroute("**/order")

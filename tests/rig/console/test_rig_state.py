@@ -2,6 +2,7 @@
 
 import math
 import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import datetime
@@ -87,6 +88,7 @@ def nobody_yet(site: Site) -> None:
     site.console.feed.listens_until = math.inf
 
 
+COMPILES = {"at_ns": time.time_ns() - 7200 * 10**9, "kind": "told", "text": "loop: compiles this"}
 COMPILING = "loop: being compiled, once for each version of this program"
 STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     "no rig": (launched(None, nobody), "off", "No rig is heard", "start a campaign", {"start"}),
@@ -104,6 +106,12 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         rig(progress={}, state={"state": "connecting"},
             campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
         "off", "Idle", "The station opens the devices; nothing drives.", {"start"},
+    ),
+    "being compiled by its station": (
+        rig(progress={}, state={"state": "connecting"}, events=(COMPILES,),
+            campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
+        "off", "Idle", "compiled for this machine, once for each version of it, for 2.0 h now.",
+        {"start"},
     ),
     "told of by its station before it is heard": (
         rig(alive=False, age_s=None, progress={},
@@ -175,8 +183,9 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         "Tuning: motion 1 of 1: healthy. Begun by Bo.", set(),
     ),
     "moved by hand": (
-        in_state("running", name="manual", activity="manual", begun_by="Bo", tests=[]), "live",
-        "In use", "Manual: the ram moves. Begun by Bo.", set(),
+        in_state("running", name="manual", activity="manual", begun_by="Bo", tests=[],
+                 motion="generator sine"),
+        "live", "In use", "Manual: the ram moves (wave, sine). Begun by Bo.", set(),
     ),
     "by hand, at rest": (
         in_state("armed", name="manual", activity="manual", begun_by="Bo", tests=[]), "live",
@@ -199,17 +208,27 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         in_state("armed", "passed", ""), "live", "Between tests", "leaks.",
         {"hold", "skip", "retry"},
     ),
+    "left after its last test": (
+        in_state("disarmed", "passed", "passed"), "warn", "Disarmed", "The rig is left: the valve",
+        {"hold", "retry"},
+    ),
+    "gone on with and disarmed": (
+        in_state("disarmed", "passed", "", resumed=True), "warn", "Disarmed", "Connected;",
+        {"hold", "skip", "retry"},
+    ),
     "to be held": (
-        in_state("running", pausing=True), "warn", "Running, to be held", "after it",
-        {"resume", "skip", "retry"},
+        in_state("running", pausing=True, paused_by="Bo"), "warn", "Running, to be held",
+        "after it, as Bo has asked;",
+        {"acknowledge", "resume", "skip", "retry"},
     ),
     "held": (
-        in_state("armed", "passed", "", pausing=True), "warn", "Held", "Resume goes on",
-        {"resume", "skip", "retry"},
+        in_state("armed", "passed", "", pausing=True, paused_by="Bo"), "warn", "Held",
+        "Bo has asked for it; Resume goes on",
+        {"acknowledge", "resume", "skip", "retry"},
     ),
     "held by a condition": (
         in_state("armed", "passed", "", held=["supply_pressure_Pa has no reading"]), "warn",
-        "Held", "supply_pressure_Pa has no reading.", {"hold", "skip", "retry"},
+        "Held", "supply_pressure_Pa has no reading.", {"acknowledge", "hold", "skip", "retry"},
     ),
     "held by a limit": (
         rig(state={"state": "holding"},
@@ -218,7 +237,7 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     ),
     "tripped": (
         rig(state={"state": "tripped"}, health=TRIPPED), "bad", "Tripped", "press reset. First",
-        set(),
+        {"acknowledge"},
     ),
     "aborted": (
         ended("aborted", "", exit_code=3, reason="Anna: enough"), "warn", "Stopped",
@@ -292,7 +311,8 @@ def test_state_outcome_and_reason_stand_above_the_fold(
         expect(page.locator("#rig-state-why"), state).to_contain_text(why)
         expect(page.locator("#rig-state"), state).to_have_class(f"banner {tone}")
         # What may be pressed does not depend on the screen.
-        for button in ("start", "hold", "resume", "skip", "retry") if size == "desk" else ():
+        buttons = ("start", "hold", "resume", "skip", "retry", "acknowledge")
+        for button in buttons if size == "desk" else ():
             where = expect(page.locator(f"[data-do={button}]"), f"{button} when {state}")
             where.to_be_enabled() if button in enabled else where.to_be_disabled()
         if tone == "bad":

@@ -99,6 +99,15 @@ def test_an_answer_that_cannot_be_read_is_an_error_at_once(rig: ConnectedRig, wa
         WAYS[way](rig, Part(unreadable))
 
 
+def test_a_part_that_never_answers_is_said_to_have_been_waited_for_as_long_as_it_was(
+    rig: ConnectedRig,
+) -> None:
+    part = Part("never")
+    part.name = "loop"
+    with pytest.raises(NoAnswerError, match="loop process: did not answer within 0 s"):
+        part.ask_patiently("order", 0.0, 3.0, rig._heed_stop)
+
+
 def test_a_stop_while_the_devices_are_opened_ends_that_and_says_who_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -140,9 +141,14 @@ def test_a_start_that_compiles_beside_an_idle_station_is_said_until_it_is_heard_
     def run(**told: Any) -> None:
         launched(started | told, lambda site: None)(site)
 
-    run(said="loop: being compiled")
+    begun_ms = time.time_ns() // 10**6 - 7_200_000
+    run(said="loop: being compiled", started_ms=begun_ms)
     expect(page.locator("#rig-state-word")).to_have_text("Starting leaks")
-    expect(page.locator("#rig-state-why")).to_contain_text("loop: being compiled.")
+    expect(page.locator("#rig-state-why")).to_have_text(
+        "loop: being compiled. On its way for 2.0 h."
+    )
+    run(started_ms=begun_ms)
+    expect(page.locator("#rig-state-why")).to_contain_text("That has gone on for 2.0 h.")
     run(resumed=True)
     expect(page.locator("#rig-state-word")).to_have_text("Going on with leaks")
     run(stopped="Ada: no")
@@ -159,6 +165,37 @@ def test_a_start_that_compiles_beside_an_idle_station_is_said_until_it_is_heard_
     run(exit_code=2, reason="daq: nobody answers")
     expect(page.locator("#rig-last-word")).to_have_text("leaks did not start")
     expect(page.locator("#rig-last-why")).to_contain_text("daq: nobody answers.")
+
+
+def test_a_trip_before_other_uses_stands_until_somebody_has_acknowledged_it_also_while_one_drives(
+    opened: Open, site: Site
+) -> None:
+    seen = {"acknowledged": {"by": "Anna", "text": "", "at_ns": LATER}}
+    trip = {"name": "leaks", "begun_by": "Bo", "sentence": "the hose burst", "ended_ns": LATER}
+    homed = LAST | {"campaign": LAST["campaign"] | {"name": "second"}} | seen
+    told = re.compile(r"^leaks, begun by Bo, tripped at [\d:]+: the hose burst\. ")
+    reads(site, last=homed | {"unseen": [trip]})
+    page = opened("desk")
+    for also in ("Nobody has acknowledged that.", "it can be, once the rig is idle."):
+        expect(page.locator("#rig-last-word")).to_have_text("Tripped before")
+        expect(page.locator("#rig-last-why")).to_have_text(told)
+        expect(page.locator("#rig-last-why")).to_contain_text(also)
+        site.client.shots["bench"] = RUNNING
+    expect(page.locator("#rig-state-word")).to_have_text("Running")
+    expect(page.locator("#rig-last-seen")).to_be_hidden()
+    # One that was not acknowledged as the next use began is told as well.
+    reads(site, last=LAST)
+    expect(page.locator("#rig-last-word")).to_have_text("Tripped")
+    site.client.shots["bench"] = RUNNING
+    expect(page.locator("#rig-last-word")).to_have_text("Tripped before")
+    expect(page.locator("#rig-last-why")).to_contain_text("the emergency stop is open")
+    reads(site, last=homed | {"unseen": [trip]})
+    expect(page.locator("#rig-last-why")).to_have_text(told)
+    page.locator("#rig-last-seen").click()
+    page.keyboard.press("Enter")
+    until(lambda: ("acknowledge", "bench", "Anna", "") in site.client.sent, "the order")
+    reads(site, last=homed | {"unseen": []})
+    expect(page.locator("#rig-last")).to_be_hidden()
 
 
 def test_a_use_that_did_not_say_how_it_ended_is_no_success(opened: Open, site: Site) -> None:

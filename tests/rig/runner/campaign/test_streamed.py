@@ -139,6 +139,8 @@ def test_a_pause_is_reported_when_it_is_asked_for_and_when_it_is_taken_back(
     told = shown(campaign, rig, tmp_path, Asks(pause_and_go_on), desk=desk).told
     pausing = [content["pausing"] for content in told]
     assert (pausing[0], pausing.count(True) > 0, pausing[-1]) == (False, True, False)
+    assert {content["paused_by"] for content in told if content["pausing"]} == {"Anna"}
+    assert told[-1]["paused_by"] == ""
     assert (told[-1]["status"], told[-1]["reason"]) == ("ended", "")
     assert told[-1]["exit_code"] in (0, 1)
 
@@ -165,6 +167,15 @@ def test_who_watches_learns_to_whom_a_station_leaves_the_rig() -> None:
     run.connects(Board.create(2), ("position_m", "command_V"))
     run.hands_over("tuning, asked by Ben")
     assert stream.told[-1]["hands_over"] == "tuning, asked by Ben"
+
+
+def test_who_watches_learns_what_moves_the_ram_by_hand_and_how_that_ended() -> None:
+    stream, run = homing()
+    run.connects(Board.create(2), ("position_m", "command_V"))
+    run.moves("hold out", "")
+    assert (stream.told[-1]["motion"], stream.told[-1]["moved"]) == ("hold out", "")
+    run.moves("", "hold out: done")
+    assert (stream.told[-1]["motion"], stream.told[-1]["moved"]) == ("", "hold out: done")
 
 
 def test_who_watches_learns_why_it_ended_early() -> None:

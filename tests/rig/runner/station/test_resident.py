@@ -279,6 +279,69 @@ def test_how_it_ended_is_told_at_once_also_while_the_station_still_opens_the_dev
     opened.set()
 
 
+def homing(by: str = "Bo") -> Lease:
+    return Lease("homing", by, 7, SINCE, cast(Any, None))
+
+
+def told(folder: Path, sentence: str = "", name: str = "leaks") -> dict[str, Any]:
+    trips = {"first_out": [{"sentence": sentence}]} if sentence else {}
+    campaign = {"name": name, "begun_by": "Ada", "activity": ""}
+    return {"campaign": campaign, "decision": {}, "trips": trips, "folder": str(folder)}
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_trip_that_nobody_has_acknowledged_is_told_until_somebody_has_also_after_other_uses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, elsewhere: bool
+) -> None:
+    monkeypatch.setattr(last_use, "LOOK_S", 0.0)
+    with Journal(tmp_path) as journal:
+        journal.write("begin", campaign="leaks", tests=["one"])
+        journal.write("end", reason="a trip", exit_code=3)
+    last = LastUse(tmp_path, print)
+    for said in (told(tmp_path, "the stop is open"), told(tmp_path / "none", name="second")):
+        lease = homing()
+        last.lent(lease)
+        lease.told = said
+        last.ended(lease)
+    (trip,) = LastUse(tmp_path, print).content["unseen"]
+    assert (trip["name"], trip["sentence"], trip["begun_by"]) == (
+        "leaks", "the stop is open", "Ada"
+    )  # fmt: skip
+    assert "folder" not in trip
+    assert last.content["campaign"]["name"] == "second"
+    if elsewhere:
+        acknowledge_ended(tmp_path, "bo", "seen", "Ada")
+        assert last.look()
+        assert "acknowledged" not in last.content
+    else:
+        assert last.acknowledge("local", "Ada", "Ada: seen") == ""
+        assert last.content["acknowledged"]["by"] == "Ada"
+        assert read_journal(tmp_path / JOURNAL)[-1]["person"] == "Ada"
+    assert last.content["unseen"] == []
+
+
+def test_what_several_threads_of_a_station_tell_is_written_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writing, at_once = threading.Lock(), []
+
+    def write(path: Path, text: str) -> None:
+        if not writing.acquire(blocking=False):
+            at_once.append(text)
+            return
+        threading.Event().wait(0.005)
+        writing.release()
+
+    monkeypatch.setattr(last_use, "replace_text", write)
+    last = LastUse(tmp_path, print)
+    threads = [threading.Thread(target=last.lent, args=(homing(),)) for _ in range(5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not at_once
+
+
 @pytest.mark.parametrize("elsewhere", [False, True])
 def test_that_a_run_was_acknowledged_stands_in_its_own_journal(
     station: Station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, elsewhere: bool

@@ -1,6 +1,7 @@
 """A manual session obeys in the right state only, and comes to rest when nobody holds on."""
 
 import queue
+import threading
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ from rig.loop import Action, Cause, SetAhead, StopRequestedError, Word, set_ahea
 from rig.supervisor.manual.commands import Asked, parse
 from rig.supervisor.manual.session import Inbox, Manual
 from rig.supervisor.states import Conditions, Event, State, next_state
+from tests.waiting import until
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +95,7 @@ class Script(Inbox):
         super().__init__()
         self._clock, self._lines, self._remote = clock, dict(sorted(lines.items())), remote
         self.answers: dict[str, queue.SimpleQueue[str]] = {}
+        self.told: list[tuple[str, str]] = []
 
     def take(self) -> tuple[Asked, str, bool, "queue.SimpleQueue[str]"] | None:
         due = [at for at in self._lines if at <= self._clock.now]
@@ -140,7 +143,8 @@ def carried_out(
     """Carry out lines, by the times in s after the begin at which they come."""
     said: list[str] = []
     inbox = Script(clock, {100.0 + at: line for at, line in lines.items()}, remote=remote)
-    manual = Manual(rig, inbox, said.append)  # type: ignore[arg-type]
+    told = inbox.told.append
+    manual = Manual(rig, inbox, said.append, lambda *motion: told(motion))  # type: ignore[arg-type]
     manual.run(lambda: clock.now >= 100.0 + until_s)
     return inbox, said
 
@@ -151,6 +155,23 @@ def test_a_jog_ends_where_it_is_to_and_says_so(rig: FakeRig, clock: Clock) -> No
     assert rig.latest("setpoint_m") == pytest.approx(0.305)
     assert rig.state is State.ARMED
     assert said == ["by 5 mm: done, the ram is at 305.00 mm"]
+    assert inbox.told == [("by 5 mm", ""), ("", said[0])]
+
+
+@pytest.mark.parametrize(
+    ("lines", "how"),
+    [
+        ({0.0: "hold out"}, "hold out: ended, as no heartbeat came in time"),
+        ({0.0: "hold out", 0.1: "stop"}, "hold out: brought to rest"),
+        ({0.0: "to 0.4m", 0.5: "stop"}, "to 0.4 m: brought to rest"),
+    ],
+)
+def test_how_a_motion_ended_is_told_with_what_it_was(
+    rig: FakeRig, clock: Clock, lines: dict[float, str], how: str
+) -> None:
+    inbox, said = carried_out(rig, clock, lines, 2.0)
+    assert said[-1].startswith(f"{how}, the ram is at ")
+    assert inbox.told[-1] == ("", said[-1])
 
 
 def test_hold_to_run_rests_soon_after_the_last_heartbeat(rig: FakeRig, clock: Clock) -> None:
@@ -263,14 +284,26 @@ def test_a_loop_that_takes_nothing_lets_the_ram_rest(rig: FakeRig, clock: Clock)
 
 
 def test_a_command_that_was_not_looked_at_in_time_is_never_obeyed(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(session, "ANSWER_S", 0.01)
     inbox = Inbox()
     inbox.busy = ""
     assert "was not looked at" in inbox.ask("by 5mm", "Bo", remote=False)
-    clock.now += 1.0
     assert inbox.take() is None
+
+
+def test_a_command_that_is_begun_late_is_not_said_to_be_left_aside(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(session, "ANSWER_S", 0.05)
+    inbox, said = Inbox(), list[str]()
+    inbox.busy = ""
+    asking = threading.Thread(target=lambda: said.append(inbox.ask("stop", "Bo", remote=True)))
+    asking.start()
+    until(lambda: (item := inbox.take()) is not None and item[0].what == "stop", "the command")
+    asking.join()
+    assert said == ["stop: was begun, but not answered within 0.1 s; look at the ram"]
 
 
 def test_a_command_is_refused_while_the_rig_is_busy() -> None:

@@ -143,6 +143,8 @@ def test_a_genuine_command_is_obeyed_and_answered(bench: Bench, client: StreamCl
     bench.refusal = "nothing runs"
     assert client.send("hold") == Answer(False, "nothing runs")
     until(lambda: any("hold by ann not obeyed: nothing runs" in text for text in texts(client)))
+    client.send("hold", text="Ada: lunch", person="Ada")
+    until(lambda: any("hold by Ada (ann) accepted: lunch" in text for text in texts(client)))
 
 
 def unsigned(bench: Bench, session: str) -> bytes:
