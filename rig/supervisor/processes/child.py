@@ -21,7 +21,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from rig.loop import Board, TripError
+from rig.loop import Board, Closed, TripError
 from rig.reserves import refusal
 from rig.surviving import Surviving, failure, start
 
@@ -164,7 +164,7 @@ class Child:
                 An answer that is an exception is raised too.
         """
         self.send(order)
-        return self.answer(timeout_s)
+        return self._to_this(self.answer(timeout_s))
 
     def ask_patiently(
         self, order: object, timeout_s: float, look_s: float, look: Callable[[], None]
@@ -188,11 +188,22 @@ class Child:
         until = time.monotonic() + timeout_s
         while True:
             try:
-                return self.answer(look_s)
+                return self._to_this(self.answer(look_s))
             except NoAnswerError:
                 if self.ended or time.monotonic() > until:
                     raise
             look()
+
+    def _to_this(self, answer: Any) -> Any:
+        """Return the answer to an order.
+
+        Raises:
+            ChildError: it is the loop's last word, as it ends by itself, such as after an answer
+                that the system refused to send.
+        """
+        if isinstance(answer, Closed):
+            raise self._gone()
+        return answer
 
     def last_answer(self, order: object, kind: type[Last], timeout_s: float) -> Last:
         """Send the final order to the process, wait for its answer of type `kind`, and return it.
