@@ -22,7 +22,7 @@ _SOON_S: Final = 0.01
 """Time in s between two looks for what takes little more than a message."""
 _CONNECT_S: Final = 10.0
 _HANDSHAKE_S: Final = 20.0
-"""Longest time in s for a scheduler to answer. It is above `_CONNECT_S`, which Dask counts itself, but
+"""Longest time in s for a scheduler to answer. It is above `_CONNECT_S`, which Dask counts itself,
 not for a program that takes the connection and then says nothing."""
 _PARTING_S: Final = 5.0
 """Longest time in s for which a cluster is waited for as its sweep ends."""
@@ -82,7 +82,7 @@ def connected(address: str, stopped: Stopped) -> Iterator[Any]:
         raise _unanswered(address, why)
     try:
         found = asked.result()
-    # Dask raises TypeError for a protocol that needs more than an address, such as tls without keys.
+    # Dask raises TypeError for a protocol that needs more than an address, as tls needs keys.
     except (OSError, ValueError, TypeError, TimeoutError) as error:
         raise _unanswered(address, str(error) or type(error).__name__) from None
     try:

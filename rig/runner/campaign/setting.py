@@ -24,7 +24,7 @@ from .stopping import StopFlag
 from .suspending import Suspenders
 
 TELLING_S: Final = 10.0
-"""Longest time in s for the journal's entry and the trip report of a cleanup that takes too long."""
+"""Longest time in s for journal and trip report to tell of a cleanup that takes too long."""
 
 
 class Phase(StrEnum):
