@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from rig.loop import Board, Closed, TripError
+from rig.plain_output import make_output_plain, shown_line
 from rig.reserves import refusal
 from rig.surviving import Surviving, failure, start
 
@@ -272,7 +273,7 @@ class Child:
 
     def _note_failure(self, line: str) -> None:
         with self._log.open("a", encoding="utf-8", errors="replace") as log:
-            log.write(f"{line}\n")
+            log.write(f"{shown_line(line)}\n")
 
     def _gone(self) -> ChildError:
         # The pipe closes a moment before the exit code is known.
@@ -287,8 +288,9 @@ _CLOSED: Final = object()
 def child_ends() -> tuple[Board, Connection]:
     """Return the board and the pipe of this process, a child, from its command line's descriptors.
 
-    From then on the process ignores SIGINT (Ctrl-C).
+    From then on the process ignores SIGINT (Ctrl-C), and what it prints is plain.
     """
+    make_output_plain()
     board_fd, pipe_fd = (int(argument) for argument in sys.argv[1:3])
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.set_inheritable(board_fd, False)
@@ -310,7 +312,8 @@ def run_to_end(name: str, run: Callable[[], None]) -> None:
     except OSError as error:
         # If the disk is full, this line may fail too, which must not hide the first error.
         with contextlib.suppress(OSError):
-            os.write(sys.stderr.fileno(), f"{name}: {refusal(error)}\n".encode())
+            line = shown_line(f"{name}: {refusal(error)}")
+            os.write(sys.stderr.fileno(), f"{line}\n".encode(errors="replace"))
         sys.exit(error.errno or 1)
 
 
