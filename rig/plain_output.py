@@ -1,9 +1,9 @@
 """Shows control characters in texts instead of sending them to the terminal.
 
 All that `rig` prints passes here, and all that the processes of a session print to its log, as
-names, remarks and reasons come from files and the network. A terminal that gets control characters clears
-its screen, goes back in a line, or takes a title, and other characters turn the order of a line
-round. What libraries in other languages print by themselves does not pass here.
+names, remarks and reasons come from files and the network. A terminal that gets control characters
+clears its screen, goes back in a line, or takes a title, and other characters turn the order of a
+line round. What libraries in other languages print by themselves does not pass here.
 """
 
 import re

@@ -205,7 +205,12 @@ def test_a_supervisor_that_is_ended_as_its_cleanup_hangs_trips_and_leaves_a_repo
     rig = Leaving(load_rig("emulated"), "product", Model(), tmp_path, stop, lambda line: None)
     safety: Any = rig.made("never").safety
     safety.trip = lambda cause: trip(rig.board.words, "supervisor", cause)
-    safety.wait_until_safe = lambda wait_s: bool(waited.append(wait_s))
+
+    def not_safe(wait_s: float) -> bool:
+        waited.append(wait_s)
+        return False
+
+    safety.wait_until_safe = not_safe
     Session(rig).is_overdue()
     report = json.loads((tmp_path / "trip-1.json").read_text())
     assert (report["by"], report["cause"]) == ("supervisor", "SUPERVISOR_LOST")
