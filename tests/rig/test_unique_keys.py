@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from estimator.baselines.baseline_file import BaselineError, load_baseline
+from estimator.baselines.baseline import BaselineError
+from estimator.baselines.baseline_file import load_baseline
 from rig.accounts.account_file import AccountFile, AccountsError
 from rig.console.queue.queue_file import QueueError, QueueFile
 from rig.plant import Model
