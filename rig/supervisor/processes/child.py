@@ -21,7 +21,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from rig.loop import Board, Closed, TripError
+from rig.loop import Board, TripError
 from rig.plain_output import make_output_plain, shown_line
 from rig.reserves import refusal
 from rig.surviving import Surviving, failure, start
@@ -202,6 +202,9 @@ class Child:
             ChildError: it is the loop's last word, as it ends by itself, such as after an answer
                 that the system refused to send.
         """
+        # The children import this module too, and some of them need no loop and no compiler.
+        from rig.loop import Closed
+
         if isinstance(answer, Closed):
             raise self._gone()
         return answer
