@@ -13,6 +13,7 @@ from estimator.leaks import HealthyLevel
 from estimator.learnt import noise_content, noise_of
 from rig.plant import LEAKS, Model, model_sha256
 from rig.recording import LARGEST_JSON, read_bounded
+from rig.unique_keys import RepeatedLineError, json_of
 
 from .baseline import PATTERN_FILTERS, Accepted, Baseline, BaselineError
 from .checking import CHECKSUM, READ_VERSIONS, VERSION, checksum_of, problems_of
@@ -149,12 +150,14 @@ def load_baseline(path: Path, model: Model) -> Baseline:
             another name, or, where the file has a hash, another hash.
     """
     try:
-        content = json.loads(read_bounded(path, LARGEST_JSON))
+        content = json_of(read_bounded(path, LARGEST_JSON))
         if problems := problems_of(content):
             raise BaselineError([_none(path, problem) for problem in problems])
         baseline = replace(baseline_of(content), unverified=CHECKSUM not in content)
     except BaselineError:
         raise
+    except RepeatedLineError as error:
+        raise BaselineError([error.at(path)]) from None
     except RecursionError:
         raise BaselineError([_none(path, "its values are nested too deeply")]) from None
     except OSError as error:

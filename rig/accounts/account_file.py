@@ -17,6 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from rig.unique_keys import RepeatedLineError, json_of
+
 from .passwords import is_hash
 from .roles import Role
 
@@ -293,7 +295,9 @@ def _accounts(content: bytes, path: Path) -> dict[str, Account]:
     """
     remedy = "take the file away and make the accounts anew by rig accounts add"
     try:
-        told = json.loads(content)
+        told = json_of(content)
+    except RepeatedLineError as error:
+        raise AccountsError(error.at(path)) from None
     except (ValueError, RecursionError):
         raise AccountsError(f"{path}: is no JSON; {remedy}") from None
     if not isinstance(told, dict) or told.keys() != {"version", "accounts"}:

@@ -17,8 +17,7 @@ from typing import Final, NoReturn
 import click
 
 import rig
-
-from .plain_output import plain_output
+from rig.plain_output import plain_output
 
 EXIT_CRASHED: Final = 1
 EXIT_BAD_INPUT: Final = 2

@@ -11,7 +11,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from .plain_output import PlainOutput, shown
+from rig.plain_output import PlainOutput, shown
 
 _PLAIN_WIDTH: Final = 240
 """Width in columns of an output that is no terminal; it is large so that tables do not wrap."""

@@ -16,6 +16,8 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any, Final
 
+from rig.unique_keys import json_of
+
 LARGEST_FILE: Final = 1 << 20
 """Most bytes of the file that are read; the most logins that a console keeps need a twentieth."""
 LONGEST_NAME: Final = 32
@@ -73,7 +75,7 @@ class LoginFile:
         found: list[Login] = []
         too_long = False
         with suppress(OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
-            content = json.loads(self._content())
+            content = json_of(self._content())
             if content["token"] != self._token:
                 return []
             now = self._clock()

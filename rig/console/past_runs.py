@@ -1,12 +1,12 @@
 """The runs below a console's folder, by the first and the last lines of their journals."""
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from rig.control_socket import remark_of
+from rig.unique_keys import json_of
 
 JOURNAL: Final = "journal.jsonl"
 MOST_RUNS: Final = 8
@@ -112,6 +112,6 @@ def _modified(path: Path) -> float:
 def _entry(line: bytes) -> Mapping[str, Any] | None:
     """Return the entry in a line of a journal, {} if it is no map; None if the line is no JSON."""
     with suppress(ValueError):
-        entry = json.loads(line)
+        entry = json_of(line)
         return entry if isinstance(entry, dict) else {}
     return None

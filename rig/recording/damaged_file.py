@@ -1,6 +1,5 @@
 """The readable records of a cut or damaged MCAP file are collected here, with what was lost."""
 
-import json
 import os
 import struct
 from collections.abc import Iterator, Sequence
@@ -15,6 +14,8 @@ from mcap.reader import FOOTER_SIZE
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
+
+from rig.unique_keys import json_of
 
 from . import formats
 from .errors import RecordingError
@@ -204,7 +205,7 @@ class DamagedFile:
         readable = {}
         for key, text in record.metadata.items():
             try:
-                value = json.loads(text)
+                value = json_of(text)
                 if key == "start_ns":
                     _check_start(value)
                 readable[key] = text

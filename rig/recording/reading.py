@@ -12,6 +12,8 @@ from typing import Final
 
 import numpy as np
 
+from rig.unique_keys import RepeatedLineError, json_of
+
 from . import formats
 from .bounds import LARGEST_JSON, read_bounded
 from .errors import RecordingError
@@ -235,9 +237,12 @@ def _with_sidecar(recording: Recording) -> Recording:
     if not sidecar.exists():
         return recording
     try:
-        content = json.loads(read_bounded(sidecar, LARGEST_JSON))
+        content = json_of(read_bounded(sidecar, LARGEST_JSON))
         belongs = content["sha256"] == recording.content_hash()
         metadata, events = dict(content["metadata"]), events_from(json.dumps(content["events"]))
+    except RepeatedLineError as error:
+        place = f"{sidecar}:{error.line}"
+        raise RecordingError.of_file(place, str(error), "restore or delete it") from None
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         value, remedy = f"cannot be read ({error!r})", "restore or delete it"
         raise RecordingError.of_file(str(sidecar), value, remedy) from None

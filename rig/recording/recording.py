@@ -4,13 +4,14 @@ A table holds the columns as they were read from a file of any format, before th
 """
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.unique_keys import json_of
 
 from .errors import RecordingProblem
 from .units import unit_of
@@ -41,7 +42,7 @@ def events_from(text: str | bytes) -> list[Event]:
     Raises:
         ValueError, TypeError: the text is not of this form.
     """
-    return [Event(float(time_s), str(kind), str(what)) for time_s, kind, what in json.loads(text)]
+    return [Event(float(time_s), str(kind), str(what)) for time_s, kind, what in json_of(text)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,7 @@ from rig.loop import (
 from rig.plant import TICK, Model
 from rig.reserves import Reserve
 from rig.supervisor.processes import (
+    FIELD_WAIT_S,
     Child,
     ChildError,
     MakeSafe,
@@ -358,16 +359,15 @@ class ConnectedRig:
                     off.append(name)
         return off
 
-    def tripped(self) -> TripError:
-        """Wait up to 20 s until a rig that tripped is safe; return the error to raise.
+    def tripped(self, wait_s: float = 2.0 * FIELD_WAIT_S) -> TripError:
+        """Wait up to `wait_s` until a rig that tripped is safe; return the error to raise.
 
         The state becomes TRIPPED. The first call writes the trip report.
         """
-        safe = self.safety.wait_until_safe()
+        if not self.safety.wait_until_safe(wait_s):
+            self.note("supervisor", "not everything was made safe in time")
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
-        if not safe:
-            self.note("supervisor", "not everything was made safe in time")
         return self.event_log.tripped(self.board, self._channels, self.safety.made_safe)
 
     @contextmanager

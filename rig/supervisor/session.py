@@ -50,6 +50,8 @@ from .states import Event, State
 
 Array = NDArray[np.float64]
 
+OVERDUE_S: Final = 5.0
+"""Longest time in s for the rig to become safe before a supervisor that hangs is ended."""
 FINISH_S: Final = 10.0
 """Time in s within which the recorder must complete a file."""
 
@@ -89,6 +91,15 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         self.rig.leave()
+
+    def is_overdue(self) -> None:
+        """Trip, as cleaning up hangs and the process is about to end, and write the trip report.
+
+        The report is written although not everything is safe after `OVERDUE_S`; it tells so then.
+        """
+        self.rig.note("supervisor", "cleaning up takes too long, and its process ends")
+        self.rig.safety.trip(Cause.SUPERVISOR_LOST)
+        self.rig.tripped(OVERDUE_S)
 
     def reading(self, channel: str) -> float:
         """Return the newest value of a channel in SI; NaN if there is none.

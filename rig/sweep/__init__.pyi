@@ -6,7 +6,11 @@ from .asked_study import (
     LimitStudy as LimitStudy,
     study_of_asked as study_of_asked,
 )
-from .cluster import connect as connect, run_cluster as run_cluster
+from .cluster import (
+    ClusterError as ClusterError,
+    connected as connected,
+    run_cluster as run_cluster,
+)
 from .folder import (
     PAGE as PAGE,
     SUMMARY as SUMMARY,

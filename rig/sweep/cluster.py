@@ -1,9 +1,15 @@
 """Runs chunks of cases on a Dask cluster, which needs the extra `dask` of this package."""
 
 import queue
+import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from functools import partial
 from typing import Any, Final
+
+from rig.surviving import start
 
 from .group import Setting, SweepError
 from .local import Chunks, Stopped
@@ -12,7 +18,16 @@ from .run_cases import Judged, run_chunk
 _QUEUED: Final = 3
 """Number of submitted chunks for each thread of the cluster."""
 _POLL_S: Final = 0.2
+_SOON_S: Final = 0.01
+"""Time in s between two looks for what takes little more than a message."""
 _CONNECT_S: Final = 10.0
+_HANDSHAKE_S: Final = 20.0
+"""Longest time in s for a scheduler to answer. It is above `_CONNECT_S`, which Dask counts itself,
+not for a program that takes the connection and then says nothing."""
+_PARTING_S: Final = 5.0
+"""Longest time in s for which a cluster is waited for as its sweep ends."""
+_SILENT_S: Final = 10.0
+"""Time in s without an answer after which the operator is told that the scheduler is silent."""
 _LOOK_S: Final = 2.0
 """Time between two counts of the cluster's workers, s."""
 _MESSAGES_KEPT: Final = 20
@@ -32,11 +47,20 @@ class ClusterError(ValueError):
         super().__init__(problem)
 
 
-def connect(address: str) -> Any:
-    """Return a Dask client that is connected to the scheduler at an address.
+@contextmanager
+def connected(address: str, stopped: Stopped) -> Iterator[Any]:
+    """Connect to the scheduler at an address while the context is entered; yield a Dask client.
+
+    Dask waits without limit for a scheduler that takes a connection and says nothing, so it is
+    asked in threads that end with this process.
+
+    Args:
+        address: address of the scheduler, such as tcp://10.0.0.5:8786.
+        stopped: once it returns True, the scheduler is not waited for any longer.
 
     Raises:
-        ClusterError: the extra `dask` is not installed, or no scheduler answers at the address.
+        ClusterError: the extra `dask` is not installed, no scheduler answers at the address within
+            20 s, or `stopped` returned True before that.
     """
     try:
         from dask import config
@@ -44,13 +68,54 @@ def connect(address: str) -> Any:
     except ImportError:
         line = "--cluster: distributed is not installed; pip install hydraulic-rig[dask]"
         raise ClusterError(line) from None
-    try:
+
+    def client() -> Any:
         with config.set({"distributed.admin.low-level-log-length": _MESSAGES_KEPT}):
             return Client(address, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        why = " ".join(str(error).split()) or type(error).__name__
-        line = f"--cluster {address}: no scheduler answers ({why}); start `dask scheduler` there"
-        raise ClusterError(line) from None
+
+    asked = _asked(client)
+    until = time.monotonic() + _HANDSHAKE_S
+    while not (asked.done() or stopped()) and time.monotonic() < until:
+        time.sleep(_POLL_S)
+    if not asked.done():
+        why = "stopped before it did" if stopped() else f"nothing came within {_HANDSHAKE_S:g} s"
+        raise _unanswered(address, why)
+    try:
+        found = asked.result()
+    # Dask raises TypeError for a protocol that needs more than an address, as tls needs keys.
+    except (OSError, ValueError, TypeError, TimeoutError) as error:
+        raise _unanswered(address, str(error) or type(error).__name__) from None
+    try:
+        yield found
+    finally:
+        _waited_for(_asked(found.close))
+
+
+def _unanswered(address: str, why: str) -> ClusterError:
+    reason = " ".join(why.split())
+    line = f"--cluster {address}: no scheduler answers ({reason}); start `dask scheduler` there"
+    return ClusterError(line)
+
+
+def _asked(call: Callable[[], Any]) -> Future[Any]:
+    """Call a function in a thread that ends with this process; return its future result."""
+    asked: Future[Any] = Future()
+
+    def answer() -> None:
+        try:
+            asked.set_result(call())
+        except Exception as error:
+            asked.set_exception(error)
+
+    start(threading.Thread(target=answer, name="cluster", daemon=True))
+    return asked
+
+
+def _waited_for(asked: Future[Any]) -> None:
+    """Wait for an answer for `_PARTING_S` at most; whatever it is, and if none comes, go on."""
+    until = time.monotonic() + _PARTING_S
+    while not asked.done() and time.monotonic() < until:
+        time.sleep(_POLL_S)
 
 
 def run_cluster(
@@ -68,7 +133,7 @@ def run_cluster(
     Args:
         chunks: the chunks to run.
         setting: what all cases of the sweep share.
-        client: a client from `connect`.
+        client: a client from `connected`.
         stopped: once it returns True, no more chunks are sent, and those under way are cancelled.
         say: shows a line to the operator.
 
@@ -94,25 +159,35 @@ def run_cluster(
             except queue.Empty:
                 continue
             running.discard(future)
-            yield _result(future)
+            result = _asked(partial(_result, future))
+            while not (result.done() or stopped()):
+                time.sleep(_SOON_S)
+            if result.done():
+                yield result.result()
     finally:
         if running:
-            client.cancel(list(running))
+            _waited_for(_asked(lambda: client.cancel(list(running))))
 
 
 def _wanted(client: Any, say: Callable[[str], None]) -> Iterator[int]:
     """Yield again and again how many chunks should be under way: three for each thread, at least 3.
 
-    The threads of the cluster are counted every 2 s. When there are none any more, a line says so.
+    The threads of the cluster are counted every 2 s. When there are none any more, a line says so,
+    and also when the scheduler has not told their number for 10 s.
     """
-    next_look, threads = 0.0, 1
+    threads, asked, since, is_silent = 1, _asked(client.nthreads), time.monotonic(), False
     while True:
-        now = time.monotonic()
-        if now >= next_look:
-            next_look, before = now + _LOOK_S, threads
-            threads = sum(client.nthreads().values())
-            if threads == 0 and before > 0:
-                say("the cluster has no workers; waiting for one")
+        waited_s = time.monotonic() - since
+        if asked.done() and waited_s >= _LOOK_S:
+            # If the scheduler is lost, Dask says so of each chunk.
+            if asked.exception() is None:
+                threads, before = sum(asked.result().values()), threads
+                if threads == 0 and before > 0:
+                    say("the cluster has no workers; waiting for one")
+            asked, since, is_silent = _asked(client.nthreads), time.monotonic(), False
+        elif waited_s >= _SILENT_S and not is_silent:
+            is_silent = True
+            say("the cluster's scheduler does not answer; waiting for it")
         yield _QUEUED * max(threads, 1)
 
 

@@ -15,6 +15,7 @@ import pyarrow as pa
 from rig.configuration import Sweep
 from rig.recording import read_bounded, replace_text
 from rig.runner.run_folder import DirectoryError
+from rig.unique_keys import json_of
 
 from .changes import changes
 from .run_cases import sources
@@ -167,7 +168,7 @@ def identity(sweep: Sweep) -> dict[str, Any]:
 def read_identity(path: Path) -> dict[str, Any] | None:
     """Return the identity of the sweep in a folder; None if the folder holds no sweep."""
     try:
-        found = json.loads(read_bounded(path / SWEEP))
+        found = json_of(read_bounded(path / SWEEP))
         texts = (found["name"], found["file"], found["sha256"], found["sources"])
         is_one = isinstance(found["meaning"], dict) and all(isinstance(each, str) for each in texts)
         return dict(found) if found["schema"] == SCHEMA and is_one else None

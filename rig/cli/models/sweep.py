@@ -76,7 +76,8 @@ def command(
     Writes sweep.parquet with one row per case, sweep.html with ROC, confusion and the smallest leak
     found, and summary.json. The table does not depend on where, or by how many processes, the sweep
     is run. Ctrl-C ends it and keeps the cases that are done; stopped or killed, it goes on with
-    --resume. Exit code: 0 done, 1 a case could not be run, 2 bad input, 3 stopped before the end.
+    --resume. Exit code: 0 done, 1 a case could not be run or no report be made, 2 bad input, 3
+    stopped before the end, or its disk full.
     """
     if resume and Path(sweep).is_dir():
         out = out or Path(sweep)
@@ -92,7 +93,10 @@ def command(
     if as_json:
         say = partial(click.echo, err=True)
     with stop_on_signals(stop), ExitStack() as stack:
-        runner = _runner(jobs or os.cpu_count() or 1, cluster, stack, say)
+        runner = _runner(jobs or os.cpu_count() or 1, cluster, stack, stop, say)
+        if runner is None:
+            say(f"stopped by {stop.reason}: no scheduler had answered")
+            return EXIT_STOPPED
         folder = stack.enter_context(SweepFolder(path, loaded, resume=resume))
         most = "at most " if loaded.adaptive else ""
         say(f"{loaded.name}: {most}{loaded.cases} cases of {loaded.duration_s:g} s, judged by "
@@ -109,14 +113,22 @@ def command(
         except OSError as error:
             state = f"results cannot be written to {path}: {error.strerror or error}"
             click.echo(f"rig: {state}; free space, and go on with --resume", err=True)
-            return EXIT_CRASHED
+            return EXIT_STOPPED
 
 
-def _runner(jobs: int, cluster: str | None, stack: ExitStack, say: Callable[[str], Any]) -> Runner:
-    from rig.sweep import connect, run_cluster, run_here, run_pool
+def _runner(
+    jobs: int, cluster: str | None, stack: ExitStack, stop: StopFlag, say: Callable[[str], Any]
+) -> Runner | None:
+    """Return what runs the cases; None if a stop was asked for before the cluster answered."""
+    from rig.sweep import ClusterError, connected, run_cluster, run_here, run_pool
 
     if cluster is not None:
-        client = stack.enter_context(connect(cluster))
+        try:
+            client = stack.enter_context(connected(cluster, lambda: stop.requested))
+        except ClusterError:
+            if stop.requested:
+                return None
+            raise
         return lambda chunks, setting, stopped: run_cluster(chunks, setting, client, stopped, say)
     if jobs == 1:
         return run_here

@@ -15,6 +15,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from rig.unique_keys import RepeatedLineError, json_of
+
 FILE_NAME: Final = "console-queue.json"
 VERSION: Final = 1
 MOST_QUEUED: Final = 50
@@ -100,6 +102,8 @@ class QueueFile:
             return Content()
         except OSError as error:
             raise QueueError(f"{self.path}: cannot be read: {error.strerror}") from None
+        except RepeatedLineError as error:
+            raise QueueError(error.at(self.path)) from None
         except (ValueError, TypeError, KeyError, RecursionError):
             text = "is no queue of version 1; remove it to begin with an empty queue"
             raise QueueError(f"{self.path}: {text}") from None
@@ -228,7 +232,7 @@ def _content(text: bytes) -> Content:
     """Return what a file's text holds; ValueError, TypeError or KeyError if it is no queue."""
     if len(text) > LARGEST_FILE:
         raise ValueError("is too large")
-    told = json.loads(text)
+    told = json_of(text)
     if told["version"] != VERSION:
         raise ValueError("has another version")
     entries = tuple(Queued(**each) for each in told["entries"])

@@ -22,6 +22,7 @@ from rig.recording.bounds import LARGEST_JSON, most_bytes, too_large
 from rig.recording.errors import RecordingError
 from rig.recording.recording import FloatArray, Recording, Table, content_hash, events_from
 from rig.recording.units import unit_of
+from rig.unique_keys import json_of
 
 _METADATA: Final = b"rig.metadata"
 _EVENTS: Final = b"rig.events"
@@ -101,7 +102,7 @@ def read_parquet(path: str) -> Table:
             numbers = [name for name in names if name not in others]
             _refuse_too_large(path, file.metadata)
             arrow = file.read(columns=numbers, use_threads=False)
-        metadata = json.loads(described.get(_METADATA, b"{}"))
+        metadata = json_of(described.get(_METADATA, b"{}"))
         if not isinstance(metadata, dict):
             raise ValueError("its metadata is no JSON object")
         events = events_from(described.get(_EVENTS, b"[]"))

@@ -19,6 +19,7 @@ from zstandard import ZstdError
 
 from rig.recording.bounds import LARGEST_CHUNK, LARGEST_JSON, in_bytes, most_bytes, too_large
 from rig.recording.recording import Event
+from rig.unique_keys import json_of
 
 from .divided_rows import DETAILS_TOPIC, OVERVIEW_TOPIC
 from .division import Division
@@ -121,7 +122,7 @@ class SampleCollector:
             self._take_channel(record)
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
             self._describe(sum(map(len, record.metadata.values())))
-            self.metadata = {key: json.loads(text) for key, text in record.metadata.items()}
+            self.metadata = {key: json_of(text) for key, text in record.metadata.items()}
             self.times.start_ns = int(self.metadata.get("start_ns", 0))
         elif isinstance(record, Message) and record.channel_id in self._layouts:
             self._take_samples(serialised([record]), 0, record.channel_id)
@@ -131,7 +132,7 @@ class SampleCollector:
             self._take_details(record)
         elif isinstance(record, Message) and record.channel_id in self._event_channels:
             self._describe(len(record.data))
-            content = json.loads(record.data)
+            content = json_of(record.data)
             event = Event(float(content["time_s"]), str(content["kind"]), str(content["text"]))
             self.events.append(event)
             self._compare(EVENTS_TOPIC, np.array([event.time_s]), record)

@@ -198,6 +198,12 @@ class Bench(Protocol):
             StopRequestedError: a stop of the campaign was requested.
         """
 
+    def is_overdue(self) -> None:
+        """Make the rig safe and report why, from another thread, as the process is about to end.
+
+        The runner calls this when cleaning up after a test hangs.
+        """
+
     def __enter__(self) -> "Bench":
         """Make the rig ready for its first test."""
 

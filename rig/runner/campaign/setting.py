@@ -1,9 +1,12 @@
 """What the tests of a campaign share while they run, and the phases that each goes through."""
 
+import threading
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 from estimator.evidence import KeptAccounts
 from estimator.leaks import DetectorFactory
@@ -12,12 +15,16 @@ from rig.configuration import Rig
 from rig.runner.counters import RigCounter
 from rig.runner.outcomes import HealthyReferences, Observer
 from rig.runner.run_folder import FolderKeeper
+from rig.surviving import start
 
 from .bench import Bench
 from .operator_requests import Desk
 from .pacing import Pacer
 from .stopping import StopFlag
 from .suspending import Suspenders
+
+TELLING_S: Final = 10.0
+"""Longest time in s for journal and trip report to tell of a cleanup that takes too long."""
 
 
 class Phase(StrEnum):
@@ -74,12 +81,31 @@ class Setting:
     phase: Phase | None = None
 
     def cleans_up_too_long(self) -> None:
-        """Write to the journal that cleaning up takes too long, and call `overdue`."""
-        # The test may hang on the disk, so the process is ended even if nothing can be written.
+        """Tell journal and bench that cleaning up takes too long, and call `overdue`.
+
+        What hangs may be the disk, so this waits for `TELLING_S` at most until they have noted it.
+        """
+        telling = [
+            threading.Thread(target=tell, name="overdue", daemon=True)
+            for tell in (self._bench_is_overdue, self._journal_is_overdue)
+        ]
+        until = time.monotonic() + TELLING_S
         try:
-            self.desk.record("overdue")
+            for thread in telling:
+                start(thread)
+            for thread in telling:
+                thread.join(max(0.0, until - time.monotonic()))
         finally:
             self.overdue()
+
+    # Nothing that goes wrong in these two may keep the process from its end.
+    def _bench_is_overdue(self) -> None:
+        with suppress(Exception):
+            self.bench.is_overdue()
+
+    def _journal_is_overdue(self) -> None:
+        with suppress(Exception):
+            self.desk.record("overdue")
 
     def enters(self, phase: Phase, recording: str | None = None) -> None:
         """Note that the present test enters a phase, and tell this to the desk and the journal.

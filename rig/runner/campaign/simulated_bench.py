@@ -245,6 +245,9 @@ class SimulatedBench:
     def __exit__(self, *_: object) -> None:
         pass
 
+    def is_overdue(self) -> None:
+        """Do nothing, as there is no rig that could be unsafe."""
+
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
         """Return the loop of a test on a new simulated rig, which only this test uses."""
         loop = loop_of(self.rig, test, memory, assumed)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rig.plant import TICK
 from rig.recording import read_bounded, replacing
+from rig.unique_keys import RepeatedLineError, json_of
 
 from .motion import Counted, MotionCounter
 
@@ -77,7 +78,7 @@ def read_counters(rig: str, path: Path | None = None) -> Counters:
     """
     path = path or counters_path(rig)
     try:
-        content = json.loads(read_bounded(path))
+        content = json_of(read_bounded(path))
         return Counters(
             rig=rig,
             since=str(content["since"]),
@@ -88,6 +89,8 @@ def read_counters(rig: str, path: Path | None = None) -> Counters:
         )
     except FileNotFoundError:
         return Counters(rig, _now())
+    except RepeatedLineError as error:
+        raise CounterError(error.at(path)) from None
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         reason = f"{type(error).__name__}: {error}"
         raise CounterError(

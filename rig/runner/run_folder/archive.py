@@ -1,6 +1,5 @@
 """Finds, reads and removes past runs, each by its folder with its files; there is no database."""
 
-import json
 import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.recording import read_bounded
+from rig.unique_keys import RepeatedLineError, json_of
 
 from .directory import RESULTS, SCHEMA, files_of_run
 from .journal import (
@@ -117,7 +117,7 @@ def read_run(folder: Path) -> Run:
     """
     path = folder / RESULTS
     try:
-        results = json.loads(read_bounded(path))
+        results = json_of(read_bounded(path))
         if not isinstance(results, dict) or results.get("schema") != SCHEMA:
             raise RunError(f"{path}: is not a run's; give the folder of a run")
         run = Run(folder, results, "")
@@ -126,6 +126,8 @@ def read_run(folder: Path) -> Run:
         raise RunError(f"{folder}: holds no run: {RESULTS}: {reason_of(error)}") from None
     except RunError:
         raise
+    except RepeatedLineError as error:
+        raise RunError(error.at(path)) from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise RunError(f"{path}: is damaged ({type(error).__name__}: {error})") from None
     return Run(folder, results, _state_of(folder, run))

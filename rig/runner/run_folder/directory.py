@@ -1,6 +1,5 @@
 """Makes the folder of a run, and knows its files; only files of an earlier run are replaced."""
 
-import json
 import re
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -13,6 +12,7 @@ from typing import Final
 
 from rig.control_socket import SOCKET
 from rig.recording import read_bounded
+from rig.unique_keys import json_of
 
 from .journal import JOURNAL, JournalError, RunFolderError, is_written, read_journal, reason_of
 
@@ -213,7 +213,7 @@ def _tests_of(folder: Path) -> list[str] | None:
         OSError: `results.json` is there and cannot be read.
     """
     with suppress(FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
-        content = json.loads(read_bounded(folder / RESULTS))
+        content = json_of(read_bounded(folder / RESULTS))
         names = [str(test["name"]) for test in content["tests"]]
         if content["schema"] == SCHEMA:
             return names

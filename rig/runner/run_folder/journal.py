@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from rig.recording import read_bounded
 from rig.reserves import SHORT
+from rig.unique_keys import json_of
 
 JOURNAL: Final = "journal.jsonl"
 """Name of the journal in a run's folder."""
@@ -128,7 +129,7 @@ def _entry(line: bytes) -> Entry | None:
     if not line.endswith(b"\n") or text[-_TAIL:-10] != _CHECKED:
         return None
     try:
-        content = json.loads(text)
+        content = json_of(text)
         if content.pop("crc") != f"{zlib.crc32(text[:-_TAIL] + b'}'):08x}":
             return None
         return Entry(content.pop("n"), content.pop("at"), content.pop("kind"), content)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.recording import read_bounded
+from rig.unique_keys import json_of
 
 ADDITIONS: Final = "additions.jsonl"
 _LONGEST_LINE: Final = 65_536
@@ -58,7 +59,7 @@ def asked_of(folder: Path) -> Iterator[dict[str, Any]]:
         return
     for line in lines:
         try:
-            request = json.loads(line) if len(line) <= _LONGEST_LINE else None
+            request = json_of(line) if len(line) <= _LONGEST_LINE else None
         except (ValueError, RecursionError):
             continue
         if isinstance(request, dict) and isinstance(request.get("id"), str):

@@ -109,6 +109,8 @@ class ScheduleState:
         match entry.kind:
             case "collected":
                 self.collected = _time(details["upto"])
+                back = timedelta(seconds=float(details.get("set_back_s", 0.0)))
+                self.queue = [_earlier(job, back) for job in self.queue]
                 self.queue += [_job(job) for job in details.get("due", ())]
                 for name, count in details.get("missed", {}).items():
                     self.missed[name] = self.missed.get(name, 0) + int(count)
@@ -157,6 +159,11 @@ def details_of(job: Job) -> dict[str, Any]:
     details = asdict(job) | {"due": job.due.isoformat(), "not_before": later}
     del details["folder"], details["resumes"]
     return details
+
+
+def _earlier(job: Job, back: timedelta) -> Job:
+    """Return a job that waits for a time, if it does, with that time put back."""
+    return job if job.not_before is None else replace(job, not_before=job.not_before - back)
 
 
 def _author_of(request: Mapping[str, Any]) -> dict[str, str]:
@@ -311,6 +318,13 @@ class Scheduler:
         first, self._started = not self._started, True
         if self.state.collected is None:
             self._keep("collected", upto=now.isoformat())
+            return
+        back = self.state.collected - now
+        if back > timedelta(seconds=self._schedule.grace_s):
+            # Without this nothing would be due until the clock is where it was, which may be years.
+            was, upto = f"{self.state.collected:%Y-%m-%d %H:%M}", now.isoformat()
+            self._keep("collected", upto=upto, set_back_s=back.total_seconds())
+            self._hands.say(f"the clock was set back from {was} UTC; times count from now on")
             return
         due: list[dict[str, Any]] = []
         missed: dict[str, int] = {}

@@ -16,6 +16,7 @@ from rig.reserves import refusal
 from rig.runner.outcomes import EXIT_STOPPED
 from rig.runner.run_folder import JOURNAL, JournalError, acknowledge_ended, read_journal
 from rig.supervisor import LONGEST_WORD, Lease
+from rig.unique_keys import json_of
 
 LAST: Final = "last.json"
 """Name of the file in the station's folder."""
@@ -201,7 +202,7 @@ def _folder(use: Mapping[str, Any]) -> Path | None:
 def _kept(path: Path) -> Mapping[str, Any]:
     """Return what is in a file of an earlier station; {} if there is none, or nothing readable."""
     try:
-        found = json.loads(read_bounded(path, LONGEST_WORD))
+        found = json_of(read_bounded(path, LONGEST_WORD))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) and isinstance(found.get("campaign"), dict) else {}

@@ -24,5 +24,9 @@ from .recorder import (
     FinishRecording as FinishRecording,
     NoteInRecording as NoteInRecording,
 )
-from .safety_thread import Parts as Parts, SafetyThread as SafetyThread
+from .safety_thread import (
+    FIELD_WAIT_S as FIELD_WAIT_S,
+    Parts as Parts,
+    SafetyThread as SafetyThread,
+)
 from .streaming import RowFeed as RowFeed, Stream as Stream

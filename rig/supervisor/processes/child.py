@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from rig.loop import Board, TripError
+from rig.plain_output import make_output_plain, shown_line
 from rig.reserves import refusal
 from rig.surviving import Surviving, failure, start
 
@@ -166,7 +167,7 @@ class Child:
                 An answer that is an exception is raised too.
         """
         self.send(order)
-        return self.answer(timeout_s)
+        return self._to_this(self.answer(timeout_s))
 
     def ask_patiently(
         self, order: object, timeout_s: float, look_s: float, look: Callable[[], None]
@@ -190,13 +191,27 @@ class Child:
         until = time.monotonic() + timeout_s
         while True:
             try:
-                return self.answer(look_s)
+                return self._to_this(self.answer(look_s))
             except NoAnswerError:
                 if self.ended:
                     raise
                 if time.monotonic() > until:
                     raise self._unanswered(timeout_s) from None
             look()
+
+    def _to_this(self, answer: Any) -> Any:
+        """Return the answer to an order.
+
+        Raises:
+            ChildError: it is the loop's last word, as it ends by itself, such as after an answer
+                that the system refused to send.
+        """
+        # The children import this module too, and some of them need no loop and no compiler.
+        from rig.loop import Closed
+
+        if isinstance(answer, Closed):
+            raise self._gone()
+        return answer
 
     def last_answer(self, order: object, kind: type[Last], timeout_s: float) -> Last:
         """Send the final order to the process, wait for its answer of type `kind`, and return it.
@@ -265,7 +280,7 @@ class Child:
 
     def _note_failure(self, line: str) -> None:
         with self._log.open("a", encoding="utf-8", errors="replace") as log:
-            log.write(f"{line}\n")
+            log.write(f"{shown_line(line)}\n")
 
     def _gone(self) -> ChildError:
         # The pipe closes a moment before the exit code is known.
@@ -280,8 +295,9 @@ _CLOSED: Final = object()
 def child_ends() -> tuple[Board, Connection]:
     """Return the board and the pipe of this process, a child, from its command line's descriptors.
 
-    From then on the process ignores SIGINT (Ctrl-C).
+    From then on the process ignores SIGINT (Ctrl-C), and what it prints is plain.
     """
+    make_output_plain()
     board_fd, pipe_fd = (int(argument) for argument in sys.argv[1:3])
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.set_inheritable(board_fd, False)
@@ -303,7 +319,8 @@ def run_to_end(name: str, run: Callable[[], None]) -> None:
     except OSError as error:
         # If the disk is full, this line may fail too, which must not hide the first error.
         with contextlib.suppress(OSError):
-            os.write(sys.stderr.fileno(), f"{name}: {refusal(error)}\n".encode())
+            line = shown_line(f"{name}: {refusal(error)}")
+            os.write(sys.stderr.fileno(), f"{line}\n".encode(errors="replace"))
         sys.exit(error.errno or 1)
 
 

@@ -23,6 +23,7 @@ import zenoh
 
 from rig.control_socket import remark_of
 from rig.loop import Board, RingReader, Word
+from rig.plain_output import shown_line
 from rig.recording import unit_of
 from rig.stream import (
     LARGEST_COMMAND,
@@ -333,7 +334,10 @@ class Publisher:
         self._event(kind, line)
         with suppress(OSError):
             stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-            os.write(sys.stderr.fileno(), f"{stamp} stream: {line}\n".encode(errors="replace"))
+            os.write(
+                sys.stderr.fileno(),
+                f"{stamp} stream: {shown_line(line)}\n".encode(errors="replace"),
+            )
 
     def _reply(self, query: zenoh.Query, refusal: str) -> None:
         with suppress(zenoh.ZError), query:

@@ -12,8 +12,8 @@ import click
 import pytest
 import yaml
 
-from rig.cli.plain_output import plain_output
 from rig.cli.screen import Screen
+from rig.plain_output import plain_output
 from rig.runner.run_folder.directory import recording_names
 
 Invoke = Callable[..., Any]

@@ -14,14 +14,16 @@ import pytest
 from rig.configuration.rigs.rig import load_rig
 from rig.io.driver import DriverError
 from rig.io.transducer_calibration import CalibrationPoint, TransducerCalibration
-from rig.loop import Board, Cause, StopRequestedError, TripError, Word
+from rig.loop import Board, Cause, Closed, StopRequestedError, TripError, Word
 from rig.plant import Model
+from rig.runner.campaign.setting import TELLING_S
 from rig.runner.campaign.stopping import StopFlag
 from rig.supervisor.connected_rig import ConnectedRig
 from rig.supervisor.processes import Onlooker, Parts
 from rig.supervisor.processes.child import Child, ChildError, NoAnswerError
 from rig.supervisor.processes.health import trip
 from rig.supervisor.processes.safety_thread import SafetyThread
+from rig.supervisor.session import Session
 from rig.supervisor.states import State
 from tests.waiting import PATIENCE_S
 
@@ -108,6 +110,16 @@ def test_a_part_that_never_answers_is_said_to_have_been_waited_for_as_long_as_it
         part.ask_patiently("order", 0.0, 3.0, rig._heed_stop)
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_the_last_word_of_a_loop_that_ends_by_itself_is_no_answer_to_an_order(
+    rig: ConnectedRig, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = ChildError("loop process: ended with exit code 28")
+    monkeypatch.setattr(Part, "_gone", lambda self: gone)
+    with pytest.raises(ChildError, match="exit code 28"):
+        WAYS[way](rig, Part(Closed("")))
+
+
 def test_a_stop_while_the_devices_are_opened_ends_that_and_says_who_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,7 +162,7 @@ class Leaving(ConnectedRig):
         self._channels = ("time_s", "estop_closed", "valve_enabled")
         self.board, self.state = Board.create(len(self._channels)), State.DISARMED
         tripped = property(lambda safety: bool(self.board.words[Word.LOOP_TRIP]))
-        known = {"tripped": tripped, "made_safe": {}, "wait_until_safe": lambda _: True}
+        known = {"tripped": tripped, "made_safe": {}, "wait_until_safe": lambda *_: True}
         nothing = {name: lambda *_: None for name in ("stand_down", "stop", "alive")}
         standing_down = {"standing_down": SafetyThread.standing_down}
         self.safety = type("Safety", (), {**known, **nothing, **standing_down})()
@@ -191,3 +203,27 @@ def test_every_trip_has_its_report_also_one_that_comes_while_the_rig_is_left(
     assert rig.ended == ["parts"]
     reports = [json.loads(path.read_text()) for path in tmp_path.glob("trip-*.json")]
     assert [report["cause"] for report in reports] == ([] if raised is None else ["OVERRUN"])
+
+
+def test_a_supervisor_that_is_ended_as_its_cleanup_hangs_trips_and_leaves_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.supervisor.trip_report.LAST_NEWS_S", 0.0)
+    waited: list[float] = []
+    stop = SimpleNamespace(requested=False, reason="")
+    rig = Leaving(load_rig("emulated"), "product", Model(), tmp_path, stop, lambda line: None)
+    safety: Any = rig.made("never").safety
+    safety.trip = lambda cause: trip(rig.board.words, "supervisor", cause)
+
+    def not_safe(wait_s: float) -> bool:
+        waited.append(wait_s)
+        return False
+
+    safety.wait_until_safe = not_safe
+    Session(rig).is_overdue()
+    report = json.loads((tmp_path / "trip-1.json").read_text())
+    assert (report["by"], report["cause"]) == ("supervisor", "SUPERVISOR_LOST")
+    assert waited[0] < TELLING_S
+    said = [note["what"] for note in report["notes"]]
+    assert "cleaning up takes too long, and its process ends" in said
+    assert "not everything was made safe in time" in said

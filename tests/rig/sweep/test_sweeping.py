@@ -3,10 +3,15 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
 
 import pyarrow.parquet as pq
 import pytest
@@ -17,7 +22,7 @@ from rig.configuration.sweeps.sweep import load_sweep
 from rig.configuration.sweeps.sweep_plan import Sweep
 from rig.runner.run_folder.directory import DirectoryError
 from rig.sweep import running
-from rig.sweep.cluster import ClusterError, connect, run_cluster
+from rig.sweep.cluster import ClusterError, connected, run_cluster
 from rig.sweep.drawing import Cases
 from rig.sweep.folder import SweepFolder
 from rig.sweep.group import Setting, SweepError
@@ -258,7 +263,7 @@ def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
     address, workers = cluster
     pids = {process.pid for process in workers}
     killed: list[int] = []
-    with connect(address) as client:
+    with connected(address, lambda: False) as client:
         client.wait_for_workers(2, timeout=COMPILE_S)
 
         def with_a_death(chunks: Chunks, setting: Setting, stopped: object) -> Iterator[Judged]:
@@ -275,10 +280,42 @@ def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_cluster_that_is_not_there_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "tls://127.0.0.1:9"])
+def test_a_cluster_that_is_not_there_is_bad_input(
+    monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
     monkeypatch.setattr("rig.sweep.cluster._CONNECT_S", 0.3)
     with pytest.raises(ClusterError, match="no scheduler answers"):
-        connect("tcp://127.0.0.1:9")
+        connected(address, lambda: False).__enter__()
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_program_that_takes_the_connection_and_says_nothing_is_no_cluster(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rig.sweep.cluster._HANDSHAKE_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(ClusterError, match="nothing came within"):
+            connected(address, lambda: False).__enter__()
+        with pytest.raises(ClusterError, match="stopped before it did"):
+            connected(address, lambda: True).__enter__()
+
+
+def test_a_scheduler_that_falls_silent_is_told_and_keeps_nobody_from_stopping(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for limit in ("_SILENT_S", "_PARTING_S", "_POLL_S"):
+        monkeypatch.setattr(f"rig.sweep.cluster.{limit}", 0.05)
+    forever = threading.Event()
+    told: list[str] = []
+    client: Any = SimpleNamespace(nthreads=forever.wait, cancel=lambda _: forever.wait())
+    client.submit = lambda *_, **__: MagicMock()
+    chunks: Any = iter("abcdefghi")
+    setting: Any = None
+    assert not list(run_cluster(chunks, setting, client, lambda: bool(told), told.append))
+    assert told == ["the cluster's scheduler does not answer; waiting for it"]
+    forever.set()
 
 
 @pytest.mark.long

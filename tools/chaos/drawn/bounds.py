@@ -45,7 +45,11 @@ BYPASS_BY_WATCHDOG: Final = Bound(
     2500.0, "1 s of the device's own watchdog, or as long for a connection to be given up, more"
 )
 PUMP_BY_WATCHDOG: Final = Bound(3000.0, "1 s of the unit's own watchdog more")
-END_S: Final = Bound(60e3, "the supervisor gives up cleaning after this time, whatever hangs")
+END_S: Final = Bound(
+    70e3,
+    "the supervisor gives up cleaning after 60 s, whatever hangs, and tells of that "
+    "for 10 s at most",
+)
 LEFT_S: Final = Bound(20e3, "processes end after the run itself, each within its join's patience")
 DATA: Final = Bound(1500.0, "the recorder writes to disk each second; 0.5 s for a slow machine")
 

@@ -215,6 +215,21 @@ def test_nothing_before_the_first_start_counts_as_missed(schedule: Schedule) -> 
     assert not state.missed
 
 
+def test_a_clock_that_was_years_ahead_and_is_set_back_stops_no_schedule(schedule: Schedule) -> None:
+    failing = only(schedule, retries=1, retry_after_s=3600.0)
+    ahead = FakeHands(EVENING + timedelta(days=3650))
+    ahead.codes = {"hourly": [1]}
+    night(failing, FakeHands(), EVENING)
+    night(failing, ahead, ahead.at + timedelta(hours=1.5))
+    assert [time for time, _ in ahead.ran] == ["21:00"]
+    hands = FakeHands()
+    state = night(failing, hands, EVENING + timedelta(hours=4))
+    assert [time for time, _ in hands.ran] == ["21:00", "21:10"]
+    assert [ended.job.attempt for ended in state.history] == [1, 1, 2]
+    was = f"{EVENING + timedelta(days=3650, hours=1):%Y-%m-%d %H:%M}"
+    assert hands.said[0] == f"the clock was set back from {was} UTC; times count from now on"
+
+
 def test_times_that_come_while_the_rig_is_busy_wait_one_of_each_entry_at_most(
     schedule: Schedule,
 ) -> None:

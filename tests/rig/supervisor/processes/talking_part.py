@@ -1,5 +1,6 @@
 """A process of a session that says news, for tests of what hears it; it need not load pytest."""
 
+import sys
 from collections.abc import Callable
 
 from rig.supervisor.processes.child import News, child_ends
@@ -23,6 +24,7 @@ def main() -> None:
     for text in ("first", "second"):
         pipe.send(News(0, "part", text))
     asked = pipe.recv()
+    print(asked, file=sys.stderr)
     pipe.send(Strange() if asked == "strange" else asked)
     pipe.send(pipe.recv())
     pipe.recv()

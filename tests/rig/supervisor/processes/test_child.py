@@ -30,17 +30,21 @@ def test_news_that_nobody_can_take_cost_no_answer(board: Board, tmp_path: Path) 
 
     def fails(news: News) -> None:
         heard.append(news.text)
-        raise OSError("the screen is gone")
+        raise OSError("the screen is gone \x1b[2J")
 
     child = begun(board, tmp_path, fails)
     try:
-        assert child.ask("something", PATIENCE_S) == "something"
+        assert child.ask("something \x1b]0;else\x07", PATIENCE_S) == "something \x1b]0;else\x07"
         assert child.ask("more", PATIENCE_S) == "more"
     finally:
         child.end()
     assert heard == ["first", "second"]
     log = (tmp_path / "log").read_text()
     assert "hearing the part process goes on after a failure: OSError: the screen is gone" in log
+    # `cat` may show the log: nothing in it moves a terminal's cursor or gives it a title.
+    assert "gone \\u001b[2J" in log
+    assert "something \\u001b]0;else\\u0007" in log
+    assert "\x1b" not in log
 
 
 def test_an_answer_that_cannot_be_read_is_an_error_with_its_reason(

@@ -1,8 +1,9 @@
 """Shows control characters in texts instead of sending them to the terminal.
 
-All that `rig` prints passes here, as names, remarks and reasons come from files and the network. A
-terminal that gets control characters clears its screen, goes back in a line, or takes a title, and
-other characters turn the order of a line round.
+All that `rig` prints passes here, and all that the processes of a session print to its log, as
+names, remarks and reasons come from files and the network. A terminal that gets control characters
+clears its screen, goes back in a line, or takes a title, and other characters turn the order of a
+line round. What libraries in other languages print by themselves does not pass here.
 """
 
 import re
@@ -47,11 +48,23 @@ class PlainOutput:
         return getattr(self.unfiltered, name)
 
 
+def shown_line(text: str) -> str:
+    r"""Return a text as one line of a log, which is shown plainly: newlines as `\u000a`."""
+    return shown(text).replace("\n", r"\u000a")
+
+
+def make_output_plain() -> None:
+    """Let this process's standard output and error be plain from now on."""
+    sys.stdout, sys.stderr = (
+        cast(TextIO, PlainOutput(stream)) for stream in (sys.stdout, sys.stderr)
+    )
+
+
 @contextmanager
 def plain_output() -> Iterator[None]:
     """Let the block's standard output and error be plain; binary output is left as it is."""
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (cast(TextIO, PlainOutput(stream)) for stream in before)
+    make_output_plain()
     try:
         yield
     finally:
