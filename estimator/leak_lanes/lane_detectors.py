@@ -49,7 +49,7 @@ class LaneDetectors:
         blocks = self._accounts.add(float(time_s[-1]), readings, states, nulls)
         for lane, (detector, block) in enumerate(zip(self.each, blocks, strict=True)):
             if block is not None:
-                detector.take(block, time_s)
+                detector.take(block, time_s, readings[:, 0, lane])
                 continue
             samples, run = samples_of_lane(time_s, readings, states, lane)
             detector.update(samples, run)

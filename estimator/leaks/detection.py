@@ -143,7 +143,7 @@ class OilAccountDetector:
         for block in self.account.add(samples, run):
             self._add(block)
 
-    def take(self, block: AccountBlock, time_s: Array) -> None:
+    def take(self, block: AccountBlock, time_s: Array, position: Array) -> None:
         """Add a block that was drawn up elsewhere, which ends with the last of the next samples.
 
         It takes the place of `update` with these samples.
@@ -151,8 +151,10 @@ class OilAccountDetector:
         Args:
             block: the block.
             time_s: time of each of the samples, s, (n,).
+            position: what the encoder read in each of them, m, (n,); NaN where nothing.
         """
         self._advance(time_s)
+        self._drift.see(position)
         self.account.take(block)
         self._add(block)
 

@@ -11,6 +11,7 @@ from estimator.filters.product_lanes import ProductLanes
 from estimator.leak_lanes.lane_detectors import LaneDetectors, samples_of_lane
 from estimator.leaks.decision import Decision
 from estimator.leaks.detection import OilAccountDetector
+from estimator.leaks.drift_watch import DriftWatch
 from estimator.leaks.replaying import judged
 from rig.lanes import LANES
 from rig.plant import LITRE_PER_MINUTE, NO_FAULT, NOMINAL, Model
@@ -126,3 +127,22 @@ def test_sizes_onsets_and_statistics_differ_by_rounding_alone(both: Judged, lane
             if ours is not None:
                 assert ours == pytest.approx(theirs, rel=1e-5, abs=1e-12)
         assert here.probabilities == pytest.approx(there.probabilities, rel=1e-4, abs=1e-9)
+
+
+def test_each_lane_sees_whether_its_encoder_passes_an_end_of_the_stroke(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[Array] = []
+    monkeypatch.setattr(DriftWatch, "see", lambda self, position: seen.append(position))
+    time_s: Array = np.arange(2 * BLOCK + 1, dtype=np.float64) * TICK
+    readings = np.zeros((2 * BLOCK + 1, 6, LANES))
+    readings[:, 0] = np.linspace(0.1, 0.5, LANES)
+    # Pressures that stand still would count as frozen, and their lanes would be on their own.
+    readings[:, 1:3] = 6.9e6 + 1e5 * time_s[:, None, None]
+    readings[:, 4] = 13.8e6
+    states = ProductLanes(Model()).advance(readings)
+    detectors = LaneDetectors(Model(), 1.0)
+    for part in (slice(0, BLOCK + 1), slice(BLOCK + 1, None)):
+        seen.clear()
+        detectors.update(time_s[part], readings[part], states[part])
+        np.testing.assert_array_equal(np.array(seen).T, readings[part, 0])
