@@ -152,8 +152,8 @@ def _own_temporary_folder() -> Path:
 def marks_folder() -> Path | None:
     """Return the folder for files that mark what is compiled; None if there is no cache folder.
 
-    Each processor type and each version of numba has another folder, as numba compiles anew for
-    each of them. The folder is made if missing.
+    Each processor type, each version of numba and each place of the software on the disk has
+    another folder, as numba compiles anew for each of them. The folder is made if missing.
     """
     use_compile_cache()
     folder = os.environ.get("NUMBA_CACHE_DIR")
@@ -163,7 +163,8 @@ def marks_folder() -> Path | None:
     import numba
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-    made_from = source_key(Path(__file__).parents[1]), drivers_key()
+    software = Path(__file__).parents[1]
+    made_from = str(software), source_key(software), drivers_key()
     made_by = numba.__version__, llvmlite.__version__
     made_for = get_host_cpu_name(), get_host_cpu_features().flatten()
     name = sha256("\n".join((*made_from, *made_by, *made_for)).encode()).hexdigest()[:16]

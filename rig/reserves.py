@@ -90,14 +90,20 @@ def limits_address_space() -> bool:
     return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
 
 
-def refusal(error: OSError) -> str:
-    """Return what the system refused, on which file, and the remedy, in one line."""
+def refusal(error: OSError, option: str = "--out") -> str:
+    """Return what the system refused, on which file, and the remedy, in one line.
+
+    `option` is the command's option that tells where files are written.
+    """
     what = f"{error.filename}: " if error.filename else ""
-    return f"{what}{(error.strerror or str(error)).lower()}; {remedy_for(error)}"
+    return f"{what}{(error.strerror or str(error)).lower()}; {remedy_for(error, option)}"
 
 
-def remedy_for(error: OSError) -> str:
-    """Return the remedy for a file, thread or process that the system could not give or write."""
+def remedy_for(error: OSError, option: str = "--out") -> str:
+    """Return the remedy for a file, thread or process that the system could not give or write.
+
+    `option` is the command's option that tells where files are written.
+    """
     if error.errno in _FULL:
         return "allow this program to open more files (`ulimit -n 1024`)"
     if error.errno == errno.ENOMEM:
@@ -106,4 +112,4 @@ def remedy_for(error: OSError) -> str:
         return "end other programs, or allow this user more processes (`ulimit -u unlimited`)"
     if error.errno == errno.EIO:
         return "look whether the disk is damaged (`dmesg`)"
-    return "free space, or give another --out"
+    return f"free space, or give another {option}"

@@ -438,10 +438,15 @@ def _content(launched: Launched) -> dict[str, Any]:
     }
 
 
+def killed_by(code: int | None) -> str:
+    """Return by which signal a process was killed, in words; "" if its exit code tells of none."""
+    return f"killed by {signal.Signals(-code).name}" if code is not None and code < 0 else ""
+
+
 def _ending(launched: Launched) -> str:
     code = launched.exit_code
-    if code is not None and code < 0:
-        return f"killed by {signal.Signals(-code).name}"
+    if killed := killed_by(code):
+        return killed
     text = f"exit code {code}, {ENDINGS.get(code or 0, 'crashed')}"
     reason = _reason(launched)
     return f"{text}: {reason}" if reason else text

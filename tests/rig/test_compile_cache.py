@@ -118,9 +118,15 @@ def test_marks_of_what_is_compiled_are_kept_apart_for_each_state_of_the_sources(
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     before = marks_folder()
-    monkeypatch.setattr("rig.compile_cache.source_key", lambda root: "other")
     assert before is not None
     assert before.is_dir()
+    with monkeypatch.context() as moved:
+        # The same sources at another place are compiled anew by numba.
+        moved.setattr("rig.compile_cache.source_key", lambda root: "same")
+        here = marks_folder()
+        moved.setattr("rig.compile_cache.__file__", str(tmp_path / "rig" / "compile_cache.py"))
+        assert marks_folder() not in (here, None)
+    monkeypatch.setattr("rig.compile_cache.source_key", lambda root: "other")
     assert marks_folder() not in (before, None)
 
 

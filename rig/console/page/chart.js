@@ -41,7 +41,7 @@ export class Chart {
   constructor(figure, told) {
     this.told = told;
     this.levels = [];
-    this.empty = told.empty ?? ""; // what stands in it while its first curve has no value
+    this.empty = told.empty ?? ""; // what stands in it while none of its curves has a value
     this.view = LIVE;
     this.fixed = null; // ends of the axis that were set by hand: {low, high}; null for automatic ones
     const caption = document.createElement("figcaption");
@@ -160,7 +160,7 @@ export class Chart {
     const x = (t) => left + (right - left) * (1 - (now - t) / view.span_s);
     const y = (v) => bottom - (bottom - top) * (v - ends.low) / (ends.high - ends.low);
     this.grid(context, ends, { left, right, top, bottom }, y);
-    if (this.empty && time.length && (points[this.told.series[0].key] ?? []).every((value) => value === null)) {
+    if (this.empty && time.length && this.told.series.every(({ key }) => (points[key] ?? []).every((value) => value === null))) {
       context.textAlign = "center";
       context.textBaseline = "middle";
       context.font = this.font.replace("11px", "14px");

@@ -99,12 +99,19 @@ function noLeak({ campaign, decision }) {
   return campaign?.status === "running" && decision?.verdict && campaign.tests.some((test) => test.status === "running") ? "no leak found" : "nothing is judged";
 }
 
+// What the chart of the position says while it has no curve.
+function noPosition({ interlocks }) {
+  const isUnknown = (interlocks?.contacts ?? []).some(({ name, text }) => name === "position" && text === "not homed");
+  return history.isLive && isUnknown ? "not homed: where the ram is, is not known" : "";
+}
+
 function render() {
   drawing = false;
   const begun = performance.now();
   const { sections, common } = link;
   if (dirty.has("rig")) { charts.residuals.levels = []; views.clear(charts); manual.clear(); history.begin(); trigger.disarm("Off: another rig is shown."); }
   charts.leak.empty = noLeak(sections);
+  charts.motion.empty = noPosition(sections);
   if (dirty.has("points") && link.points && history.isLive) {
     for (const chart of Object.values(charts)) chart.draw(link.points);
     frames += 1;

@@ -84,6 +84,12 @@ export class Manual {
     if (moved === this.moved) return;
     this.moved = moved;
     if (moved) this.waved = false;
+    // Heartbeats do not begin again a motion that the rig has ended; that takes a new press.
+    if (moved.startsWith("hold ") && !moved.includes("brought to rest") && this.held?.moves) {
+      clearInterval(this.held.beating);
+      this.held = null;
+      this.say("The ram is at rest; let the button go, and press it again to go on", true, this.asked);
+    }
     by("manual-moved").textContent = capital(byHand(moved));
   }
 
@@ -185,6 +191,7 @@ export class Manual {
       held.refusal = `hold ${way}: ${answer.reason}`;
       this.say(held.refusal, true, this.asked);
     }
+    held.moves = answer.accepted;
     if (this.held !== held || answer.accepted) return;
     clearInterval(held.beating);
     this.held = null;

@@ -172,7 +172,7 @@ function starting(link, run) {
 
 // What has tripped before, was driven again since, and is to be acknowledged still.
 const trippedBefore = (link) => unseenTrips(link).map(({ name, activity, begun_by: by, ended_ms: at, sentence: what }) =>
-  `${activity ? capital(name) : name}${by ? `, begun by ${by},` : ""} tripped${at ? ` at ${clock(at)}` : ""}: ${sentence(what)}`).join(" ");
+  `${activity ? capital(activity) : name}${by ? `, begun by ${by},` : ""} tripped${at ? ` at ${clock(at)}` : ""}: ${sentence(what)}`).join(" ");
 
 // Tone, word and sentence of how what drove the rig last has ended, beside the state of a station that reads it; null if
 // somebody has seen it, or there is nothing to be seen.
@@ -186,7 +186,7 @@ export function lastState(link) {
   const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
   const { name, activity, begun_by: by } = use.campaign;
   // A campaign is called as it is written; what else is done with a rig begins a sentence.
-  const what = `${activity ? capital(name) : name}${by ? `, begun by ${by},` : ""}`;
+  const what = `${activity ? capital(activity) : name}${by ? `, begun by ${by},` : ""}`;
   const at = use.ended_ms ? ` at ${clock(use.ended_ms)}` : "";
   const plain = why.replace(` Begun by ${by}.`, "");
   const way = ["came to its end", "ended early"].find((each) => activity && plain.startsWith(`${capital(activity)} ${each}`));

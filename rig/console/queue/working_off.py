@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from rig.console.launcher import Launched, Launcher, LaunchRefused
+from rig.console.launcher import Launched, Launcher, LaunchRefused, killed_by
 from rig.stream import StreamClient
 
 from .queue_file import Content, QueueError, QueueFile
@@ -140,7 +140,9 @@ class Queue:
         self._awaited = ""
         before, self._running = self._running, None
         if before is not None and before.exit_code not in GOES_ON:
-            self.halt(f"{before.name} ended with exit code {before.exit_code}")
+            killed = killed_by(before.exit_code)
+            how = f"was {killed}" if killed else f"ended with exit code {before.exit_code}"
+            self.halt(f"{before.name} {how}")
             return
         if self._problem:
             self.halt(self._problem)

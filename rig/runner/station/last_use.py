@@ -186,7 +186,7 @@ class LastUse:
         try:
             replace_text(self._path, json.dumps(content, ensure_ascii=False))
         except OSError as error:
-            self._say(f"{self._path} cannot be written: {refusal(error)}")
+            self._say(f"{self._path} cannot be written: {refusal(error, '--runs')}")
 
 
 def _without_folder(use: Mapping[str, Any]) -> dict[str, Any]:

@@ -52,7 +52,7 @@ class StationLog:
                 os.replace(self._path, self._path.with_name(f"{LOG}.1"))
         except OSError as error:
             if not self._fails:
-                self._say(f"station: {self._path} cannot be written: {refusal(error)}")
+                self._say(f"station: {self._path} cannot be written: {refusal(error, '--runs')}")
             self._fails = True
         else:
             self._fails = False

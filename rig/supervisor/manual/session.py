@@ -301,6 +301,11 @@ class Manual:
         running = live.planner.generator
         if running is None:
             if not live.planner.rests:
+                if self._moving.startswith("generator"):
+                    raise ManualError(
+                        "generator: the ram is on its way to the wave's mean, or comes to rest "
+                        "after the wave; wait until it is there"
+                    )
                 raise ManualError(f"generator: the ram moves ({self._moving}); stop it first")
             missing = {"amplitude", "frequency"} - set(numbers)
             if not asked.which or missing:

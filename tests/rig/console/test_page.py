@@ -60,8 +60,12 @@ def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page
     expect(page.locator("#campaign-name")).to_have_text("leaks, running")
     # Nor does what the session before has measured look as if it were so now.
     heard = {"position_m": 0.3, "estop_closed": 1.0}
+    site.client.become("bench", latest=heard, health={"homed": False})
+    empty = "rigConsoleHistory.charts.motion.empty"
+    until(lambda: page.evaluate(empty).startswith("not homed"), "why no position is drawn")
     site.client.become("bench", latest=heard, health={"homed": True})
     expect(page.locator("#contacts dd").first).to_have_text("closed")
+    until(lambda: page.evaluate(empty) == "", "the end of that")
     expect(page.locator("#bypass caption")).to_have_text("This rig has none.")
     site.client.become("bench", is_sampled=False, health={})
     expect(page.locator("#contacts dd")).to_have_text(["not known"] * 2)
@@ -209,6 +213,26 @@ def test_enter_confirms_in_a_list_of_choices_too(site: Site, page: Page) -> None
     until(lambda: site.client.sent == [("skip", "bench", "Anna", "first")], "the order")
 
 
+def test_an_order_is_an_event_once_and_one_that_waits_for_its_answer_too(
+    site: Site, page: Page
+) -> None:
+    texts = (
+        "jog by Bo (local) accepted: by 5mm",
+        "jog by Bo (local) obeyed: by 5mm",
+        "hold by Bo (local) accepted",
+        "hold by Bo (local) not obeyed: no test runs",
+        "jog by Bo (local) accepted: by 5mm",
+    )
+    events = [
+        {"kind": "command", "text": text, "at_ns": 10**18 + 10**9 * second}
+        for second, text in enumerate(texts)
+    ]
+    site.client.become("bench", events=tuple(events))
+    shown = [texts[number] for number in (4, 3, 1)]
+    orders = page.locator("#events td:last-child", has_text="(local)")
+    expect(orders).to_have_text(shown)
+
+
 def test_names_that_are_html_are_shown_as_text(site: Site, page: Page) -> None:
     name = "<img src=x onerror=alert(1)>"
     test = {"name": name, "expect": name, "status": name, "verdict": name}
@@ -309,6 +333,18 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
         ended = "hold out: ended, as no heartbeat came in time, the ram is at 300.00 mm"
         site.client.shots["bench"] = replace(RUNNING, campaign=manual | {"moved": ended})
         expect(page.locator("#manual-moved")).to_have_text(ended.replace("hold out", "Hold: out"))
+    else:
+        # A hand that still presses after the rig has ended the motion beats no more, and is told.
+        page.mouse.up()
+        page.mouse.down()
+        until(lambda: sum(": hold out" in each[2] for each in sent) == 2, "the second hold")
+        expect(page.locator("#manual-said")).to_contain_text("hold out speed 20mm/s: obeyed")
+        ended = "hold out: ended, as no heartbeat came in time, the ram is at 300.00 mm"
+        site.client.shots["bench"] = replace(RUNNING, campaign=manual | {"moved": ended})
+        expect(page.locator("#manual-said")).to_contain_text("press it again to go on")
+        beats = sum(each[0] == "beat" for each in sent)
+        page.evaluate("new Promise((resolve) => setTimeout(resolve, 300))")
+        assert sum(each[0] == "beat" for each in sent) <= beats + 2
     page.locator("#holder-button").click()
     expect(page.get_by_role("button", name="Hold: out")).to_be_disabled()
     site.client.shots["bench"] = RUNNING

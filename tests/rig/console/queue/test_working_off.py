@@ -116,15 +116,18 @@ def test_what_is_asked_for_again_as_its_answer_was_lost_is_queued_once(bench: Be
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("exit_code", [2, 3, -9])
+@pytest.mark.parametrize(
+    ("exit_code", "how"),
+    [(2, "ended with exit code 2"), (3, "ended with exit code 3"), (-9, "was killed by SIGKILL")],
+)
 def test_after_a_trip_a_stop_or_a_kill_nothing_more_is_started(
-    bench: Bench, exit_code: int
+    bench: Bench, exit_code: int, how: str
 ) -> None:
     bench.order("queue start")
     bench.orders.work_off_queue()
     bench.end(exit_code)
     assert bench.launcher.begun == [("a", "Anna")]
-    assert bench.queue.content()["why"] == f"a ended with exit code {exit_code}"
+    assert bench.queue.content()["why"] == f"a {how}"
     assert bench.waiting == ["b"]
 
 

@@ -216,6 +216,8 @@ def test_a_use_that_did_not_say_how_it_ended_is_no_success(opened: Open, site: S
         (homed, f"Homing, begun by Bo, came to its end at {at}."),
         (homed | {"exit_code": 3, "reason": "stopped by Vic"},
          f"Homing, begun by Bo, ended early at {at}: stopped by Vic."),
+        (homed | {"name": "friction_sliding", "activity": "friction experiment"},
+         f"Friction experiment, begun by Bo, came to its end at {at}."),
     ):  # fmt: skip
         reads(site, last={"campaign": told, "decision": {}, "trips": {}, "ended_ns": LATER})
         expect(page.locator("#rig-last-why")).to_have_text(re.compile(why))

@@ -25,6 +25,7 @@ def test_a_log_that_cannot_be_written_is_told_once_and_ends_nothing(tmp_path: Pa
     log.write("told", "one")
     log.write("told", "two")
     assert [line for line in said if "cannot be written" in line] == said[1:2]
+    assert "--out" not in said[1]
     assert said[0] == "one"
     assert said[2] == "two"
 

@@ -224,6 +224,15 @@ def test_what_is_not_allowed_is_refused(rig: FakeRig, clock: Clock, line: str, w
     assert rig.state is State.ARMED
 
 
+def test_a_wave_is_not_changed_before_the_ram_is_at_its_mean_which_needs_no_stop(
+    rig: FakeRig, clock: Clock
+) -> None:
+    change = "generator amplitude 20mm"
+    lines = {0.0: "generator sine mean 350mm amplitude 10mm frequency 0.5Hz", 0.5: change}
+    inbox, _ = carried_out(rig, clock, lines, 1.0)
+    assert "on its way to the wave's mean" in inbox.said(change)
+
+
 def test_a_bypass_is_moved_by_hand_and_shown_with_its_meter(rig: FakeRig, clock: Clock) -> None:
     lines = {0.0: "bypass internal_leakage open", 0.1: "bypass internal_leakage 30%"}
     _, said = carried_out(rig, clock, lines, 4.0)
