@@ -144,12 +144,10 @@ class OilAccountDetector:
             self._add(block)
 
     def take(self, block: AccountBlock, time_s: Array, position: Array) -> None:
-        """Add a block that was drawn up elsewhere, which ends with the last of the next samples.
-
-        It takes the place of `update` with these samples.
+        """Add a block that was drawn up elsewhere, in place of `update` with the next samples.
 
         Args:
-            block: the block.
+            block: the block, which ends with the last of the samples.
             time_s: time of each of the samples, s, (n,).
             position: what the encoder read in each of them, m, (n,); NaN where nothing.
         """
