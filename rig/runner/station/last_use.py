@@ -135,12 +135,12 @@ class LastUse:
     def _unseen(self) -> list[dict[str, Any]]:
         """Return the trips up to now that nobody has acknowledged, the newest last."""
         unseen = list(self._content.get("unseen", []))
-        first = (self._content.get("trips") or {}).get("first_out")
+        first = _first_out(self._content)
         if first and not self._content.get("acknowledged"):
             campaign = self._content["campaign"]
             known = {name: campaign.get(name, "") for name in ("name", "activity", "begun_by")}
-            kept = {"ended_ns": self._content["ended_ns"], "folder": self._content.get("folder")}
-            unseen.append({**known, **kept, "sentence": first[0].get("sentence", "")})
+            kept = {name: self._content.get(name) for name in ("ended_ns", "folder")}
+            unseen.append({**known, **kept, "sentence": first.get("sentence", "")})
         return unseen[-MOST_UNSEEN:]
 
     def _read_journals(self) -> None:
@@ -193,6 +193,13 @@ def _without_folder(use: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in use.items() if name != "folder"}
 
 
+def _first_out(use: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what tripped first in a use; {} if nothing did, or that is not what it should be."""
+    trips = use.get("trips")
+    first = trips.get("first_out") if isinstance(trips, dict) else None
+    return first[0] if isinstance(first, list) and first and isinstance(first[0], dict) else {}
+
+
 def _folder(use: Mapping[str, Any]) -> Path | None:
     """Return the folder of a use's run, if its journal is there."""
     folder = Path(str(use.get("folder") or ""))
@@ -203,6 +210,10 @@ def _kept(path: Path) -> Mapping[str, Any]:
     """Return what is in a file of an earlier station; {} if there is none, or nothing readable."""
     try:
         found = json_of(read_bounded(path, LONGEST_WORD))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) and isinstance(found.get("campaign"), dict) else {}
+    if not isinstance(found, dict) or not isinstance(found.get("campaign"), dict):
+        return {}
+    unseen = found.get("unseen")
+    trips = [trip for trip in unseen if isinstance(trip, dict)] if isinstance(unseen, list) else []
+    return {**found, "unseen": trips}

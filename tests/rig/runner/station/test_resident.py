@@ -449,3 +449,17 @@ def test_a_station_that_ends_while_somebody_drives_lets_him_go_on(station: Stati
     station.stop.request("SIGTERM")
     station.thread.join()
     assert station.kept("left") == ["homing, asked by Bo, goes on by itself"]
+
+
+@pytest.mark.parametrize("value", [5, "x", [5], {"first_out": [5]}, {"first_out": 5}, None])
+@pytest.mark.parametrize("name", ["trips", "unseen", "folder", "acknowledged", "ended_ns"])
+def test_a_file_in_which_a_value_is_of_another_type_ends_no_station(
+    tmp_path: Path, name: str, value: Any
+) -> None:
+    kept = {**told(tmp_path, "the stop is open"), "ended_ns": 5, name: value}
+    (tmp_path / last_use.LAST).write_text(json.dumps(kept))
+    last = LastUse(tmp_path, print)
+    last.look()
+    last.lent(homing())
+    last.acknowledge("ann", "", "")
+    assert last.content["campaign"]["name"] == "homing"
