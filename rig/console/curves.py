@@ -1,7 +1,8 @@
 """The charts show the last seconds of samples, a hundred points a second, in units of the screen.
 
 Only every tenth sample (at 1 kHz) becomes a point, but all samples enter the moving averages and
-the history.
+the history. A device that is slower than the loop has no value in most rows: a point then has the
+newest value before it.
 """
 
 from collections import deque
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 SHOWN_S: Final = 10.0
 POINT_S: Final = 0.01
 POINTS: Final = round(SHOWN_S / POINT_S)
+HELD_S: Final = 0.1
+"""Longest time in s for which a point shows an older value; a longer one without any is a gap."""
 AVERAGED_S: Final = 4.0
 """Length in s of the moving average of absolute innovations, as in the thesis (section 4.4)."""
 
@@ -91,6 +94,22 @@ class MovingAverage:
         return np.asarray(means[1:], np.float64)
 
 
+class Holding:
+    """Puts the newest value of a channel in the place of missing ones, up to `HELD_S` later."""
+
+    def __init__(self) -> None:
+        self._row, self._value = -np.inf, np.nan
+
+    def take(self, rows: NDArray[np.int64], values: Array, period_s: float) -> Array:
+        """Return the next values (n,), whose rows are given, with missing ones (NaN) replaced."""
+        known = np.concatenate([[self._value], values])
+        of = np.concatenate([[self._row], rows])
+        newest = np.maximum.accumulate(np.where(np.isnan(known), 0, np.arange(len(known))))[1:]
+        self._row, self._value = of[newest[-1]], known[newest[-1]]
+        is_new = (rows - of[newest]) * period_s <= HELD_S
+        return np.where(is_new, known[newest], np.nan)
+
+
 class Curves:
     """The newest points of a rig's charts, made from windows of samples.
 
@@ -113,6 +132,7 @@ class Curves:
         """The first row whose averages were not handed over to the history yet."""
         self._test: int | None = None
         self._averages: dict[str, MovingAverage] = {}
+        self._holding: dict[str, Holding] = {}
 
     def begin(self) -> None:
         """Drop all points and begin a new epoch, so that rows that were added can be added anew.
@@ -123,6 +143,7 @@ class Curves:
         self.next_row = 0
         self.points.clear()
         self._test = None
+        self._holding.clear()
 
     def take(self, window: Window, period_s: float) -> Taken | None:
         """Add points, one every `POINT_S`, for those rows of a window that were not added yet.
@@ -147,7 +168,13 @@ class Curves:
         test = window.test[begin:]
         shown = np.flatnonzero(rows % max(1, round(POINT_S / period_s)) == 0)
         means = self._means(values, test, period_s)
-        columns = self._columns(values, means, shown)
+        held = {
+            channel: self._holding.setdefault(channel, Holding()).take(
+                rows, values[channel], period_s
+            )
+            for channel, _, _ in PLAIN.values()
+        }
+        columns = _columns(held, means, shown)
         times = np.round(rows[shown] * period_s, 3).tolist()
         self.points.extend(zip(times, test[shown].tolist(), *columns, strict=True))
         self.count += len(shown)
@@ -174,15 +201,6 @@ class Curves:
         names = ("epoch", "time_s", "test", *CURVES)
         return dict(zip(names, (self.epoch, *columns), strict=True))
 
-    def _columns(
-        self, values: Mapping[str, Array], means: list[Array], shown: Any
-    ) -> list[list[float | None]]:
-        plain = [
-            _listed(values[channel][shown] * unit.factor, digits)
-            for channel, unit, digits in PLAIN.values()
-        ]
-        return [*plain, *(_listed(each[shown], 2) for each in means)]
-
     def _means(
         self, values: Mapping[str, Array], test: NDArray[np.int64], period_s: float
     ) -> list[Array]:
@@ -198,6 +216,16 @@ class Curves:
             for name, channel in AVERAGED.items():
                 averages[name].append(self._averages[name].take(values[channel][begin:end]))
         return [np.concatenate(parts) * KPA.factor for parts in averages.values()]
+
+
+def _columns(
+    values: Mapping[str, Array], means: list[Array], shown: NDArray[np.int64]
+) -> list[list[float | None]]:
+    plain = [
+        _listed(values[channel][shown] * unit.factor, digits)
+        for channel, unit, digits in PLAIN.values()
+    ]
+    return [*plain, *(_listed(each[shown], 2) for each in means)]
 
 
 def _listed(values: Array, digits: int) -> list[float | None]:

@@ -53,7 +53,8 @@ class Snapshot:
         units: units of these channels.
         time_s: time of the newest sample within its test, s; NaN if there is none.
         test: number of the test that the newest sample belongs to; 0 outside of tests.
-        latest: channel -> value of the newest sample; NaN where it was not measured.
+        latest: channel -> newest value in the newest message of samples; NaN if it has none. A
+            device that is slower than the loop has no value in most samples.
         is_sampled: whether its present session has sent samples, the newest of which is `latest`;
             before that `latest` is of the session before.
         rate_hz: number of new samples that came in the last second, not counting past ones that

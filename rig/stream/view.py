@@ -11,6 +11,7 @@ from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .known import DEAD_AFTER, Content, Gap, Snapshot, Window
 from .messages import KEPT, LASTING, Channels, MessageError, Samples, read
@@ -236,7 +237,7 @@ class RigView:
             samples, channels = self._batches[-1].samples, self._batches[-1].channels
             shown |= {"names": channels.names, "units": channels.units, "test": samples.test}
             shown["time_s"] = float(samples.time_s[-1])
-            shown["latest"] = dict(zip(channels.names, map(float, samples.values[-1]), strict=True))
+            shown["latest"] = dict(zip(channels.names, _newest(samples.values), strict=True))
         return replace(
             self._known,
             session=self.session,
@@ -439,3 +440,10 @@ class RigView:
         if not missing.get("rows", 1):
             del missing["rows"]
         self._known = replace(self._known, missing=missing)
+
+
+def _newest(values: NDArray[np.float32]) -> list[float]:
+    """Return the newest value of each column (rows, columns); NaN for one without any."""
+    there = ~np.isnan(values)
+    rows = len(values) - 1 - np.argmax(there[::-1], axis=0)
+    return [float(value) for value in values[rows, np.arange(values.shape[1])]]

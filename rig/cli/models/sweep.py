@@ -76,8 +76,8 @@ def command(
     Writes sweep.parquet with one row per case, sweep.html with ROC, confusion and the smallest leak
     found, and summary.json. The table does not depend on where, or by how many processes, the sweep
     is run. Ctrl-C ends it and keeps the cases that are done; stopped or killed, it goes on with
-    --resume. Exit code: 0 done, 1 a case could not be run or no report be made, 2 bad input, 3
-    stopped before the end, or its disk full.
+    --resume. Exit code: 0 done, 1 a case could not be run or no report could be made, 2 bad input,
+    3 stopped before the end, or the disk was full.
     """
     if resume and Path(sweep).is_dir():
         out = out or Path(sweep)

@@ -84,6 +84,21 @@ def test_a_slow_rig_has_all_of_its_samples_shown() -> None:
     assert shown(curves)["time_s"] == pytest.approx(np.arange(40) * 0.05)
 
 
+def test_between_the_samples_of_a_slower_device_a_point_has_the_newest_value() -> None:
+    curves = Curves()
+    position = np.full(240, np.nan)
+    position[3:120:4] = 0.001 * np.arange(3, 120, 4)
+    for first in (0, 77):
+        part = slice(first, 77 if first == 0 else 240)
+        rows = np.arange(240)[part]
+        curves.take(window(first, len(rows), position_m=position[part]), 1e-3)
+    points = shown(curves)["position_mm"]
+    # Nothing was measured before the first sample, nor for longer than a tenth of a second.
+    assert points[:12] == [None, *(float(4 * (row // 4) - 1) for row in range(10, 120, 10))]
+    assert points[12:22] == [119.0] * 10
+    assert points[22:] == [None, None]
+
+
 def test_the_residuals_of_one_test_are_not_averaged_with_those_of_the_next() -> None:
     curves = Curves()
     curves.take(window(0, 2000, 1, innovation_pressure_1_Pa=np.full(2000, 4e4)), MS)

@@ -48,7 +48,7 @@ def test_a_campaign_that_runs_is_shown_live(page: Page, pytestconfig: pytest.Con
     expect(page.locator("#campaign-name")).to_have_text("leaks, running")
     expect(page.locator("#progress-text")).to_have_text("1 of 3: internal leak, 0.6 L/min")
     expect(page.locator("#state")).to_have_text("running")
-    expect(page.locator("#contacts")).to_contain_text("emergency stop")
+    expect(page.locator("#contacts")).to_contain_text("closed")
     expect(page.locator("#bypass tr", has_text="Internal leak")).to_contain_text("open")
     expect(page.locator("#stages")).to_contain_text("lateness")
     expect(page.locator("#tests tr.runs")).to_contain_text("internal leak, 0.6 L/min")
@@ -56,6 +56,10 @@ def test_a_campaign_that_runs_is_shown_live(page: Page, pytestconfig: pytest.Con
     expect(page.locator("#verdict-more")).to_contain_text("L/min")
     expect(page.locator("[data-chart=leak] output")).to_have_text(re.compile(r"0\.\d+"))
     until(lambda: page.evaluate("rigConsole.points.time_s.length") > 200, "two seconds of curves")
+    until(
+        lambda: page.evaluate("rigConsole.points.position_mm.slice(-100).every(Number.isFinite)"),
+        "a position at each point",
+    )
     seen = page.evaluate("rigConsoleFrames()")
     until(lambda: page.evaluate("rigConsoleFrames()") > seen + 20, "the curves to go on")
     picture = pytestconfig.getoption("--console-picture")

@@ -65,6 +65,17 @@ def test_the_newest_values_have_their_names(view: RigView, publisher: Publisher)
     assert snapshot.missing == {}
 
 
+def test_of_a_device_slower_than_the_loop_the_newest_value_of_a_message_is_told(
+    view: RigView, publisher: Publisher
+) -> None:
+    samples = batch(0)
+    samples.values[8:, 0] = samples.values[:, 1] = np.nan
+    publisher.send("samples", samples.content())
+    latest = view.snapshot(0).latest
+    assert latest["position_m"] == 7.0
+    assert np.isnan(latest["command_V"])
+
+
 def test_messages_that_were_lost_are_counted_by_kind_and_row(
     view: RigView, publisher: Publisher
 ) -> None:
