@@ -177,7 +177,9 @@ def marks_folder() -> Path | None:
 
 
 @contextmanager
-def telling_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
+def telling_of_compiling(
+    tell: Callable[[str], None], is_done: Callable[[], None] = lambda: None
+) -> Iterator[None]:
     """Call `tell` with the full name of each function just before numba compiles it in the block.
 
     `tell` is not called for functions that are loaded from the cache, nor for functions that are
@@ -185,6 +187,7 @@ def telling_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
 
     Args:
         tell: takes the name; it is called from the thread that compiles.
+        is_done: is called from there once that function is compiled, or could not be.
     """
     from numba.core import event
 
@@ -200,6 +203,8 @@ def telling_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
 
         def on_end(self, event: Any) -> None:
             self._depth -= 1
+            if self._depth == 0:
+                is_done()
 
     with event.install_listener("numba:compile", Listener()):
         yield

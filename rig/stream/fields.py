@@ -152,7 +152,10 @@ FIELDS: Final[Mapping[str, Mapping[str, Check]]] = {
         "number": is_number, "count": is_number, "name": is_text, "expect": is_text,
         "time_s": is_number, "duration_s": is_number, "verdict": is_text,
     },
-    "state": {"state": is_text, "since_ns": is_number},
+    "state": {
+        "state": is_text, "since_ns": is_number, "before": is_text, "compiles": is_text,
+        "compiles_since_ns": is_number,
+    },
     "heartbeat": {
         "heartbeat_s": is_period, "up_s": is_number, "rows": is_number,
         "sequences": maps(is_count), "commands": is_truth,

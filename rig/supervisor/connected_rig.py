@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -26,7 +27,6 @@ from rig.loop import (
     WireLoop,
     Word,
     explain,
-    limit_table,
     orders,
     wire_channels,
 )
@@ -38,7 +38,6 @@ from rig.supervisor.processes import (
     ChildError,
     MakeSafe,
     Onlooker,
-    OpenField,
     Parts,
     SafetyThread,
     WriteOutputs,
@@ -47,13 +46,10 @@ from rig.supervisor.processes import (
 
 from .checks import checks_for
 from .holding import held
+from .opening import opened
 from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, State, next_state
 from .trip_report import EventLog, last_known
 
-OPEN_S: Final = 300.0
-"""Time in s within which a part must open its devices; the loop may have to be compiled first."""
-LOOK_S: Final = 0.2
-"""Period in s at which, while a part opens its devices, its end and a stop are looked for."""
 ANSWER_S: Final = 10.0
 SAFE_S: Final = 20.0
 """Time in s within which slow drivers must reach their safe state."""
@@ -152,7 +148,7 @@ class ConnectedRig:
 
         Raises:
             DriverError: a device is in use, does not answer, or is not the configured one.
-            TripError: a process ended or took over `OPEN_S`, or somebody asked for the end.
+            TripError: a process ended or took too long, or somebody asked for the end.
         """
         self._heed_stop()
         for doubt in calibration_doubts(self.configured.calibrations, today()):
@@ -181,18 +177,12 @@ class ConnectedRig:
         self.handle(Event.CONNECTED)
 
     def _open(self) -> None:
-        rig = self.configured
-        slow = tuple(spec for spec in rig.drivers if spec.kind == "slow")
-        field = OpenField(slow, rig.loop, rig.calibrations)
-        self.parts.field.ask_patiently(field, OPEN_S, LOOK_S, self._heed_stop)
         first = orders.Segment(1, Drive.NULL, self._memory(), self.model.parameters, homed=False)
-        (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
-        period_s = 1.0 / rig.loop.rate
         self.board.words[Word.SWITCH] = first.number
-        checks = self._checks(rig, self.model, frozenset(fast.inputs), period_s)
-        limits = limit_table(rig.ladder, period_s)
-        order = orders.Open(fast, rig.loop, limits, checks, first, rig.calibrations, rig.wiring)
-        self.opened = self.parts.loop.ask_patiently(order, OPEN_S, LOOK_S, self._heed_stop)
+        checks = partial(self._checks, self.configured, self.model)
+        self.opened = opened(
+            self.configured, self.parts, first, checks, self._heed_stop, self._onlooker
+        )
         grants = self.opened.grants
         given = ", ".join(grant.name for grant in grants if grant.granted) or "nothing granted"
         self.say(f"loop: {self.opened.rate_hz:g} exchanges a second; {given}")

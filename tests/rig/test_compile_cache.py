@@ -108,9 +108,12 @@ def test_compiling_is_told_once_and_loading_from_the_cache_is_not(tmp_path: Path
     for program in ("first", "second"):
         twice = loaded_from(source).twice
         for _ in range(2):
-            with telling_of_compiling(lambda name, by=program: told.append((by, name))):  # type: ignore[misc]
+            with telling_of_compiling(
+                lambda name, by=program: told.append((by, name)),  # type: ignore[misc]
+                lambda by=program: told.append((by, "done")),  # type: ignore[misc]
+            ):
                 assert twice(1.0) == 4.0
-    assert told == [("first", "doubling.twice")]
+    assert told == [("first", "doubling.twice"), ("first", "done")]
 
 
 def test_marks_of_what_is_compiled_are_kept_apart_for_each_state_of_the_sources(

@@ -10,7 +10,6 @@ from typing import Final
 
 import click
 
-from estimator.filters import DEFAULT_FILTER
 from rig.cli.live_stream import stream_of, streamed
 from rig.cli.option_types import STREAMED
 from rig.cli.rig_failures import failures_reported
@@ -19,7 +18,6 @@ from rig.configuration import Rig, load_model, load_rig
 from rig.control_socket import own_name
 from rig.io import in_use
 from rig.runner import Observer, StopFlag, stop_on_signals
-from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
 from rig.runner.run_folder import file_stem
 from rig.runner.station import WATCH, Obey, Resident, StationLog
 from rig.stream import StreamSettings
@@ -103,17 +101,15 @@ def command(
     folder = runs / f"station-{file_stem(rig.name)}"
     screen, stop = Screen(), StopFlag()
     log_of = _said_by(screen)
-    with failures_reported(), stop_on_signals(stop):
-        # A client that waited for the compiler would give up, so that it comes before the socket.
-        compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
-        with Keeper(rig, Surviving("the station's socket", log_of)) as keeper:
-            folder.mkdir(parents=True, exist_ok=True)
-            log = StationLog(folder, log_of)
+    socket = Surviving("the station's socket", log_of)
+    with failures_reported(), stop_on_signals(stop), Keeper(rig, socket) as keeper:
+        folder.mkdir(parents=True, exist_ok=True)
+        log = StationLog(folder, log_of)
 
-            def watched(obey: Obey) -> AbstractContextManager[tuple[Say, Onlooker]]:
-                return _stream(settings, rig, folder, obey)
+        def watched(obey: Obey) -> AbstractContextManager[tuple[Say, Onlooker]]:
+            return _stream(settings, rig, folder, obey)
 
-            Resident(rig, assumed, folder, keeper, stop, log, watched).run()
+        Resident(rig, assumed, folder, keeper, stop, log, watched).run()
     return 0
 
 

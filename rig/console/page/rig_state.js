@@ -10,6 +10,7 @@ const STARTING = {
   arming: ["Arming", "The pump is loaded; then press reset at the rig, while its lamp is lit."],
   "not homed": ["Not homed", "The valve is enabled; the ram rests until it is homed."],
   homing: ["Homing", "The ram moves slowly; where it is, is not known before it has met its stroke end."],
+  off: ["Disarmed", "The rig is left, and its devices are closed."],
   "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
 };
 
@@ -22,11 +23,11 @@ function since(link, ms) {
   return ms && counted > 0 ? ` for ${counted < 10 ? `${counted} s` : lasted(counted)}` : "";
 }
 
-// What the rig's programs compile while the devices are opened, in words; "" if they have gone on from there.
+// That the rig's programs are compiled before its devices are open, and for how long; "" if they are not.
 function compiling(link) {
-  const said = (link.sections.events ?? []).filter(({ kind }) => kind === "told").at(-1);
-  return said && /^\w+: compiles /.test(said.text)
-    ? `Its program is compiled for this machine, once for each version of it,${since(link, said.at_ms)} now.` : "";
+  const { compiles, compiles_since_ms: begun } = link.sections.life;
+  const lasts = since(link, begun);
+  return compiles ? `Its program is compiled for this machine, once for each version of it; begun at ${clock(begun)}${lasts && `, on its way${lasts}`}.` : "";
 }
 
 function readSoon(link) {
@@ -34,7 +35,12 @@ function readSoon(link) {
   return ["off", "Idle", compiles ? `${compiles} Nothing drives.` : "The station opens the devices; nothing drives."];
 }
 
-const LEFT = "The rig is left: the valve is at null and disabled.";
+// Why the valve is disabled, other than that the devices are open and nothing has moved yet; "" if that is so.
+function whyDisarmed({ state, before }, campaign) {
+  const was = before && before !== "connecting";
+  if (state !== "disarmed" || !was) return "";
+  return campaign.activity === "manual" ? "The valve is at null and disabled." : "The rig is left: the valve is at null and disabled.";
+}
 
 const several = (tests) => tests.map((test) => test.name).join(", ");
 const sentence = (text) => (text && !/[.!?]$/.test(text) ? `${text}.` : text ?? "");
@@ -56,11 +62,11 @@ function tripped(interlocks, isOver) {
   return open ? `${open} ${capital(what)}` : what;
 }
 
-// Where a campaign stands while none of its tests runs.
+// Where a campaign stands while none of its tests runs, and how many of them are done.
 function between(tests) {
-  const isDone = (test) => Boolean(test.status) && test.status !== "not_run";
-  if (!tests.some(isDone)) return "before the first test";
-  return tests.every(isDone) ? "after the last test" : "between tests";
+  const done = tests.filter((test) => test.status && test.status !== "not_run").length;
+  const place = !done ? "before the first test" : done < tests.length ? "between tests" : "after the last test";
+  return [place, `${done} of ${tests.length} ${tests.length === 1 ? "test is" : "tests are"} done`];
 }
 
 // What the ram does under somebody's hand, as far as the state of its session tells.
@@ -93,6 +99,7 @@ function ended({ life, campaign, interlocks }) {
   const stopped = of(tests, "tripped")[0];
   if (campaign.hands_over && !first && !(life.age_s > LONGEST_HANDOVER_S)) return handsOver(campaign);
   if (ofStation(campaign) && !first && campaign.exit_code) return ["warn", "Idle", `The station cannot read the rig: ${sentence(campaign.reason)}`];
+  if (ofStation(campaign) && !first && campaign.reason) return ["off", "Idle", sentence(capital(campaign.reason))];
   if (ofStation(campaign) && !first) return ["off", "Idle", "The station has left the rig: it has ended, lends the rig, or lost a device."];
   if (campaign.activity && !first && !stopped) {
     if (campaign.exit_code === null && campaign.reason) return ["warn", "Ended", sentence(campaign.reason)];
@@ -122,7 +129,8 @@ function live(link) {
   if (first) return ["bad", "Tripped", tripped(interlocks, false)];
   if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
   if (campaign?.status === "idle" && campaign.hands_over) return handsOver(campaign);
-  if (campaign?.status === "idle" && life.state === "connecting") return readSoon(link);
+  if (campaign?.status === "idle" && (life.state === "connecting" || life.compiles)) return readSoon(link);
+  if (campaign?.status === "idle" && life.state === "off") return ["off", "Idle", "The station leaves the rig; nothing drives."];
   if (campaign?.status === "idle") return ["off", "Idle", "The station reads the rig; nothing drives."];
   // What has said that it has ended is heard for another moment.
   if (campaign?.status === "ended") return ended({ life, campaign, interlocks });
@@ -134,17 +142,16 @@ function live(link) {
   if (life.state === "holding") return ["bad", "Held by the interlock", sentence(interlocks?.sentence)];
   if (STARTING[life.state]) {
     const [word, opens] = STARTING[life.state];
-    const isLeft = life.state === "disarmed" && !campaign.resumed && tests.some((test) => test.status && test.status !== "not_run");
-    const what = isLeft ? LEFT : life.state === "connecting" ? compiling(link) || opens : opens;
+    const what = whyDisarmed(life, campaign) || (life.state === "connecting" && compiling(link)) || opens;
     return ["warn", word, `${what}${campaign.activity && campaign.activity !== life.state ? ` ${capital(campaign.activity)}.` : ""}${begunBy(campaign)}`];
   }
   if (campaign.activity && !runs) return ["live", "In use", `${capital(campaign.activity)}${does(campaign, life)}.${begunBy(campaign)}`];
-  const place = between(tests);
+  const [place, count] = between(tests);
   if (!runs && waits(campaign)) {
     const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : `${campaign.paused_by || "An operator"} has asked for it; Resume goes on.`;
-    return ["warn", "Held", `The ram is held ${place}. ${why}${also}`];
+    return ["warn", "Held", `The ram is held ${place}; ${count}. ${why}${also}`];
   }
-  if (!runs) return ["live", capital(place), `${campaign.name}.${also}${begunBy(campaign)}`];
+  if (!runs) return ["live", capital(place), `${campaign.name}: ${count}.${also}${begunBy(campaign)}`];
   const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
   if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it${campaign.paused_by && `, as ${campaign.paused_by} has asked`}; Resume takes that back.${also}${begunBy(campaign)}`];
   if (campaign.activity) return ["live", "Running", `${capital(campaign.activity)}: motion ${where}${begunBy(campaign)}`];

@@ -266,21 +266,9 @@ export function verdicts({ sections }) {
   ]);
 }
 
-// Leaves out that an order was accepted, once the rig has said what came of it.
-function withoutAccepted(events) {
-  const open = [];
-  return [...events].reverse().filter(({ kind, text }) => {
-    const [order, state] = kind === "command" ? text.split(/ ((?:not )?obeyed|accepted)(?:: |$)/) : [];
-    if (state !== "accepted") { if (state) open.push(order); return true; }
-    const answered = open.indexOf(order);
-    if (answered >= 0) open.splice(answered, 1);
-    return answered < 0;
-  }).reverse();
-}
-
 export function happened({ sections, common }) {
   const own = (common.notices ?? []).map((notice) => ({ ...notice, who: "console", kind: "told" }));
-  const rows = [...withoutAccepted(sections.events ?? []), ...own].sort((one, other) => other.at_ms - one.at_ms);
+  const rows = [...(sections.events ?? []), ...own].sort((one, other) => other.at_ms - one.at_ms);
   const grave = new Set(["trip", "error", "refused"]);
   put(by("events"), [
     element("tbody", "", ...rows.slice(0, SHOWN_EVENTS).map((event) => element("tr", grave.has(event.kind) ? "grave" : "",

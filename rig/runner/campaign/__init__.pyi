@@ -1,7 +1,11 @@
 from .bench import Bench as Bench, plain_test as plain_test
 from .campaign_run import bench_of as bench_of, run_campaign as run_campaign
 from .compiled_pieces import Needs as Needs
-from .compiling import WITHOUT_TESTS as WITHOUT_TESTS, compile_for as compile_for
+from .compiling import (
+    WITHOUT_TESTS as WITHOUT_TESTS,
+    compile_for as compile_for,
+    is_compiled as is_compiled,
+)
 from .injection import SHUT_S as SHUT_S
 from .operator_requests import (
     LONGEST_TEXT as LONGEST_TEXT,

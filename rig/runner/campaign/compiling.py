@@ -21,15 +21,23 @@ from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from rig.compile_cache import COMPILED_ONCE, marks_folder
 
 from .compiled_pieces import LOOP, PIECES, Needs
-from .stopping import StopFlag
 
 Say = Callable[[str], None]
 Names = tuple[str, ...]
+
+
+class Stop(Protocol):
+    """A flag by which compiling is ended; see `rig.runner.campaign.stopping.StopFlag`."""
+
+    @property
+    def requested(self) -> bool:
+        """Whether somebody asked for the end."""
+
 
 SIMULATED: Final[Names] = (
     "estimates", "plant", "interlock", "reaction", "change of control", "simulated loop",
@@ -50,7 +58,7 @@ _LOCK: Final = "lock"
 _FORK: Final = multiprocessing.get_context("fork")
 
 
-def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
+def compile_for(needs: Needs, names: Names, say: Say, stop: Stop) -> None:
     """Compile the pieces that are not compiled yet, and report the progress to the operator.
 
     The function returns when all are compiled, or earlier if a stop is requested. While another
@@ -65,12 +73,18 @@ def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
         stop: once a stop is requested on it, compiling ends.
     """
     marks = marks_folder()
-    if marks is None or not _missing(marks, needs, names):
+    if marks is None or is_compiled(needs, names):
         return
     with _alone(marks / _LOCK, say, stop):
         missing = _missing(marks, needs, names)
         if missing and not stop.requested:
             _compile(marks, needs, missing, say, stop)
+
+
+def is_compiled(needs: Needs, names: Names) -> bool:
+    """Return whether `compile_for` has nothing to do."""
+    marks = marks_folder()
+    return marks is None or not _missing(marks, needs, names)
 
 
 def load(needs: Needs, names: Names) -> None:
@@ -94,7 +108,7 @@ def _missing(marks: Path, needs: Needs, names: Names) -> Names:
 
 
 @contextmanager
-def _alone(path: Path, say: Say, stop: StopFlag) -> Iterator[None]:
+def _alone(path: Path, say: Say, stop: Stop) -> Iterator[None]:
     """Lock a file while the context is entered, and wait for another program that has locked it.
 
     The context is entered without a lock if a stop is requested or if files cannot be locked.
@@ -115,7 +129,7 @@ def _alone(path: Path, say: Say, stop: StopFlag) -> Iterator[None]:
         yield
 
 
-def _compile(marks: Path, needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
+def _compile(marks: Path, needs: Needs, names: Names, say: Say, stop: Stop) -> None:
     """Compile pieces in processes of their own, with at most one process per processor.
 
     Each compiled piece gets its mark. If a stop is requested, the processes are killed.

@@ -62,6 +62,8 @@ class StreamedRun(Observer, Onlooker):
         self._inner = inner
         self._simulated = simulated
         self._feed: RowFeed | None = None
+        self._state: dict[str, Any] = {}
+        """The content of the last message `state`, without what is compiled in that state."""
         self._campaign: dict[str, Any] = {}
         self._tests: dict[str, dict[str, Any]] = {}
         self._number = 0
@@ -138,8 +140,15 @@ class StreamedRun(Observer, Onlooker):
         }
 
     def came_to(self, state: str) -> None:
-        """Send the state that the session on hardware has come to."""
-        self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
+        """Send the state that the session on hardware has come to, and the one before."""
+        before = self._state.get("state", "")
+        self._state = {"state": state, "since_ns": time.time_ns(), "before": before}
+        self.stream.send("state", self._state)
+
+    def compiles(self, what: str) -> None:
+        """Send what is compiled, and since when; or, with an empty text, that it is compiled."""
+        told = {"compiles": what, "compiles_since_ns": time.time_ns()} if what else {}
+        self.stream.send("state", {**self._state, **told})
 
     def moves(self, motion: str, moved: str) -> None:
         """Send which motion by hand has begun, and how the one before it ended."""
@@ -157,6 +166,10 @@ class StreamedRun(Observer, Onlooker):
         """Send to whom a station leaves the rig; nobody reads it until that one has connected."""
         self._campaign["hands_over"] = to
         self._list_tests(last=True)
+
+    def ends_for(self, reason: str) -> None:
+        """Keep why a station ends this stream and begins another; `ends` sends it."""
+        self._campaign |= {"exit_code": 0, "reason": reason}
 
     def campaign_begins(
         self,

@@ -1,10 +1,12 @@
 """A station reads its rig while nothing drives it, and lends it to who asks."""
 
 import gc
+import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -13,10 +15,10 @@ from estimator.filters import DEFAULT_FILTER
 from rig.channels import BYPASSES
 from rig.configuration import Rig
 from rig.heap import give_back
-from rig.io import DriverError
-from rig.loop import TripError
+from rig.io import DriverError, in_use
+from rig.loop import Board, TripError
 from rig.plant import Model
-from rig.runner.campaign import StopFlag
+from rig.runner.campaign import WITHOUT_TESTS, Needs, StopFlag, compile_for, is_compiled
 from rig.supervisor import LOG, ConnectedRig, Keeper, Lease, MakeSafe, Onlooker
 
 from .last_use import LastUse
@@ -24,6 +26,9 @@ from .station_log import StationLog, keep_newest
 
 WATCH: Final = "idle: the station reads, nothing drives"
 """What a station tells the live stream that it does."""
+COMPILES: Final = "its program is compiled for this machine; nothing drives"
+"""What a station tells whoever asks for its state meanwhile."""
+COMPILED: Final = "the station's program is compiled; it opens the devices now"
 NOTHING_MOVES: Final = "nothing moves; the rig is disarmed"
 """Why a station does not obey a command, not even a stop."""
 AGAIN_S: Final = (1.0, 2.0, 5.0, 10.0, 30.0)
@@ -100,7 +105,7 @@ class Resident:
     """A station of a rig, which runs until it is asked to end.
 
     Args:
-        rig: the rig, on hardware; what its idle sessions run is compiled already.
+        rig: the rig, on hardware.
         model: the model that is assumed of the rig.
         folder: the station's folder, which exists.
         keeper: keeps the leases; its context has been entered.
@@ -197,6 +202,9 @@ class Resident:
         started = time.monotonic()
         try:
             keep_newest(self._folder, LOG)
+            self._compile()
+            if Yielding(self._stop, self._keeper).requested:
+                return
             with self._watched(self._obey) as (say, onlooker):
                 self._read(say, onlooker)
         except (DriverError, TripError, OSError) as error:
@@ -209,6 +217,40 @@ class Resident:
             until = time.monotonic() + wait_s
             while not Yielding(self._stop, self._keeper).requested and time.monotonic() < until:
                 self._keeper.changed.wait(POLL_S)
+
+    def _compile(self) -> None:
+        """Compile what an idle session runs, if that is not done, and let the live stream tell it.
+
+        The rig is lent meanwhile, which ends the compiling; its client has compiled what it needs.
+        """
+        needs, yielding = Needs(self._rig, DEFAULT_FILTER), Yielding(self._stop, self._keeper)
+        if is_compiled(needs, WITHOUT_TESTS):
+            return
+        self._keeper.stands("no devices", COMPILES)
+        if in_use(self._rig.drivers):
+            # Who has the devices speaks in the rig's name on the stream.
+            compile_for(needs, WITHOUT_TESTS, partial(self._log.write, "told"), yielding)
+            return
+        with self._watched(self._obey) as (say, onlooker):
+
+            def told(text: str) -> None:
+                self._log.write("told", text)
+                say(text)
+
+            self._onlooker = onlooker
+            # There are no rows before there is a session.
+            board = Board.create(1)
+            try:
+                onlooker.connects(board, ("segment",))
+                onlooker.came_before(self._last.content)
+                onlooker.compiles(", ".join(WITHOUT_TESTS))
+                compile_for(needs, WITHOUT_TESTS, told, yielding)
+            finally:
+                os.close(board.fd)
+            if self._keeper.asked is not None:
+                onlooker.hands_over(yielding.reason)
+            elif not self._stop.requested:
+                onlooker.ends_for(COMPILED)
 
     def _tell_lost(self, why: str) -> None:
         """Keep why the rig cannot be read now, unless that was the last thing that was kept."""
@@ -283,6 +325,7 @@ class Resident:
             if not refused:
                 who = command.person or command.by
                 self._log.write("acknowledged", f"{who} has seen how {self._last.name} ended")
+                self._tell_end()
             return refused
         lease = self._keeper.asked
         if command.name != "abort" or lease is None:

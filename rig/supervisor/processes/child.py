@@ -60,6 +60,17 @@ class News:
     text: str
 
 
+@dataclass(frozen=True)
+class Compiling:
+    """A report that a child begins to compile a function, or has compiled it.
+
+    Attributes:
+        what: full name of the function; empty once it is compiled.
+    """
+
+    what: str
+
+
 class Child:
     """A process of the session, as the supervisor sees it; making the object starts the process.
 
@@ -70,6 +81,10 @@ class Child:
         log: file to which its stdout and stderr are appended, and also errors of `on_news`.
         on_news: is called with each `News` that the process sends, in a thread of its own.
         kept: further descriptors that stay open for as long as the process lives.
+
+    Attributes:
+        name: name of the process in messages.
+        compiles: full name of the function that the process compiles now; empty if it does not.
 
     Raises:
         OSError: the system grants no further process, thread or file; no process is left then.
@@ -85,6 +100,7 @@ class Child:
         kept: Sequence[int] = (),
     ) -> None:
         self.name = name
+        self.compiles = ""
         self._pipe, theirs = Pipe()
         self._on_news = on_news
         self._log = log
@@ -176,7 +192,8 @@ class Child:
 
         Args:
             order: the order.
-            timeout_s: longest time in s for which the answer is awaited.
+            timeout_s: longest time in s for which the answer is awaited. It begins anew when the
+                process has compiled a function: how long that takes is the machine's matter.
             look_s: time in s after which `look` is called, again and again, while it is awaited.
             look: what is called then; it may raise an error, which ends the waiting.
 
@@ -195,7 +212,9 @@ class Child:
             except NoAnswerError:
                 if self.ended:
                     raise
-                if time.monotonic() > until:
+                if self.compiles:
+                    until = time.monotonic() + timeout_s
+                elif time.monotonic() > until:
                     raise self._unanswered(timeout_s) from None
             look()
 
@@ -257,7 +276,7 @@ class Child:
         self._pipe.close()
 
     def _read(self) -> None:
-        """Receive messages until the pipe is closed; sort them into news and answers.
+        """Receive messages until the pipe is closed; sort them into reports and answers.
 
         A message that cannot be read becomes an answer, a `ChildError`.
         """
@@ -272,7 +291,9 @@ class Child:
                 why = f"sent what cannot be read: {failure(error)}"
                 self._answers.put(ChildError(f"{self.name} process: {why}"))
                 continue
-            if isinstance(message, News):
+            if isinstance(message, Compiling):
+                self.compiles = message.what
+            elif isinstance(message, News):
                 with self._survives:
                     self._on_news(message)
             else:

@@ -59,7 +59,7 @@ from rig.loop import (
 )
 from rig.surviving import start
 
-from .child import News, child_ends, run_to_end
+from .child import Compiling, News, child_ends, run_to_end
 from .driven import Tally
 from .health import trip
 
@@ -189,7 +189,7 @@ class LoopProcess:
         self._memory = self._memory._replace(corrections=corrections)
         self._segments[order.first.number] = order.first
         # This compiles or loads the loop's function before its time matters.
-        with telling_of_compiling(lambda name: self._report(f"compiles {name}")):
+        with telling_of_compiling(self._compiles, lambda: self._send(Compiling(""))):
             self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
         thread = threading.Thread(target=self._loop, args=arguments, name="loop")
@@ -367,7 +367,11 @@ class LoopProcess:
     def _report(self, text: str) -> None:
         self._send(News(time.monotonic_ns(), "loop", text))
 
-    def _send(self, news: News) -> None:
+    def _compiles(self, name: str) -> None:
+        self._report(f"compiles {name}")
+        self._send(Compiling(name))
+
+    def _send(self, news: News | Compiling) -> None:
         with contextlib.suppress(OSError):
             self._pipe.send(news)
 

@@ -41,6 +41,9 @@ class Onlooker:
     def came_to(self, state: str) -> None:
         """Learn the session's new state."""
 
+    def compiles(self, what: str) -> None:
+        """Learn what is compiled for the session, before a device is open; empty once it is."""
+
     def moves(self, motion: str, moved: str) -> None:
         """Learn which motion by hand has begun, and how the one before it ended, in words.
 
@@ -55,3 +58,6 @@ class Onlooker:
 
         `to` says what for and who, as in "homing, asked by Bo".
         """
+
+    def ends_for(self, reason: str) -> None:
+        """Learn why the session, of a station, ends now; the station itself goes on."""

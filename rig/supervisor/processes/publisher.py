@@ -150,6 +150,8 @@ class Publisher:
         self._commands: queue.Queue[zenoh.Query] = queue.Queue(COMMANDS_WAITING)
         self._waiting: dict[int, tuple[zenoh.Query, Command, float]] = {}
         """By number, commands for whose answers the supervisor has until a monotonic time in s."""
+        self._late: dict[int, Command] = {}
+        """By number, commands for which that time has passed; they may be obeyed still."""
         self._overrun = 0
         self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._survives = Surviving("the publisher", self._failures.put)
@@ -201,13 +203,14 @@ class Publisher:
                     del self._columns[min(self._columns)]
             elif isinstance(order, Send):
                 self._sender.send(order.kind, finite(order.content))
+            elif isinstance(order, Obeyed) and order.number in self._late:
+                self._tell_of(self._late.pop(order.number), order.refusal, " late")
             elif isinstance(order, Obeyed) and order.number in self._waiting:
                 query, command, _ = self._waiting.pop(order.number)
                 self._reply(query, order.refusal)
-                if command.name == "beat" and not order.refusal:
-                    return
-                state = f"not obeyed: {order.refusal}" if order.refusal else "obeyed"
-                self._event("command", self._described(command, state))
+                # Heartbeats come twenty times a second; only a refused one is an event.
+                if command.name != "beat" or order.refusal:
+                    self._tell_of(command, order.refusal)
 
     def _take_rows(self) -> None:
         if self._ring.waiting > MOST_WAITING:
@@ -268,10 +271,17 @@ class Publisher:
                 "commands": bool(self._settings.operators),
             }
             self._sender.send("heartbeat", content)
-        for number, (query, _, until) in list(self._waiting.items()):
+        for number, (query, command, until) in list(self._waiting.items()):
             if now > until:
                 del self._waiting[number]
                 self._reply(query, "the supervisor does not answer")
+                if command.name == "beat":
+                    continue
+                self._late[number] = command
+                while len(self._late) > COMMANDS_WAITING:
+                    del self._late[next(iter(self._late))]
+                late = f"not answered within {ANSWER_S:g} s, and may be obeyed later"
+                self._event("command", self._described(command, late))
 
     def _command_came(self, query: zenoh.Query) -> None:
         """Queue a command, or count it to be refused if too many wait; Zenoh's thread calls it."""
@@ -306,11 +316,13 @@ class Publisher:
             self._reply(query, str(refused))
             return
         self._waiting[command.number] = (query, command, time.monotonic() + ANSWER_S)
-        # Heartbeats come twenty times a second; only a refused one is an event.
-        if command.name != "beat":
-            self._event("command", self._described(command, "accepted"))
         asked_for = self._described(command, "asked for")
         self._pipe.send(Asked(time.monotonic_ns(), "stream", asked_for, command))
+
+    def _tell_of(self, command: Command, refusal: str, when: str = "") -> None:
+        """Send the one event of a command: what came of it."""
+        state = f"not obeyed{when}: {refusal}" if refusal else f"obeyed{when}"
+        self._event("command", self._described(command, state))
 
     def _described(self, command: Command, state: str) -> str:
         remark = remark_of(command.text, command.person)

@@ -213,26 +213,6 @@ def test_enter_confirms_in_a_list_of_choices_too(site: Site, page: Page) -> None
     until(lambda: site.client.sent == [("skip", "bench", "Anna", "first")], "the order")
 
 
-def test_an_order_is_an_event_once_and_one_that_waits_for_its_answer_too(
-    site: Site, page: Page
-) -> None:
-    texts = (
-        "jog by Bo (local) accepted: by 5mm",
-        "jog by Bo (local) obeyed: by 5mm",
-        "hold by Bo (local) accepted",
-        "hold by Bo (local) not obeyed: no test runs",
-        "jog by Bo (local) accepted: by 5mm",
-    )
-    events = [
-        {"kind": "command", "text": text, "at_ns": 10**18 + 10**9 * second}
-        for second, text in enumerate(texts)
-    ]
-    site.client.become("bench", events=tuple(events))
-    shown = [texts[number] for number in (4, 3, 1)]
-    orders = page.locator("#events td:last-child", has_text="(local)")
-    expect(orders).to_have_text(shown)
-
-
 def test_names_that_are_html_are_shown_as_text(site: Site, page: Page) -> None:
     name = "<img src=x onerror=alert(1)>"
     test = {"name": name, "expect": name, "status": name, "verdict": name}

@@ -35,6 +35,8 @@ class Part(Child):
         answer: the answer, or an error that is raised in its place.
     """
 
+    compiles = ""
+
     def __init__(self, answer: object) -> None:
         late = NoAnswerError("part process: did not answer")
         self._told: Iterator[object] = iter([late, late, answer])
@@ -108,6 +110,13 @@ def test_a_part_that_never_answers_is_said_to_have_been_waited_for_as_long_as_it
     part.name = "loop"
     with pytest.raises(NoAnswerError, match="loop process: did not answer within 0 s"):
         part.ask_patiently("order", 0.0, 3.0, rig._heed_stop)
+
+
+def test_the_time_in_which_a_part_compiles_does_not_count(rig: ConnectedRig) -> None:
+    part, looks = Part("done"), list[str]()
+    part.compiles = "wire_ticks"
+    assert part.ask_patiently("order", 0.0, 3.0, lambda: looks.append(part.compiles)) == "done"
+    assert looks == ["wire_ticks", "wire_ticks"]
 
 
 @pytest.mark.parametrize("way", WAYS)

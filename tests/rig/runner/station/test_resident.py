@@ -132,6 +132,7 @@ class Station(Onlooker):
         self.sessions: weakref.WeakSet[Session] = weakref.WeakSet()
         self.ended_with: TripError | None = None
         self.handed_over: list[str] = []
+        self.compiled: list[str] = []
         self.told: list[Mapping[str, Any]] = []
         self.thread = threading.Thread(target=self._run)
 
@@ -156,6 +157,12 @@ class Station(Onlooker):
     def hands_over(self, to: str) -> None:
         self.handed_over.append(to)
 
+    def compiles(self, what: str) -> None:
+        self.compiled.append(what)
+
+    def ends_for(self, reason: str) -> None:
+        self.compiled.append(reason)
+
     def came_before(self, last: Mapping[str, Any]) -> None:
         self.told.append(last)
 
@@ -178,6 +185,7 @@ def station(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Station
     Session.left, Session.balls = 0, 0.0
     monkeypatch.setattr(module, "AGAIN_S", (0.01,))
     monkeypatch.setattr(module, "POLL_S", 0.01)
+    monkeypatch.setattr(module, "is_compiled", lambda *_: True)
     station = Station(tmp_path)
     yield station
     station.stop.request("SIGTERM")
@@ -200,6 +208,35 @@ def test_what_is_not_safe_when_it_comes_is_named(station: Station) -> None:
     station.reads()
     assert "internal_leakage OPEN" in station.kept("found")[0]
     assert "pump LOADED" in station.kept("found")[0]
+
+
+def test_it_is_heard_while_it_compiles_and_lends_the_rig_meanwhile(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, begun = threading.Event(), threading.Event()
+
+    def compile_for(needs: Any, names: Any, say: Callable[[str], None], stop: Any) -> None:
+        say("compiled the filter, 1 of 3")
+        begun.set()
+        until(lambda: done.is_set() or stop.requested, "the compiling to be over")
+
+    monkeypatch.setattr(module, "is_compiled", lambda *_: done.is_set())
+    monkeypatch.setattr(module, "compile_for", compile_for)
+    station.thread.start()
+    assert begun.wait(60.0)
+    assert station.compiled == ["filter, change of control, loop"]
+    assert station.keeper.state == "no devices"
+    assert station.obey(Command("abort", "local", "", 1)) == NOTHING_MOVES
+    station.keeper.asks()
+    assert station.keeper.granted.wait(60.0)
+    assert station.handed_over == ["homing, asked by Bo"]
+    begun.clear()
+    station.keeper.ends(said=True)
+    assert begun.wait(60.0)
+    done.set()
+    station.reads()
+    assert station.compiled[-1] == module.COMPILED
+    assert station.kept("told") == ["compiled the filter, 1 of 3"] * 2
 
 
 @pytest.mark.parametrize(("said", "kind"), [(True, "returned"), (False, "died")])

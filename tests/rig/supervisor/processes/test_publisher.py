@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing import Pipe
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+from unittest.mock import MagicMock
 
 import msgpack
 import numpy as np
@@ -24,8 +25,8 @@ from rig.stream.commands import LARGEST_COMMAND, Command, Credentials, Sender, s
 from rig.stream.messages import command_key
 from rig.stream.sessions import publisher_session, subscriber_session
 from rig.stream.settings import Operator
-from rig.supervisor.processes import streaming
-from rig.supervisor.processes.publisher import REFUSALS_REPORTED, Open, Publisher
+from rig.supervisor.processes import publisher as publisher_module, streaming
+from rig.supervisor.processes.publisher import REFUSALS_REPORTED, Obeyed, Open, Publisher
 from rig.supervisor.processes.streaming import RowFeed, Stream
 from tests.rig.supervisor.processes.streamed_rig import CHANNELS, Bench
 from tests.waiting import PATIENCE_S, until
@@ -144,7 +145,34 @@ def test_a_genuine_command_is_obeyed_and_answered(bench: Bench, client: StreamCl
     assert client.send("hold") == Answer(False, "nothing runs")
     until(lambda: any("hold by ann not obeyed: nothing runs" in text for text in texts(client)))
     client.send("hold", text="Ada: lunch", person="Ada")
-    until(lambda: any("hold by Ada (ann) accepted: lunch" in text for text in texts(client)))
+    until(lambda: any("Ada (ann) not obeyed: nothing" in text for text in texts(client)))
+    # One event each: of a stop that had two, a reader would take the rig for stopped twice.
+    assert texts(client) == [
+        "abort by ann obeyed: oil on the floor",
+        "hold by ann not obeyed: nothing runs",
+        "hold by Ada (ann) not obeyed: nothing runs: lunch",
+    ]
+
+
+def test_a_command_that_is_answered_late_says_so_in_its_events(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publisher_module, "ANSWER_S", 0.0)
+    ours, theirs = Pipe()
+    with ours, theirs, publisher_session(bench.settings) as session:
+        publisher = Publisher(bench.board, theirs, Open(bench.settings, "bench", CHANNELS), session)
+        command = Command("abort", "ann", "", 7)
+        query = cast(Any, MagicMock())
+        told: list[str] = []
+        publisher._event = lambda kind, text: told.append(text)  # type: ignore[method-assign]
+        publisher._waiting[7] = (query, command, 0.0)
+        publisher._send_due()
+        publisher._obey(Obeyed(7, ""))
+        publisher._sender.close()
+    assert told == [
+        "abort by ann not answered within 0 s, and may be obeyed later",
+        "abort by ann obeyed late",
+    ]
 
 
 def unsigned(bench: Bench, session: str) -> bytes:
