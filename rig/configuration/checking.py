@@ -42,6 +42,7 @@ from rig.configuration.rigs import (
     RigFile,
     StreamFile,
     TransducerFile,
+    as_shown,
     calibration_warnings,
     corrected_twice,
     read_dbc,
@@ -217,10 +218,9 @@ def _rig_lines(rig: Rig) -> Iterator[str]:
         f"  backend {rig.backend}, pace {rig.pace}, plant {rig.plant.name} with "
         f"{', '.join(rig.plant.effects) or 'no effects'}"
     )
-    yield (
-        f"  limits {show(limits.position_min_m, 'm')} to {show(limits.position_max_m, 'm')}, "
-        f"{show(limits.command_V, 'V')}, {show(limits.pressure_max_Pa, 'Pa')}"
-    )
+    position = as_shown([limits.position_min_m, limits.position_max_m], "position_m", "m")
+    (pressure,) = as_shown([limits.pressure_max_Pa], "pressure_1_Pa", "Pa")
+    yield f"  limits {' to '.join(position)}, {show(limits.command_V, 'V')}, {pressure}"
     yield f"  faults it can inject: {', '.join(rig.injectable) or 'none'}"
     yield from map(_limit_line, rig.ladder)
     for spec in rig.drivers:
@@ -238,9 +238,10 @@ def _rig_lines(rig: Rig) -> Iterator[str]:
 
 
 def _limit_line(limit: ChannelLimit) -> str:
+    shown = as_shown([limit.low, limit.high], limit.channel, unit_of(limit.channel))
     ends = (
-        f"{word} {show(end, unit_of(limit.channel))}"
-        for word, end in (("below", limit.low), ("above", limit.high))
+        f"{word} {text}"
+        for word, end, text in zip(("below", "above"), (limit.low, limit.high), shown, strict=True)
         if isfinite(end)
     )
     lasting = f" for {show(limit.for_s, 's')}" if limit.for_s else ""

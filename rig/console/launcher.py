@@ -358,7 +358,9 @@ class Launcher:
             "allowed": allowed,
             "offers": offers,
             "unfinished": past.unfinished,
-            "unseen": past.unseen,
+            "unseen": [
+                run | {"on": self._rig_of_run(self._folder / run["folder"])} for run in past.unseen
+            ],
             "seen": past.seen,
             "last": None if self._last is None else _content(self._last),
         }

@@ -58,7 +58,8 @@ class PastRuns(NamedTuple):
     Attributes:
         unfinished: runs that did not reach their end. They were stopped or killed, or are still
             under way: by their journals these look the same.
-        unseen: runs that ended badly and that nobody has acknowledged since.
+        unseen: runs that ended badly and that nobody has acknowledged since, with the reason
+            (`reason`) and time (`at`, ISO 8601) of the end.
         seen: runs that somebody has acknowledged after their end, with who did, when (`at`, ISO
             8601) and the remark (`text`).
     """
@@ -76,7 +77,8 @@ def past_runs(folder: Path) -> PastRuns:
         if not has_ended or ends.last.get("reason"):
             unfinished.append(run)
         if has_ended and ends.last.get("exit_code") in ENDED_BADLY and not ends.acknowledged:
-            unseen.append(run)
+            at, reason = (str(ends.last.get(key) or "")[:MOST_TEXT] for key in ("at", "reason"))
+            unseen.append(run | {"at": at, "reason": reason})
         if ends.acknowledged:
             seen.append(run | _acknowledgement(ends.acknowledged))
     return PastRuns(unfinished[:MOST_RUNS], unseen[:MOST_RUNS], seen[:MOST_RUNS])

@@ -23,7 +23,7 @@ from faults import (
     size_shown,
 )
 from rig.configuration.reading import show
-from rig.configuration.rigs import Rig, control_in_words
+from rig.configuration.rigs import Rig, as_shown, control_in_words
 from rig.plant import TICK, Model, Parameters
 from rig.recording import unit_of
 
@@ -148,8 +148,10 @@ def criterion_in_words(criterion: Criterion) -> str:
 
 def limit_in_words(limit: TestLimit) -> str:
     """Return a limit in words: "following_error_m: warn above 3 mm, trip above 5 mm"."""
+    ends = [end for band in limit.bands for end in (band.low, band.high)]
+    shown = iter(as_shown(ends, limit.watched, limit.unit))
     bands = [
-        f"{band.action.replace('_', ' ')} {_beyond(band.low, band.high, limit.unit)}"
+        f"{band.action.replace('_', ' ')} {_beyond(band.low, band.high, next(shown), next(shown))}"
         for band in limit.bands
     ]
     over = f" over {show(limit.over_s, 's')}" if limit.over_s else ""
@@ -165,9 +167,9 @@ def _range(low: float, high: float, unit: str) -> str:
     return " and ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
 
 
-def _beyond(low: float, high: float, unit: str) -> str:
-    ends = (("below", low), ("above", high))
-    return " or ".join(f"{word} {show(end, unit)}" for word, end in ends if isfinite(end))
+def _beyond(low: float, high: float, low_shown: str, high_shown: str) -> str:
+    ends = (("below", low, low_shown), ("above", high, high_shown))
+    return " or ".join(f"{word} {text}" for word, end, text in ends if isfinite(end))
 
 
 def _segment_lines(test: CampaignTest) -> list[str]:

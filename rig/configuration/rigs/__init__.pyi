@@ -20,6 +20,7 @@ from .control_orders import (
 from .hardware import valves_of as valves_of
 from .limits import (
     Limits as Limits,
+    as_shown as as_shown,
     limit_schema as limit_schema,
     read_channel_limits as read_channel_limits,
 )

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final
 from pydantic import create_model
 
 from control import COMMAND_LIMIT, Quantity
+from rig.channels import SHOWN
 from rig.configuration.reading import (
     AnyQuantity,
     Interval,
@@ -22,6 +23,7 @@ from rig.configuration.reading import (
     elements_of,
     read_mapping,
     show,
+    show_alike,
     suggestion,
 )
 from rig.io import FAST_INPUTS, ChannelLimit, Response
@@ -32,6 +34,8 @@ _GLITCH: Final = 3e-3
 """Time in s of three samples. One or two samples beyond a limit may be a glitch of the wire."""
 
 
+_SHOWN: Final = {channel: shown.unit for channel, shown in SHOWN}
+"""The unit in which the screen shows each channel that has a line there."""
 _BOUND: Final = Annotated[Any, AnyQuantity()]
 
 
@@ -184,3 +188,14 @@ def _is_sound(rung: ChannelLimit, element: Located) -> bool:
         limit = f"is not below high ({show(rung.high, unit_of(rung.channel))})"
         element.refuse(limit, "swap them", key="low")
     return rung.low < rung.high
+
+
+def as_shown(values: Sequence[float], channel: str, si_unit: str) -> list[str]:
+    """Return values of a channel as texts in one unit: that in which the screen shows it.
+
+    Of a channel without such a unit, or of a figure, it is the one of `show_alike`.
+    """
+    if channel not in _SHOWN:
+        return show_alike(values, si_unit)
+    unit = _SHOWN[channel]
+    return [f"{unit.shown(value):.6g} {unit.text}" for value in values]

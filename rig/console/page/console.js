@@ -11,7 +11,7 @@ import { Manual } from "./manual.js";
 import { preview } from "./preview.js";
 import { QueueCard } from "./queue.js";
 import { Trigger } from "./trigger.js";
-import { isOfAnother, ofStation, shownUse, underWay, waitsToBeSeen } from "./uses.js";
+import { isOfAnother, ofStation, shownUse, underWay, trippedRuns, waitsToBeSeen } from "./uses.js";
 import * as views from "./views.js";
 import { answered, capital, clock, element, lasted } from "./words.js";
 
@@ -272,7 +272,7 @@ function actions() {
   for (const button of document.querySelectorAll("[data-do]")) {
     button.disabled = link.lost || !isMine() || !may[button.dataset.do];
   }
-  by("rig-last-seen").hidden = !waitsToBeSeen(link) || !isMine();
+  by("rig-last-seen").hidden = !waitsToBeSeen(link) && !trippedRuns(link).length || !isMine();
   by("actions-why").textContent = link.lost ? "The console does not answer; nothing can be asked of it."
     : isMine()
     ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : may.start || may.reset ? startRefused() : ""
@@ -429,7 +429,12 @@ for (const button of document.querySelectorAll("[data-do]")) {
   });
 }
 
-by("rig-last-seen").addEventListener("click", () => document.querySelector("[data-do=acknowledge]").click());
+by("rig-last-seen").addEventListener("click", async () => {
+  const runs = trippedRuns(link);
+  if (!runs.length) { document.querySelector("[data-do=acknowledge]").click(); return; }
+  const told = await ask(DIALOGS.acknowledge());
+  for (const run of told ? runs : []) await order("acknowledge", { name: run.folder, ...(told.text ? { text: told.text } : {}) });
+});
 
 by("holder-button").addEventListener("click", async () => {
   const { holder } = link.common;

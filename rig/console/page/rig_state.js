@@ -1,7 +1,7 @@
 // How the rig stands, in a word and a sentence: what the page says first, and says only once.
 
 import { byHand, capital, clock, lasted } from "./words.js";
-import { isOfAnother, ofStation, shownUse, underWay, unseenTrips, unseenUse } from "./uses.js";
+import { isOfAnother, ofStation, shownUse, trippedRuns, underWay, unseenTrips, unseenUse } from "./uses.js";
 
 const STARTING = {
   __proto__: null,
@@ -66,7 +66,7 @@ function tripped(interlocks, isOver) {
 function between(tests) {
   const done = tests.filter((test) => test.status && test.status !== "not_run").length;
   const place = !done ? "before the first test" : done < tests.length ? "between tests" : "after the last test";
-  return [place, `${done} of ${tests.length} ${tests.length === 1 ? "test is" : "tests are"} done`];
+  return [place, `${done} of ${tests.length} ${tests.length === 1 ? "test" : "tests"} done`];
 }
 
 // What the ram does under somebody's hand, as far as the state of its session tells.
@@ -181,6 +181,14 @@ function starting(link, run) {
 const trippedBefore = (link) => unseenTrips(link).map(({ name, activity, begun_by: by, ended_ms: at, sentence: what }) =>
   `${activity ? capital(activity) : name}${by ? `, begun by ${by},` : ""} tripped${at ? ` at ${clock(at)}` : ""}: ${sentence(what)}`).join(" ");
 
+// The same without a station, by the journals of runs.
+function trippedEarlier(link) {
+  const [newest, ...older] = trippedRuns(link);
+  if (!newest) return null;
+  const also = older.length ? ` So did ${older.length} before ${older.length === 1 ? "it" : "that"}.` : "";
+  return ["warn", "Tripped before", `${newest.campaign} (${newest.folder}) tripped${newest.at ? ` at ${clock(Date.parse(newest.at))}` : ""}.${also} Nobody has acknowledged that.`];
+}
+
 // Tone, word and sentence of how what drove the rig last has ended, beside the state of a station that reads it; null if
 // somebody has seen it, or there is nothing to be seen.
 export function lastState(link) {
@@ -188,7 +196,8 @@ export function lastState(link) {
   if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending)];
   const use = unseenUse(link);
   const before = trippedBefore(link);
-  if (!use) return before ? ["warn", "Tripped before", `${before} Nobody has acknowledged that${ofStation(link.sections.campaign) ? "." : "; it can be, once the rig is idle."}`] : null;
+  if (!use && !before) return trippedEarlier(link);
+  if (!use) return ["warn", "Tripped before", `${before} Nobody has acknowledged that${ofStation(link.sections.campaign) ? "." : "; it can be, once the rig is idle."}`];
   const also = before && ` Before that, and not acknowledged: ${before}`;
   const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
   const { name, activity, begun_by: by } = use.campaign;

@@ -23,3 +23,11 @@ export const underWay = ({ common }) => (common.launch?.last?.exit_code === null
 
 // Whether a run is known to be on another rig than the one that is shown. By its file's name a rig that is not heard is not known.
 export const isOfAnother = ({ common, rig }, run) => run.on !== rig && (common.rigs ?? []).some((each) => each.rig === run.on);
+
+// Runs of this rig, beside the one that is shown, that tripped and that nobody has acknowledged, by their journals. Where a
+// station tells of such trips, it tells of all of them.
+export function trippedRuns(link) {
+  const { sections, common } = link;
+  if (ofStation(sections.campaign) || unseenTrips(link).length) return [];
+  return (common.launch?.unseen ?? []).filter((run) => run.reason === "a trip" && run.folder !== sections.campaign?.directory && !isOfAnother(link, run));
+}

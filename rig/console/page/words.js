@@ -66,13 +66,14 @@ export function element(tag, className, ...held) {
   return made;
 }
 
+const MINE = "you have it, of this console; if the rig has another console, that one has a control of its own";
 // What an order is called where it is answered, and what is said when it was done.
 const ORDERS = {
   __proto__: null,
   start: ["Start", "is on its way; its state stands at the top"],
   "go on": ["Go on", "is on its way; its state stands at the top"],
-  take: ["Control", "you have it"],
-  "take over": ["Control", "you have it"],
+  take: ["Control", MINE],
+  "take over": ["Control", MINE],
   release: ["Control", "nobody has it"],
   set: ["Set control", "obeyed"],
   "queue add": ["Queue", "added at its end"],

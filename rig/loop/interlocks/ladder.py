@@ -217,7 +217,8 @@ EXPLANATIONS: Final = {
     Cause.SUPERVISOR_LOST: _silent("the supervisor", "supervisor_silence"),
     Cause.RECORDER_LOST: _silent("the recorder", "recorder_silence"),
     Cause.DISK_FULL: _E(
-        "the recording cannot be written: the disk is full", "free space, or give another --out"
+        "the recording cannot be written: the disk is full",
+        "free space, or have it written to another disk",
     ),
     Cause.CRASH: _E("the software failed", "read the traceback in the run's folder; report it"),
     Cause.BYPASS_STUCK: _E(

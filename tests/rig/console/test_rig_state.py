@@ -90,11 +90,10 @@ def nobody_yet(site: Site) -> None:
 
 def compiles_for_two_hours(site: Site) -> None:
     """Set up a station that has been compiling for two hours by now, not when this was imported."""
-    told = {"at_ns": time.time_ns() - 7200 * 10**9, "kind": "told", "text": "loop: compiles this"}
+    since_ns = time.time_ns() - 7200 * 10**9
     rig(
         progress={},
-        state={"state": "connecting"},
-        events=(told,),
+        state={"state": "connecting", "compiles": "wire_ticks", "compiles_since_ns": since_ns},
         campaign=campaign(status="idle", activity="idle: nothing drives", tests=[]),
     )(site)
 
@@ -119,8 +118,13 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     ),
     "being compiled by its station": (
         compiles_for_two_hours,
-        "off", "Idle", "compiled for this machine, once for each version of it, for 2.0 h now.",
-        {"start"},
+        "off", "Idle", ", on its way for 2.0 h. Nothing drives.", {"start"},
+    ),
+    "compiled by its station, which goes on": (
+        rig(alive=False, age_s=2.0, progress={}, campaign=campaign(
+            status="ended", activity="idle: nothing drives", tests=[], exit_code=0,
+            reason="the station's program is compiled")),
+        "off", "Idle", "The station's program is compiled.", {"start"},
     ),
     "told of by its station before it is heard": (
         rig(alive=False, age_s=None, progress={},
@@ -211,19 +215,35 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         "good", "Ended", "Homing came to its end. Begun by Bo.", {"start"},
     ),
     "homed and not begun": (
-        in_state("armed", "", ""), "live", "Before the first test", "leaks.", {"hold", "skip"}
+        in_state("armed", "", ""), "live", "Before the first test", "leaks: 0 of 2 tests done.",
+        {"hold", "skip"},
     ),
     "between tests": (
-        in_state("armed", "passed", ""), "live", "Between tests", "leaks.",
+        in_state("armed", "passed", ""), "live", "Between tests", "leaks: 1 of 2 tests done.",
         {"hold", "skip", "retry"},
     ),
-    "left after its last test": (
-        in_state("disarmed", "passed", "passed"), "warn", "Disarmed", "The rig is left: the valve",
-        {"hold", "retry"},
+    "left after a stop before its first test": (
+        rig(state={"state": "disarmed", "before": "ramping down"}, campaign=campaign("", "")),
+        "warn", "Disarmed", "The rig is left: the valve", {"hold", "skip"},
+    ),
+    "gone on with and left after a stop": (
+        rig(state={"state": "disarmed", "before": "ramping down"},
+            campaign=campaign("passed", "", resumed=True)),
+        "warn", "Disarmed", "The rig is left: the valve", {"hold", "skip", "retry"},
     ),
     "gone on with and disarmed": (
-        in_state("disarmed", "passed", "", resumed=True), "warn", "Disarmed", "Connected;",
-        {"hold", "skip", "retry"},
+        rig(state={"state": "disarmed", "before": "connecting"},
+            campaign=campaign("passed", "", resumed=True)),
+        "warn", "Disarmed", "Connected;", {"hold", "skip", "retry"},
+    ),
+    "unloaded by hand": (
+        rig(state={"state": "disarmed", "before": "ramping down"},
+            campaign=campaign(name="manual", activity="manual", begun_by="Bo", tests=[])),
+        "warn", "Disarmed", "The valve is at null and disabled. Manual.", set(),
+    ),
+    "closed and not ended yet": (
+        in_state("off", "passed", "aborted"), "warn", "Disarmed", "its devices are closed",
+        {"acknowledge", "hold", "retry"},
     ),
     "to be held": (
         in_state("running", pausing=True, paused_by="Bo"), "warn", "Running, to be held",
@@ -237,7 +257,8 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     ),
     "held by a condition": (
         in_state("armed", "passed", "", held=["supply_pressure_Pa has no reading"]), "warn",
-        "Held", "supply_pressure_Pa has no reading.", {"acknowledge", "hold", "skip", "retry"},
+        "Held", "between tests; 1 of 2 tests done. supply_pressure_Pa has no reading.",
+        {"acknowledge", "hold", "skip", "retry"},
     ),
     "held by a limit": (
         rig(state={"state": "holding"},
@@ -333,6 +354,35 @@ def test_state_outcome_and_reason_stand_above_the_fold(
         pictures = os.environ.get("STANDING_PICTURES")
         if pictures:
             page.screenshot(path=Path(pictures) / f"{size}-{state.replace(' ', '_')}.png")
+
+
+def test_a_trip_that_nobody_has_acknowledged_stands_also_after_another_use_without_a_station(
+    come: Callable[[str, Site_], Page], site: Site
+) -> None:
+    at = datetime(2026, 11, 28, 12, 0, 5).astimezone().isoformat()
+    trip = {"folder": "old", "campaign": "night", "reason": "a trip", "at": at, "on": "bench"}
+    unseen = [trip, trip | {"folder": "older"}, trip | {"folder": "stopped", "reason": "Bo"},
+              trip | {"folder": "other", "on": "other"}]  # fmt: skip
+    rig()(site)
+    site.client.shots["other"] = replace(RUNNING, rig="other", alive=False, age_s=9.0)
+    page = come("phone", lambda site: None)
+    launched(None, lambda site: None)(site)
+    content = site.console.launcher.content() | {"unseen": unseen}
+    site.console.launcher.content = lambda: content  # type: ignore[method-assign]
+    asked: list[tuple[str, ...]] = []
+    site.console.launcher.acknowledge = lambda *given: asked.append(given)  # type: ignore[method-assign]
+    expect(page.locator("#rig-last-word")).to_have_text("Tripped before")
+    expect(page.locator("#rig-last-why")).to_have_text(
+        "night (old) tripped at 12:00:05. So did 1 before it. Nobody has acknowledged that."
+    )
+    expect(page.locator("#rig-state-word")).to_have_text("Running")
+    page.locator("#rig-last-seen").click()
+    page.keyboard.type("the hose")
+    page.keyboard.press("Enter")
+    until(lambda: len(asked) == 2, "both to be acknowledged")
+    assert asked == [("old", "the hose", "Anna"), ("older", "the hose", "Anna")]
+    content["unseen"] = []
+    expect(page.locator("#rig-last")).to_be_hidden()
 
 
 def lowest(page: Page, selector: str) -> float:

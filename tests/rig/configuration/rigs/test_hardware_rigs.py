@@ -400,7 +400,7 @@ def test_a_check_shows_the_drivers_and_which_is_slower_than_the_loop(tmp_path: P
     report = str(check(tmp_path / "bench.yaml"))
     assert "daq: plain_fast, fast, 250 Hz, slower than the loop: values held in between" in report
     assert "faults it can inject: internal_leakage" in report
-    assert "hold if position_m is below 5 mm or above 0.6 m for 3 ms" in report
+    assert "hold if position_m is below 5 mm or above 600 mm for 3 ms" in report
     assert "trip if pressure_1_Pa is above 20 MPa for 3 ms" in report
 
 

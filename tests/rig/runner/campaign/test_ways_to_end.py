@@ -195,5 +195,6 @@ def test_a_full_disk_is_named_with_its_remedy(end: Callable[[Way], Ended]) -> No
     (full,) = (way for way in WAYS if way.in_test is FULL_DISK)
     first, _ = end(full).results["tests"]
     assert first["message"] == (
-        "the recording cannot be written: the disk is full; free space, or give another --out"
+        "the recording cannot be written: the disk is full; "
+        "free space, or have it written to another disk"
     )
