@@ -225,11 +225,9 @@ def test_it_is_heard_while_it_compiles_and_lends_the_rig_meanwhile(
     station.thread.start()
     assert begun.wait(60.0)
     assert station.compiled == ["filter, change of control, loop"]
-    assert station.keeper.state == "no devices"
     assert station.obey(Command("abort", "local", "", 1)) == NOTHING_MOVES
     station.keeper.asks()
     assert station.keeper.granted.wait(60.0)
-    assert station.handed_over == ["homing, asked by Bo"]
     begun.clear()
     station.keeper.ends(said=True)
     assert begun.wait(60.0)
