@@ -168,6 +168,8 @@ export class Manual {
 
   holdable(button) {
     button.addEventListener("pointerdown", (event) => {
+      // What a finger or a pen has pressed keeps it captured, and would not notice that it slides off.
+      if (button.hasPointerCapture(event.pointerId)) button.releasePointerCapture(event.pointerId);
       if (event.button === 0 && !button.disabled) this.hold(button.dataset.hold);
     });
     for (const name of ["pointerup", "pointerleave", "pointercancel", "blur"]) {

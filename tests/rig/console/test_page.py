@@ -329,3 +329,24 @@ def test_hold_to_run_beats_while_it_is_held_and_stops_when_it_is_let_go(
     expect(page.get_by_role("button", name="Hold: out")).to_be_disabled()
     site.client.shots["bench"] = RUNNING
     expect(panel).to_be_hidden()
+
+
+def test_a_finger_that_slides_off_what_it_holds_lets_go(site: Site, page: Page) -> None:
+    sent = site.client.sent
+    manual = {**RUNNING.campaign, "name": "manual", "activity": "manual", "tests": []}
+    site.client.shots["bench"] = replace(RUNNING, campaign=manual)
+    button = page.get_by_role("button", name="Hold: out")
+    button.scroll_into_view_if_needed()
+    box = button.bounding_box()
+    assert box is not None
+    screen = page.context.new_cdp_session(page)
+
+    def touch(kind: str, *points: dict[str, float]) -> None:
+        screen.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [*points]})
+
+    within = {"x": box["x"] + 5, "y": box["y"] + 5}
+    touch("touchStart", within)
+    until(lambda: sum(each[0] == "beat" for each in sent) > 2, "heartbeats")
+    touch("touchMove", within | {"y": box["y"] + 2 * box["height"]})
+    until(lambda: ("jog", "bench", "Anna: stop", "") in sent, "the stop")
+    touch("touchEnd")
