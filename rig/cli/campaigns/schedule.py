@@ -26,6 +26,7 @@ from rig.runner.schedule import (
     add as add_request,
     run_hook,
     state_of,
+    waiting,
 )
 
 _POLL_S = 0.5
@@ -143,6 +144,8 @@ def _lines(shown: dict[str, Any], schedule: Schedule, path: Path) -> Iterator[st
     for job in shown["queue"]:
         at = f"due {when(job['due'])}, attempt {job['attempt']}"
         yield f"waits: {job['entry']}, {at}{_busy(job)}"
+    for added in shown["added"]:
+        yield f"waits: {added['entry']}, added and not taken yet, {added['campaign']}"
     for ended in shown["history"]:
         # A run that was refused before anything moved has left no folder.
         is_kept = ended["folder"] and Path(ended["folder"]).is_dir()
@@ -180,6 +183,10 @@ def _document(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
         ],
         "present": present,
         "queue": [_job(job, state) for job in state.queue],
+        "added": [
+            {"entry": job.entry, "campaign": job.campaign}
+            for job in waiting(schedule.folder, state, now)
+        ],
         "history": [
             _job(ended.job, state) | {"exit_code": ended.exit_code, "at": f"{ended.at:%FT%TZ}"}
             for ended in state.history[-_SHOWN:]
@@ -248,6 +255,8 @@ class _Hands:
         arguments = ["run", job.campaign, "--out", job.folder, "--resume"]
         arguments += ["--rig", job.rig] if job.rig is not None else []
         arguments += [f"--by=schedule {self._schedule.name}"]
+        stream = self._schedule.stream
+        arguments += ["--stream", stream] if stream else []
         arguments += ["--pace", entry.pace] if entry is not None and entry.pace else []
         process = subprocess.Popen(
             [sys.executable, "-m", "rig.cli", *arguments],

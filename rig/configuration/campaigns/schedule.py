@@ -23,6 +23,7 @@ from rig.configuration.reading import (
     reference_in,
     resolve,
 )
+from rig.configuration.rigs import OFF, read_stream
 
 from .campaign import read_campaign
 
@@ -90,6 +91,7 @@ class Schedule:
             placeholders; empty for none.
         grace_s: how late, in s, the scheduler may notice a time before it counts as missed.
         halt: whether a run that tripped or was stopped halts the schedule.
+        stream: profile of the runs' live stream, as `rig run` takes it; "" for its default.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Schedule:
     hook: tuple[str, ...] = ()
     grace_s: float = 300.0
     halt: bool = True
+    stream: str = ""
 
     def times(self, entry: Entry, after: datetime, upto: datetime) -> list[datetime]:
         """Return an entry's times later than `after` and up to `upto`, in UTC, oldest first.
@@ -142,6 +145,7 @@ class ScheduleFile(Schema):
     grace: Annotated[float, Physical("s", 0.0, 86400.0, 300.0)] = 300.0
     halt: bool = True
     hook: Any = None
+    stream: str | Literal[False] | None = None
     defaults: Any = None
     entries: Any
 
@@ -193,7 +197,20 @@ def read_schedule(root: Located) -> Schedule | None:
         hook=_hook(root.get("hook")),
         grace_s=file.grace,
         halt=file.halt,
+        stream=_stream(root.get("stream")),
     )
+
+
+def _stream(item: Located | None) -> str:
+    """Return the path of a stream's profile, which is checked, or "off"; "" if none is given."""
+    # In YAML a bare `off` is the truth value.
+    if item is not None and (item.value is False or reference_in(item) == OFF):
+        return OFF
+    path = resolve("stream", item)
+    root = None if item is None or path is None else item.sources.read_yaml(path)
+    if root is not None:
+        read_stream(root)
+    return str(path or "")
 
 
 def _zone(root: Located, name: str) -> ZoneInfo:

@@ -42,6 +42,10 @@ function whyDisarmed({ state, before }, campaign) {
   return campaign.activity === "manual" ? "The valve is at null and disabled." : "The rig is left: the valve is at null and disabled.";
 }
 
+// The states of a session in words; the first motions of a new rig are not homing, though its encoder has no zero meanwhile either.
+const startingWords = ({ state }, { activity }) => (state === "homing" && activity?.includes("first motions")
+  ? ["First motions", "The ram makes small moves, to find which way it goes; where it is, is not known yet."] : STARTING[state]);
+
 const several = (tests) => tests.map((test) => test.name).join(", ");
 const sentence = (text) => (text && !/[.!?]$/.test(text) ? `${text}.` : text ?? "");
 const trip = ({ sentence: what, remedy, by, cause }) => `${sentence(what)} Remedy: ${sentence(remedy)} First out: ${by}, ${cause}.`;
@@ -141,7 +145,7 @@ function live(link) {
   const runs = of(tests, "running")[0];
   if (life.state === "holding") return ["bad", "Held by the interlock", sentence(interlocks?.sentence)];
   if (STARTING[life.state]) {
-    const [word, opens] = STARTING[life.state];
+    const [word, opens] = startingWords(life, campaign);
     const what = whyDisarmed(life, campaign) || (life.state === "connecting" && compiling(link)) || opens;
     return ["warn", word, `${what}${campaign.activity && campaign.activity !== life.state ? ` ${capital(campaign.activity)}.` : ""}${begunBy(campaign)}`];
   }
@@ -199,7 +203,9 @@ export function lastState(link) {
   if (!use && !before) return trippedEarlier(link);
   if (!use) return ["warn", "Tripped before", `${before} Nobody has acknowledged that${ofStation(link.sections.campaign) ? "." : "; it can be, once the rig is idle."}`];
   const also = before && ` Before that, and not acknowledged: ${before}`;
-  const [tone, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
+  const [own, word, why] = ended({ life: {}, campaign: use.campaign, interlocks: use.interlocks });
+  // What still waits to be acknowledged is not good, however what came after it has ended.
+  const tone = before && own === "good" ? "warn" : own;
   const { name, activity, begun_by: by } = use.campaign;
   // A campaign is called as it is written; what else is done with a rig begins a sentence.
   const what = `${activity ? capital(activity) : name}${by ? `, begun by ${by},` : ""}`;

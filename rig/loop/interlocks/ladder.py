@@ -158,7 +158,8 @@ EXPLANATIONS: Final = {
     ),
     Cause.PRESSURE_ABOVE_SUPPLY: _E(
         "{channel} stays above the supply pressure",
-        "check the supply pressure, the pump, and which transducer is on which line",
+        "check the supply pressure, whether the pump unloads by itself, and the lines of the "
+        "transducers",
     ),
     Cause.PRESSURES_CROSSED: _E(
         "the chamber pressures push against the motion that they make",

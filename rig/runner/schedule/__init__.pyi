@@ -6,4 +6,5 @@ from .scheduler import (
     Scheduler as Scheduler,
     ScheduleState as ScheduleState,
     state_of as state_of,
+    waiting as waiting,
 )

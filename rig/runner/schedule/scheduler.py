@@ -7,6 +7,7 @@ on where the schedule was.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
 from rig.configuration import Entry, Missed, Schedule
@@ -164,6 +165,19 @@ def details_of(job: Job) -> dict[str, Any]:
 def _earlier(job: Job, back: timedelta) -> Job:
     """Return a job that waits for a time, if it does, with that time put back."""
     return job if job.not_before is None else replace(job, not_before=job.not_before - back)
+
+
+def _asked_for(request: Mapping[str, Any], now: datetime) -> Job:
+    """Return the job that a request adds at this time."""
+    campaign, rig = str(request.get("campaign", "")), request.get("rig")
+    name = str(request.get("name") or file_stem(campaign))
+    return Job(str(request["id"]), name, campaign, None if rig is None else str(rig), now)
+
+
+def waiting(folder: Path, state: ScheduleState, now: datetime) -> list[Job]:
+    """Return the jobs that were asked for, and that the schedule of a folder has not taken yet."""
+    asked = (request for request in asked_of(folder) if request["id"] not in state.taken)
+    return [_asked_for(request, now) for request in asked if not request.get("resume")]
 
 
 def _author_of(request: Mapping[str, Any]) -> dict[str, str]:
@@ -378,11 +392,7 @@ class Scheduler:
                 self._keep("resumed", id=request["id"], **_author_of(request))
                 self._hands.say("resumed")
                 continue
-            campaign = str(request.get("campaign", ""))
-            rig = request.get("rig")
-            name = str(request.get("name") or file_stem(campaign))
-            job = Job(request["id"], name, campaign, None if rig is None else str(rig), now)
-            self._keep("added", **details_of(job), **_author_of(request))
+            self._keep("added", **details_of(_asked_for(request, now)), **_author_of(request))
 
     def _next(self) -> Job | None:
         """Return the job to run now; None if there is none, or while the schedule is halted.

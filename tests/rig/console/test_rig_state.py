@@ -186,6 +186,11 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
         in_state("homing", name="homing", activity="homing", begun_by="Bo", tests=[]), "warn",
         "Homing", "stroke end. Begun by Bo.", set(),
     ),
+    "moved for the first time": (
+        in_state("homing", name="commissioning: first motions", begun_by="Bo", tests=[],
+                 activity="commissioning: first motions"),
+        "warn", "First motions", "The ram makes small moves", set(),
+    ),
     "calibrating": (
         rig(progress={}, campaign=campaign(
             name="calibrating", activity="calibrating", begun_by="Bo", tests=[])),

@@ -19,6 +19,7 @@ Invoke = Callable[..., Any]
 SCHEDULE = """
 name: night
 runs: out
+stream: off
 hook: [{python}, -c, "import sys; open('hooked', 'w').write(' '.join(sys.argv[1:]))", "{{entry}}",
        "{{exit_code}}", "{{verdicts}}"]
 entries:
@@ -38,7 +39,11 @@ def test_what_is_added_runs_is_listed_and_followed_by_trend_page_and_hook(
 ) -> None:
     added = invoke("schedule", "add", schedule, "short.yaml", "--name", "now")
     assert (added.code, added.err) == (0, "")
+    # What nobody has taken yet waits as well.
+    asked = "waits: now, added and not taken yet, "
+    assert asked in invoke("schedule", "list", schedule).out
     assert invoke("schedule", "run", schedule, "--until-idle").code == 0
+    assert asked not in invoke("schedule", "list", schedule).out
     reported = json.loads(invoke("schedule", "list", schedule, "--json").out)
     (ended,) = reported["history"]
     assert (ended["entry"], ended["exit_code"]) == ("now", 0)
@@ -61,6 +66,8 @@ def test_a_schedule_or_campaign_with_mistakes_is_bad_input(
     invoke: Invoke, schedule: Path, tmp_path: Path
 ) -> None:
     assert invoke("schedule", "add", schedule, "nothing").code == 2
+    schedule.write_text(f"{schedule.read_text()}stream: ./nowhere.yaml\n")
+    assert "nowhere.yaml" in invoke("schedule", "run", schedule).err
     schedule.write_text("name: night\n")
     done = invoke("schedule", "run", schedule)
     assert done.code == 2
