@@ -66,7 +66,7 @@ def test_a_schedule_or_campaign_with_mistakes_is_bad_input(
     invoke: Invoke, schedule: Path, tmp_path: Path
 ) -> None:
     assert invoke("schedule", "add", schedule, "nothing").code == 2
-    schedule.write_text(f"{schedule.read_text()}stream: ./nowhere.yaml\n")
+    schedule.write_text(schedule.read_text().replace("stream: off", "stream: ./nowhere.yaml"))
     assert "nowhere.yaml" in invoke("schedule", "run", schedule).err
     schedule.write_text("name: night\n")
     done = invoke("schedule", "run", schedule)
