@@ -350,3 +350,20 @@ def test_a_finger_that_slides_off_what_it_holds_lets_go(site: Site, page: Page) 
     touch("touchMove", within | {"y": box["y"] + 2 * box["height"]})
     until(lambda: ("jog", "bench", "Anna: stop", "") in sent, "the stop")
     touch("touchEnd")
+
+
+def test_nothing_of_the_bar_lies_under_stop_however_wide_the_window_is(
+    site: Site, page: Page
+) -> None:
+    name = "a-bench-with-a-long-name"
+    site.client.shots[name] = replace(RUNNING, rig=name)
+    expect(page.locator("#rig option")).to_have_count(2)
+    for width in (1280, 1100, 1024, 961, 960, 800, 721, 390):
+        page.set_viewport_size({"width": width, "height": 700})
+        under = """[...document.querySelectorAll('#bar > :not(#stop)')].filter((each) => {
+          const stop = document.getElementById('stop').getBoundingClientRect();
+          const { left, right, top, bottom, width } = each.getBoundingClientRect();
+          const isBeside = right <= stop.left || left >= stop.right;
+          return width > 0 && !isBeside && bottom > stop.top && top < stop.bottom;
+        }).map((each) => each.id)"""
+        assert page.evaluate(under) == [], width
