@@ -183,6 +183,13 @@ def test_a_trip_before_other_uses_stands_until_somebody_has_acknowledged_it_also
         site.client.shots["bench"] = RUNNING
     expect(page.locator("#rig-state-word")).to_have_text("Running")
     expect(page.locator("#rig-last-seen")).to_be_hidden()
+    # However well the next use has ended, the line that tells of the trip is not green.
+    good = LAST["campaign"] | {"name": "second", "exit_code": 0, "activity": "homing", "tests": []}
+    reads(site, last=LAST | {"campaign": good, "trips": {}, "unseen": [trip]})
+    expect(page.locator("#rig-last-why")).to_contain_text(
+        "Before that, and not acknowledged: leaks"
+    )
+    expect(page.locator("#rig-last")).to_have_class("banner warn")
     # One that was not acknowledged as the next use began is told as well.
     reads(site, last=LAST)
     expect(page.locator("#rig-last-word")).to_have_text("Tripped")
