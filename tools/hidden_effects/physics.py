@@ -5,7 +5,7 @@ compiled functions are in this file, as numba recompiles a function only if its 
 """
 
 from math import atanh, exp, floor, log10, pi, sin, sqrt, tanh
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numba import njit  # noqa: TID251 (this simulator imports nothing of the product)
@@ -38,15 +38,20 @@ _BRISK: Final = 0.1
 _AMPLE_FLOW: Final = 3e-4
 _DEEP: Final = 1e-4
 _SILTING: Final = 0.05  # s for which a spool must rest to be silted up
+_PART: Final[dict[str, Any]] = {
+    "cache": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+}  # fmt: skip
+"""Options of functions that only compiled code calls. To read all values of a rig from Python takes
+more code than most of them."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**_PART)
 def _root(pressure):
     """Return the square root of the magnitude of `pressure`, with the sign of `pressure`."""
     return sqrt(pressure) if pressure >= 0.0 else -sqrt(-pressure)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**_PART)
 def _bump(place, middle, width):
     """Return exp(-((place - middle) / width)^2): 1 at `middle`, and nearly 0 far from it."""
     distance = (place - middle) / width
@@ -59,7 +64,7 @@ def _power(value, exponent):
     return abs(value) ** exponent if value >= 0.0 else -(abs(value) ** exponent)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _compliance(r, pressure, clock):
     """Return the compliance of liquid and air bubbles together, 1/Pa (Merritt 1967, ch. 1)."""
     liquid = 1.0 / (r.oil_stiffness * (1.0 - r.oil_trend * clock))
@@ -77,7 +82,7 @@ def _compliance(r, pressure, clock):
     return liquid + r.air * _ATMOSPHERE / (absolute * absolute)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _relief(r, pressure, chamber):
     """Return the flow (m^3/s) out of a chamber through a relief valve that does not close."""
     if r.relief_only != 0.0 and r.relief_only != chamber:
@@ -85,7 +90,7 @@ def _relief(r, pressure, chamber):
     return r.relief_leak * max(0.0, pressure - r.relief_pressure)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _leak(r, coefficient, linear, drop):
     """Return the flow (m^3/s) of a leak under a pressure drop (Pa), by the formula that `r` has."""
     if r.leak_transition != 0.0:
@@ -120,7 +125,7 @@ def slip_force(r, position, speed, pressure_1, pressure_2):
     return max(10.0, level + r.side_load * position)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _stop_force(r, depth, approach):
     """Return the force (N) of a stroke end at a depth (m) beyond it and a speed of approach."""
     force = r.stop_stiffness * depth
@@ -131,7 +136,7 @@ def _stop_force(r, depth, approach):
     return force * max(0.0, 1.0 + r.stop_loss * approach)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _outside_force(r, clock, position, speed):
     """Return the external force (N) against extension: spring, ends, weight, cogging, cushion."""
     travel = max(0.0, position - r.spring_contact)
@@ -151,7 +156,7 @@ def _outside_force(r, clock, position, speed):
     return force + r.loose_force if clock >= r.loose_at else force
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _lapped(r, opening):
     """Return the opening (m) that the overlap of the edges leaves of `opening`."""
     if r.round_overlap != 0.0:
@@ -164,7 +169,7 @@ def _lapped(r, opening):
     return opening + lap if opening < -lap else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _underlapped(r, opening):
     """Return how far (m) an edge is open whose share of the spool's opening is `opening`."""
     if r.round_underlap != 0.0:
@@ -175,7 +180,7 @@ def _underlapped(r, opening):
     return max(0.0, r.underlap + opening)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True, **_PART)
 def _bending(r, speed, bend, level):
     """Return the speed (m/s) at which the seals bend: LuGre, Bouc and Wen, or Dahl."""
     ratio = r.seal_stiffness * bend / level
@@ -338,7 +343,7 @@ def slopes(r, clock, reference, y, out):
         out[HUNG_SPEED] = -back - out[SPEED]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**_PART)
 def _held(command, tick, begin, end):
     """Return the mean command (V) between two moments, if each command is held for one tick.
 
@@ -356,7 +361,7 @@ def _held(command, tick, begin, end):
     return share * early + (1.0 - share) * (command[last] if last >= 0 else 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**_PART)
 def _follow(held, moved, slack):
     """Return the new position of a part that another part moves with play (backlash).
 
@@ -368,7 +373,7 @@ def _follow(held, moved, slack):
     return min(max(held, moved - slack), moved + slack)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**_PART)
 def _bent(ratio, travel):
     """Return the new state of a smooth hysteresis, from -1 to 1, after a travel in units of reach.
 
