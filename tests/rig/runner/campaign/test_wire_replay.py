@@ -50,8 +50,8 @@ from rig.runner.outcomes.recorded import with_estimates
 
 Array = NDArray[np.float64]
 
-TICKS = 8_000
-LEAK, LEAK_AT_S = "external_leakage_1", 3.0
+TICKS = 10_000
+LEAK, LEAK_AT_S = "external_leakage_1", 5.0
 COEFFICIENT = 0.8 * LITRE_PER_MINUTE / np.sqrt(6.9e6)
 SEGMENT, ENDED = 1, 2
 FOREVER_S = 1e3
