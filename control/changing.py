@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.jit import njit
-from rig.plant import inlined
+from rig.plant import inlined, inner
 
 from .tracking import ControlLaw, ControlMemory, Guide, control_memory, tracking_command
 
@@ -126,7 +126,7 @@ def offset_of_change(moment, before, after, memory, change):
     return offset
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _taken_over(moment, before, after, memory, scratch, offset):
     """Hand what was learnt to the new law; return the offset by which its command is the old one.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rig.jit import njit
 from rig.lanes import anywhere, select
+from rig.plant import inner
 
 from .loop_model import MOST_TONES
 from .position_loop import proportional_command
@@ -182,7 +183,7 @@ def tracking_command(
     return select(known, command, 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _learn(i, error, time_s, tones, where, learnt):
     """Move the correction of tone `i` towards what cancels the error at its frequency.
 

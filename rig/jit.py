@@ -9,8 +9,9 @@ The signature of an operator for given types is looked up once and kept. Numba w
 definitions of the operator at each place where it stands, which takes a fifth of the time that
 compiling takes.
 
-Two things that nobody here uses are left out: the times that numba measures while it compiles, and
-the sizes in the message about an array that does not fit the slice to which it is assigned.
+What nobody here uses is left out: the times and events by which numba tells how it compiles, the
+entry of each function for C, and the sizes in the message about an array that does not fit the
+slice to which it is assigned.
 """
 
 from .compile_cache import use_compile_cache
@@ -19,19 +20,76 @@ use_compile_cache()
 
 from collections.abc import Iterator  # noqa: E402
 from contextlib import contextmanager  # noqa: E402
-from typing import Any  # noqa: E402 (numba reads at its import where compiled code is kept)
+from functools import partial  # noqa: E402
+from types import FunctionType  # noqa: E402
+from typing import Any, Final  # noqa: E402 (numba reads at its import where compiled code is kept)
 
-from llvmlite import ir  # noqa: E402
-from numba import njit as njit, types  # noqa: E402
+from llvmlite import binding, ir  # noqa: E402
+from numba import njit as _njit, types  # noqa: E402
 from numba.core import cgutils, event  # noqa: E402
 from numba.core.boxing import unbox_tuple  # noqa: E402
-from numba.core.codegen import CPUCodeLibrary  # noqa: E402
+from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary  # noqa: E402
+from numba.core.compiler import Compiler  # noqa: E402
 from numba.core.datamodel import models  # noqa: E402
 from numba.core.datamodel.registry import default_manager  # noqa: E402
 from numba.core.pythonapi import NativeValue, unbox  # noqa: E402
 from numba.core.types.functions import BaseFunction  # noqa: E402
+from numba.core.typing.templates import _OverloadFunctionTemplate  # noqa: E402
 from numba.extending import overload  # noqa: E402
 from numba.np import arrayobj  # noqa: E402
+
+_ENVIRONMENT: Final = "_ZN08NumbaEnv"
+"""Beginning of the names that numba gives to the variables through which functions reach Python's
+objects. Numba fills these variables in, so that they must exist."""
+
+
+def njit(*given: Any, **options: Any) -> Any:
+    """Decorate a function as numba's `njit` does.
+
+    Only a function that is decorated with its signature has an entry for C, by which compiled code
+    calls a function that is passed to it as an argument of type `numba.types.FunctionType`.
+    """
+    if not given or isinstance(given[0], FunctionType):
+        options.setdefault("no_cfunc_wrapper", True)
+    return _njit(*given, **options)
+
+
+class _PartLibrary(JITCodeLibrary):
+    """Numba's library for the code of one part, which other functions copy.
+
+    Unlike numba's own, it neither optimises the code nor makes machine code of it.
+    """
+
+    def _optimize_final_module(self) -> None:
+        """Do nothing: the code is optimised together with the functions that copy it."""
+
+    def _finalize_final_module(self) -> None:
+        """Keep the code for other functions, and make machine code of its variables only.
+
+        Numba also writes this machine code to its cache as that of the function.
+        """
+        self._finalize_dynamic_globals()
+        self._finalized = True
+        self._get_module_for_linking()
+        variables = self._codegen._create_empty_module(self.name)
+        for found in self._final_module.global_variables:
+            if found.name.startswith(_ENVIRONMENT):
+                variable = ir.GlobalVariable(variables, ir.IntType(8).as_pointer(), found.name)
+                variable.linkage = "common"
+                variable.initializer = ir.Constant(variable.value_type, None)
+        self._final_module = binding.parse_assembly(str(variables))
+        super()._finalize_final_module()
+
+
+class PartCompiler(Compiler):
+    """The compiler of parts (`rig.plant.compiled`), given to `njit` as its pipeline class."""
+
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function into a library without machine code and return numba's result."""
+        library = _PartLibrary(self.state.targetctx.codegen(), func.__qualname__)
+        library.enable_object_caching()
+        self.state.library = library
+        return super().compile_extra(func)
 
 
 class _Whole:
@@ -99,6 +157,20 @@ def _remembered(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, A
 
 BaseFunction.get_call_type = _remembered  # type: ignore[assignment, method-assign]
 
+_decorate = _OverloadFunctionTemplate._get_jit_decorator
+
+
+def _as_parts(self: Any) -> Any:
+    """Return the decorator that compiles a definition of a function which compiled code may call.
+
+    This stands in place of numba's method. Such a definition, as that of `max`, is a part of the
+    functions that call it, and each process compiles it anew.
+    """
+    return partial(_decorate(self), pipeline_class=PartCompiler, no_cfunc_wrapper=True)
+
+
+_OverloadFunctionTemplate._get_jit_decorator = _as_parts  # type: ignore[method-assign]
+
 
 def _optimise_functions(self: Any, module: Any) -> None:
     """Optimise each function of an LLVM module that has code, and leave out mere declarations.
@@ -127,6 +199,8 @@ def _untimed(kind: Any, callback: Any) -> Iterator[None]:
 
 
 event.install_timer = _untimed
+# Else two events would be made for each call of LLVM.
+binding.ffi.lib._lock._cblist.clear()
 
 
 def _refuse_shape(src_shapes: Any, index_shape: Any) -> None:

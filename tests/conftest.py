@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 from rig.compile_cache import use_compile_cache
 
@@ -46,12 +47,12 @@ LONGEST = (
     "estimator/filters/test_registry.py",
     "rig/cli/models/test_sweep.py",
     "rig/runner/campaign/test_compiling.py",
-    "rig/loop/wire/test_cycle.py",
     "rig/cli/campaigns/test_schedule.py",
     "rig/runner/campaign/test_wire_replay.py",
     "estimator/leaks/test_leak_statistic.py",
     "rig/io/test_conformance.py",
     "rig/sweep/test_sweeping.py",
+    "rig/loop/wire/test_cycle.py",
     "rig/stream/test_shipped_profiles.py",
     "rig/io/bypass_valves/test_driver.py",
     "test_docs.py",
@@ -114,6 +115,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: places.get(item.path, len(places)))
 
 
+# Hypothesis would also draw constants that stand in the sources of all loaded modules: a worker
+# would parse 800 files, and an example would depend on what the tests before it have loaded.
+vars(providers)["is_local_module_file"] = lambda path: False
 # There is no deadline for an example, because a first call may compile for seconds. In the CI,
 # examples are the same on every machine.
 settings.register_profile("default", deadline=None, max_examples=25)

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from rig.jit import njit
+from rig.plant import inner
 
 from .nuisances import NUISANCE_COUNT, NULL_SHIFT
 from .sums import SHAPE_COUNT, SHIFT, WIDTH, Places
@@ -34,7 +35,7 @@ def _counted(total, before, place, mark, passed_over):
     return counted
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _of_all(total, before, place, passed_over):
     """Return a sum over all blocks but those that are passed over."""
     marks = before.shape[0]
@@ -112,7 +113,7 @@ def acting(vector, marks, mark):
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def product_weights(left, faults):
     """Return weights (width,) with which the packed sums add up to left' X'y.
 
@@ -127,7 +128,7 @@ def product_weights(left, faults):
     return weights
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def square_weights(left, right, faults):
     """Return weights (width,) with which the packed sums add up to left' X'X right.
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.jit import njit
+from rig.plant import inner
 
 from .nuisances import NUISANCE_COUNT, NULL_SHIFT
 from .regression import LEAST_INFORMATION, NOISE_WEIGHT, Regression
@@ -272,7 +273,7 @@ def _scored(products, turned, values, projected, total, freedom, variance, least
             out[2, i] = max((NOISE_WEIGHT + residual) / freedom, least)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _best_of(marks, seconds, scored):
     """Return the fields of `LikelyRamp` of the best of some ramps, none of them refined.
 

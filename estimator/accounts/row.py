@@ -24,6 +24,7 @@ from rig.plant import (
     aeration_compliance,
     chamber_volumes,
     inlined,
+    inner,
     is_real_valve,
     lapped,
     leak_flows,
@@ -332,7 +333,7 @@ def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
     row[_AIR + 1] += soft_2 * stored_2
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def add_terms(spool, opening, position, moved, p1, p2, par, row):
     """Add the flows of the model's added terms (`rig.plant.added_terms`) to the missing flow.
 

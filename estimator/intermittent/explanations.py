@@ -18,6 +18,7 @@ import numpy as np
 
 from estimator.accounts import NOISE_WEIGHT
 from rig.jit import njit
+from rig.plant import inner
 
 SHUT: Final = 0
 CHANGING: Final = 1
@@ -64,7 +65,7 @@ def product(a0, a1, b0, b1, c):
     return (a0 * b0 * c[2] - (a0 * b1 + a1 * b0) * c[1] + a1 * b1 * c[0]) / det
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def log_density(square, freedom, variance, c):
     """Return the logarithm of Student's density in two dimensions, with scale `variance` x C.
 
@@ -111,7 +112,7 @@ def shared_gain(nuisances, covariance):
     return gain, c
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _residual(missing, nuisances, mean):
     first, second = missing[0], missing[1]
     for i in range(mean.size):

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimator.leaks import SIGNS, SUPPLY_SIGMA
 from rig.jit import njit
+from rig.plant import inner
 
 from .sizing import lasting
 
@@ -18,7 +19,7 @@ _CONSTANT: Final = 3
 """Number of unknowns that do not depend on the onset; they come first in a row."""
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _inverse_of_three(matrix):
     """Return the inverse of a symmetric positive definite matrix (3, 3), by its cofactors."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]

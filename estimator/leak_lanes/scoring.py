@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.accounts import LEAST_INFORMATION, NOISE_WEIGHT, NULL_SHIFT
 from rig.jit import njit
+from rig.plant import inner
 
 _ROUNDS: Final = 100
 _SETTLED: Final = 1e-4
@@ -41,7 +42,7 @@ def factor(matrix, variance, lower):
                 lower[i, k] -= part * lower[k, j]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def invert_factor(lower, inverse):
     """Fill `inverse` (m, m) with the inverse of a lower triangular matrix."""
     m = lower.shape[0]
@@ -58,7 +59,7 @@ def invert_factor(lower, inverse):
             inverse[i, k] *= scale
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def tridiagonalised(matrix, vector):
     """Return a symmetric matrix in axes in which it is tridiagonal, and a vector in these axes.
 

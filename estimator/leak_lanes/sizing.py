@@ -19,6 +19,7 @@ from estimator.accounts import (
 )
 from estimator.leaks import GREAT_FLOW, SETTLING_BLOCKS, WITNESSES
 from rig.jit import njit
+from rig.plant import inner
 
 from .scoring import factor, invert_factor
 
@@ -34,7 +35,7 @@ def _since(total, before, mark, place):
     return total[place] - before[mark, place] if mark < before.shape[0] else 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _joint_fit(total, before, faults, marks, variance, stretches, inverse, fitted):
     """Fit all nuisances and some faults together, as `JointFit` does; return whether that is sound.
 
@@ -134,7 +135,7 @@ def lasting(left, model_error):
     return (1.0 + rho) / (1.0 - rho)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _lasting_of_fit(blocks, count, faults, marks, fitted, model_error):
     missing, nuisances, shapes = blocks
     left = np.empty((count, 2))
@@ -150,7 +151,7 @@ def _lasting_of_fit(blocks, count, faults, marks, fitted, model_error):
     return lasting(left, model_error)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _began_before(blocks, faults, marks, fitted):
     """Return `JointFit.began_before` where every block has its mark."""
     missing, nuisances, shapes = blocks
@@ -170,10 +171,15 @@ def _began_before(blocks, faults, marks, fitted):
     return min(max(part / whole, 0.0), 1.0) if whole > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _around(marks, last, after):
     """Return `joint_fit.around` of marks as an array, int64 (s, 2)."""
-    ordered = np.sort(marks)
+    # Compiling numpy's sort takes as long as all the rest.
+    ordered = marks.copy()
+    for k in range(1, ordered.size):
+        for i in range(k, 0, -1):
+            if ordered[i - 1] > ordered[i]:
+                ordered[i - 1], ordered[i] = ordered[i], ordered[i - 1]
     stretches = np.empty((marks.size, 2), np.int64)
     count = 0
     for k in range(ordered.size):

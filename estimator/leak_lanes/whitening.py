@@ -14,7 +14,7 @@ from estimator.accounts import (
     nuisance_index,
 )
 from rig.jit import njit
-from rig.plant import LITRE_PER_MINUTE
+from rig.plant import LITRE_PER_MINUTE, inner
 
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
 _PLACES: Final = np.array(SENSOR_PLACES)
@@ -23,7 +23,7 @@ _OWN: Final = (OWN_NOISE * LITRE_PER_MINUTE) ** 2
 _MODEL: Final = MODEL_NOISE * LITRE_PER_MINUTE
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _noise_factor(nuisances, doubts, model_error):
     """Return the elements (1, 1), (2, 1), (2, 2) of the Cholesky factor of the expected noise."""
     first = crossed = second = 0.0

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control import PROPORTIONAL, ControlLaw, ControlMemory, Guide, control_memory, tracking_command
-from rig.jit import njit
 from rig.lanes import (
     LANES,
     aligned,
@@ -19,7 +18,7 @@ from rig.lanes import (
     select,
     store,
 )
-from rig.plant import TICK
+from rig.plant import TICK, inner
 
 Array = NDArray[np.float64]
 
@@ -77,7 +76,7 @@ def _side_by_side(tables: Sequence[Array], padding: float = 0.0) -> Array:
     return aligned(made)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def tracking_lanes(setpoint, position, tick, where, limit, guide):
     """Return the commands of rigs in lanes by their tracking laws, V, within +-`limit`.
 

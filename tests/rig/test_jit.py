@@ -1,12 +1,14 @@
-"""What this project changes in numba makes compiling faster and leaves the machine code alone."""
+"""What this project changes in numba makes compiling faster and leaves results alone."""
 
 import re
 from typing import Any
 
 import numpy as np
 import pytest
-from numba import njit
+from numba import float64, njit
+from numba.core import types
 from numba.core.codegen import CPUCodeLibrary
+from numba.core.typing.templates import _OverloadFunctionTemplate
 
 import rig.jit
 
@@ -60,3 +62,31 @@ def test_an_array_of_another_size_is_not_assigned_to_a_slice() -> None:
     assert target.tolist() == [0.0, 0.0, 0.0]
     assigned(target, np.ones(3))
     assert target.tolist() == [1.0, 1.0, 1.0]
+
+
+def smoothed(values: Any, level: float) -> Any:
+    """Call functions that numba defines in Python: they are parts of the function that calls."""
+    found = np.zeros(values.size)
+    for i in range(values.size):
+        found[i] = max(min(values[i] / 3.0, level), -level) + np.empty(i).size
+    return found
+
+
+def test_what_numba_defines_in_python_gives_the_same_bits_as_a_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    values = np.random.default_rng(1).standard_normal(40)
+    here = rig.jit.njit(smoothed)(values, 0.3)
+    monkeypatch.setattr(_OverloadFunctionTemplate, "_get_jit_decorator", rig.jit._decorate)
+    assert here.tobytes() == njit(smoothed)(values, 0.3).tobytes()
+
+
+def test_a_function_with_a_signature_may_be_an_argument_of_a_compiled_one() -> None:
+    signature = float64(float64)
+    doubled = rig.jit.njit(signature)(lambda x: 2.0 * x)
+
+    @rig.jit.njit(float64(types.FunctionType(signature), float64))
+    def twice(function: Any, x: float) -> float:
+        return float(function(function(x)))
+
+    assert twice(doubled, 3.0) == 12.0

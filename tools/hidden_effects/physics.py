@@ -5,7 +5,7 @@ compiled functions are in this file, as numba recompiles a function only if its 
 """
 
 from math import atanh, exp, floor, log10, pi, sin, sqrt, tanh
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numba import njit  # noqa: TID251 (this simulator imports nothing of the product)
@@ -38,15 +38,17 @@ _BRISK: Final = 0.1
 _AMPLE_FLOW: Final = 3e-4
 _DEEP: Final = 1e-4
 _SILTING: Final = 0.05  # s for which a spool must rest to be silted up
+_PART: Final[dict[str, Any]] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Options of functions that only compiled code calls: to read a rig from Python is much code."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", **_PART)
 def _root(pressure):
     """Return the square root of the magnitude of `pressure`, with the sign of `pressure`."""
     return sqrt(pressure) if pressure >= 0.0 else -sqrt(-pressure)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", **_PART)
 def _bump(place, middle, width):
     """Return exp(-((place - middle) / width)^2): 1 at `middle`, and nearly 0 far from it."""
     distance = (place - middle) / width
@@ -59,7 +61,7 @@ def _power(value, exponent):
     return abs(value) ** exponent if value >= 0.0 else -(abs(value) ** exponent)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _compliance(r, pressure, clock):
     """Return the compliance of liquid and air bubbles together, 1/Pa (Merritt 1967, ch. 1)."""
     liquid = 1.0 / (r.oil_stiffness * (1.0 - r.oil_trend * clock))
@@ -77,7 +79,7 @@ def _compliance(r, pressure, clock):
     return liquid + r.air * _ATMOSPHERE / (absolute * absolute)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _relief(r, pressure, chamber):
     """Return the flow (m^3/s) out of a chamber through a relief valve that does not close."""
     if r.relief_only != 0.0 and r.relief_only != chamber:
@@ -85,7 +87,7 @@ def _relief(r, pressure, chamber):
     return r.relief_leak * max(0.0, pressure - r.relief_pressure)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _leak(r, coefficient, linear, drop):
     """Return the flow (m^3/s) of a leak under a pressure drop (Pa), by the formula that `r` has."""
     if r.leak_transition != 0.0:
@@ -120,7 +122,7 @@ def slip_force(r, position, speed, pressure_1, pressure_2):
     return max(10.0, level + r.side_load * position)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _stop_force(r, depth, approach):
     """Return the force (N) of a stroke end at a depth (m) beyond it and a speed of approach."""
     force = r.stop_stiffness * depth
@@ -131,7 +133,7 @@ def _stop_force(r, depth, approach):
     return force * max(0.0, 1.0 + r.stop_loss * approach)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _outside_force(r, clock, position, speed):
     """Return the external force (N) against extension: spring, ends, weight, cogging, cushion."""
     travel = max(0.0, position - r.spring_contact)
@@ -151,7 +153,7 @@ def _outside_force(r, clock, position, speed):
     return force + r.loose_force if clock >= r.loose_at else force
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _lapped(r, opening):
     """Return the opening (m) that the overlap of the edges leaves of `opening`."""
     if r.round_overlap != 0.0:
@@ -164,7 +166,7 @@ def _lapped(r, opening):
     return opening + lap if opening < -lap else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _underlapped(r, opening):
     """Return how far (m) an edge is open whose share of the spool's opening is `opening`."""
     if r.round_underlap != 0.0:
@@ -175,7 +177,7 @@ def _underlapped(r, opening):
     return max(0.0, r.underlap + opening)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, **_PART)
 def _bending(r, speed, bend, level):
     """Return the speed (m/s) at which the seals bend: LuGre, Bouc and Wen, or Dahl."""
     ratio = r.seal_stiffness * bend / level
@@ -202,8 +204,7 @@ def slopes(r, clock, reference, y, out):
     """
     position, speed, bend = y[POSITION], y[SPEED], y[BEND]
     p1, p2 = max(0.0, y[P1]), max(0.0, y[P2])
-    tank = y[TANK]
-    supply = y[SUPPLY]
+    tank, supply = y[TANK], y[SUPPLY]
     if r.ripple != 0.0:
         angle = 2.0 * pi * r.ripple_frequency * clock + r.ripple_phase
         if r.ripple_rectified != 0.0:
@@ -226,8 +227,7 @@ def slopes(r, clock, reference, y, out):
             r.pilot_frequency * (reference - y[PILOT]) - 2.0 * r.pilot_damping * y[PILOT_SPEED]
         )
     else:
-        out[PILOT] = 0.0
-        out[PILOT_SPEED] = 0.0
+        out[PILOT], out[PILOT_SPEED] = 0.0, 0.0
     target += r.tone_spool * tone
     spool_speed = min(max(y[SPOOL_SPEED], -r.spool_speed), r.spool_speed)
     push = r.spool_frequency * (
@@ -338,7 +338,7 @@ def slopes(r, clock, reference, y, out):
         out[HUNG_SPEED] = -back - out[SPEED]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", **_PART)
 def _held(command, tick, begin, end):
     """Return the mean command (V) between two moments, if each command is held for one tick.
 
@@ -356,7 +356,7 @@ def _held(command, tick, begin, end):
     return share * early + (1.0 - share) * (command[last] if last >= 0 else 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", **_PART)
 def _follow(held, moved, slack):
     """Return the new position of a part that another part moves with play (backlash).
 
@@ -368,7 +368,7 @@ def _follow(held, moved, slack):
     return min(max(held, moved - slack), moved + slack)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", **_PART)
 def _bent(ratio, travel):
     """Return the new state of a smooth hysteresis, from -1 to 1, after a travel in units of reach.
 

@@ -17,7 +17,6 @@ from estimator.gap.plant import (
     add_to_state,
     remember_quantities,
 )
-from rig.jit import njit
 from rig.plant import inlined
 
 
@@ -60,7 +59,7 @@ def scratch_of(parameters, extension):
     return scratch
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def read_with(read, measures, extension, scratch, t, x, inputs, memory, parameters, readings):
     """Write to `readings` (outputs,) what the state `x` of sample `t` gives, without noise.
 
@@ -78,7 +77,7 @@ def read_with(read, measures, extension, scratch, t, x, inputs, memory, paramete
         add_to_readings(extension, parameters, scratch.measured, scratch.followed, t, readings)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def drive_with(drive, measures, extension, scratch, t, x, inputs, memory, parameters):
     """Write to the memory what acts on the plant in sample `t`, with the model's additions.
 
@@ -95,7 +94,7 @@ def drive_with(drive, measures, extension, scratch, t, x, inputs, memory, parame
         drive(inputs, memory, scratch.present)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def step_with(step, measures, extension, scratch, t, before, x, inputs, memory, parameters):
     """Write to `x` the state one sample after `before`, with the model's additions.
 
@@ -117,7 +116,7 @@ def step_with(step, measures, extension, scratch, t, before, x, inputs, memory, 
         add_to_state(extension, parameters, scratch.measured, scratch.followed, t, x)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def remember_with(remember, measures, extension, scratch, before, x, inputs, memory, parameters):
     """Update what plant and additions remember, by the states before and after a sample.
 

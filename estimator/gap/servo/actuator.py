@@ -41,6 +41,7 @@ from rig.plant import (
     command_path,
     drive,
     follow,
+    inlined,
     lagged,
     quantities,
     reading_means,
@@ -76,7 +77,7 @@ def _drive(inputs, memory, parameters):
     memory[COMMAND] = inputs[0]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _lagging(seen, before, pressure, par):
     """Return the pressure in Pa that a lagging transducer shows at the end of a tick.
 

@@ -83,7 +83,7 @@ _STILL_LATE: Final = 0x4000
 """Number of latest transactions whose replies count as late, not as wrong: 16 s at 1 kHz."""
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def encode_outputs(plan, outputs):
     """Write outputs, float64 in the order of `FAST_OUTPUTS`, into the plan's frames.
 
@@ -116,7 +116,7 @@ def encode_outputs(plan, outputs):
         frames[low], frames[low + 1] = (word >> 8) & 0xFF, word & 0xFF
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def decode_inputs(plan, inputs):
     """Write the SI values of the reply in the buffer into `inputs`, in the order of `FAST_INPUTS`.
 

@@ -11,24 +11,25 @@ from estimator.accounts.sums import SHAPE_COUNT
 Array = NDArray[np.float64]
 
 
-def lasting(rho: float, count: int, seed: int) -> Array:
-    rng = np.random.default_rng(seed)
-    noise = rng.standard_normal((count, 2))
+def lasting(rho: float, count: int, runs: int) -> Array:
+    """Return noise (runs, count, 2); what is drawn for a run is the same for any number of them."""
+    noise = np.stack([np.random.default_rng(seed).standard_normal((count, 2))
+                      for seed in range(runs)])  # fmt: skip
     for k in range(1, count):
-        noise[k] = rho * noise[k - 1] + np.sqrt(1.0 - rho**2) * noise[k]
+        noise[:, k] = rho * noise[:, k - 1] + np.sqrt(1.0 - rho**2) * noise[:, k]
     return noise
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.3, 0.6])
 def test_it_is_what_a_mean_of_such_noise_varies_by(rho: float) -> None:
-    told = np.mean([lasting_noise(lasting(rho, 40000, seed)) for seed in range(3)])
-    means = [lasting(rho, 100, seed).mean(axis=0) for seed in range(1500)]
+    told = np.mean([lasting_noise(noise) for noise in lasting(rho, 40000, 3)])
+    means = lasting(rho, 100, 1500).mean(axis=1)
     assert told == pytest.approx(100.0 * np.var(means), rel=0.1)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.3])
 def test_few_blocks_err_on_the_safe_side(rho: float) -> None:
-    told = np.array([lasting_noise(lasting(rho, 20, seed)) for seed in range(300)])
+    told = np.array([lasting_noise(noise) for noise in lasting(rho, 20, 300)])
     assert np.mean(told >= (1.0 + rho) / (1.0 - rho)) > 0.9
 
 

@@ -105,12 +105,15 @@ def test_the_quantile_is_students(probability: float, freedom: float) -> None:
 
 @pytest.mark.parametrize("correlation", [pytest.param(0.0, marks=pytest.mark.long), 0.3])
 def test_a_healthy_rig_alarms_no_more_often_than_stated(correlation: float) -> None:
-    """At 2000 a day, 120 runs of 30 s are 3600 s: 83 alarms are allowed; what is allowed for errors
-    of the model keeps them well below, also when errors hang together."""
+    """At 2000 a day, 60 runs of 30 s are 1800 s: 41 alarms are allowed; what is allowed for errors
+    of the model keeps them well below, also when errors hang together.
+
+    Were four runs in five to alarm, this would fail in 98 of 100 draws.
+    """
     alarms = sum(
-        any(searched(blocks(60, seed, correlation=correlation), 2000.0)) for seed in range(120)
+        any(searched(blocks(60, seed, correlation=correlation), 2000.0)) for seed in range(60)
     )
-    allowed = 2000.0 / 86400.0 * 3600.0
+    allowed = 2000.0 / 86400.0 * 1800.0
     assert alarms < allowed
 
 

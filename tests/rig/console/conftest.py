@@ -172,7 +172,7 @@ def stage(
 ) -> Iterator[Stage]:
     """Yield an emulated rig on which a campaign runs, whose first leak is open."""
     folder = tmp_path_factory.mktemp("stage")
-    with Stage(folder, tests=TESTS) as stage:
+    with Stage(folder, tests=TESTS, plain_report=True) as stage:
         # The picture for the README shows the rig as it is shipped.
         _be_patient(folder, is_slow=not pytestconfig.getoption("--console-picture"))
         # No rig file sets the pump's watchdog, and a browser beside the rig may exceed it.

@@ -34,6 +34,18 @@ tests:
 """
 
 
+@pytest.fixture
+def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have runs write a report without plots, which take half of the time of a short run."""
+
+    def write(outcome: CampaignOutcome, directory: Path, kept: object) -> Path:
+        page = directory / "report.html"
+        page.write_text("<p>no plots</p>")
+        return page
+
+    monkeypatch.setattr(rig.report, "write_report", write)
+
+
 def test_a_campaign_ends_with_verdict_table_counts_and_report(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
@@ -58,6 +70,7 @@ def test_a_campaign_ends_with_verdict_table_counts_and_report(
     assert (tmp_path / "out" / "report.html").stat().st_size > 0
 
 
+@pytest.mark.usefixtures("plain_report")
 def test_a_terminal_shows_a_bar_with_the_live_verdict_and_gets_its_cursor_back(
     invoke: Invoke, campaign_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,6 +88,7 @@ def test_a_terminal_shows_a_bar_with_the_live_verdict_and_gets_its_cursor_back(
     assert shown.rindex("\x1b[?25h") > shown.rindex("\x1b[?25l")
 
 
+@pytest.mark.usefixtures("plain_report")
 def test_without_out_results_go_to_a_new_folder_below_runs_and_a_log_holds_no_control_codes(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
@@ -85,6 +99,7 @@ def test_without_out_results_go_to_a_new_folder_below_runs_and_a_log_holds_no_co
     assert (folder / "results.json").exists()
 
 
+@pytest.mark.usefixtures("plain_report")
 def test_a_verdict_other_than_expected_is_exit_1(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
@@ -96,6 +111,7 @@ def test_a_verdict_other_than_expected_is_exit_1(
     assert "2 tests: 1 passed, 1 failed" in done.out
 
 
+@pytest.mark.usefixtures("plain_report")
 def test_another_rig_can_be_named_and_the_report_shows_to_run_it_again_on_the_same(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:

@@ -37,6 +37,8 @@ def coefficients(name: str, motion: str = "") -> dict[str, list[float]]:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_every_shipped_file_checks_clean(path: Path) -> None:
     report = check(path)
+    # A check knows the kind of a file by its content.
+    assert shipped_config_dir() / FOLDERS[report.kind] == path.parent
     assert report.name == path.stem
     assert report.warnings == ()
 
