@@ -13,8 +13,8 @@ from typing import Any, Final
 _LONGEST_SHOWN: Final = 40
 """Most characters of a key that the message shows."""
 _MOST_DIGITS: Final = 100
-"""Most digits of a whole number in a JSON text. Whole numbers of Python have no end, and one of more
-than 308 digits is beyond every float."""
+"""Most digits of a whole number in a JSON text. One of more than 308 is beyond
+every float, and Python's have no end."""
 _MARKS: Final = re.compile(r'("[^"\\]*(?:\\.[^"\\]*)*")(\s*:)?|[{}]')
 """The strings of a JSON text, those that are keys with their colon, and the ends of its objects."""
 
