@@ -339,7 +339,7 @@ def result_of(cases: Cases, **changed: Any) -> Judged:
         "verdict": cases.faults, "right": np.ones(cases.numbers.size, np.bool_)
     }  # fmt: skip
     fields = {name: changed.pop(name) for name in ("chunk", "source") if name in changed}
-    whole = {"chunk": cases.chunk, "source": sources()} | fields
+    whole: dict[str, Any] = {"chunk": cases.chunk, "source": sources()} | fields
     kept = {name: column for name, column in (figures | changed).items() if column is not None}
     return Judged(figures=kept, process_s=0.0, wall_s=0.0, worker="far:1", **whole)
 
@@ -384,7 +384,7 @@ def test_the_threads_of_a_cluster_are_counted_as_soon_as_it_answers(
 
 def test_a_part_that_is_damaged_or_another_one_is_run_again(sweep: Sweep, tmp_path: Path) -> None:
     cases = draw(sweep, 0, 16)
-    rows = rows_of(cases, result_of(cases).figures)
+    rows = rows_of(cases, dict(result_of(cases).figures))
     chunks = dict.fromkeys(range(4), 16)
     with SweepFolder(tmp_path / "run", sweep, resume=False) as folder:
         for number in range(4):
