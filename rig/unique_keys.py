@@ -12,6 +12,9 @@ from typing import Any, Final
 
 _LONGEST_SHOWN: Final = 40
 """Most characters of a key that the message shows."""
+_MOST_DIGITS: Final = 100
+"""Most digits of a whole number in a JSON text. One of more than 308 is beyond
+every float, and Python's have no end."""
 _MARKS: Final = re.compile(r'("[^"\\]*(?:\\.[^"\\]*)*")(\s*:)?|[{}]')
 """The strings of a JSON text, those that are keys with their colon, and the ends of its objects."""
 
@@ -56,15 +59,21 @@ def json_of(text: str | bytes) -> Any:
 
     Raises:
         RepeatedLineError: a key comes twice in an object.
-        ValueError: the text is no JSON.
+        ValueError: the text is no JSON, or has a whole number of more than 100 digits.
         RecursionError: it is nested too deeply.
     """
     try:
-        return json.loads(text, object_pairs_hook=unique_keys)
+        return json.loads(text, object_pairs_hook=unique_keys, parse_int=_whole)
     except RepeatedKeyError:
         if isinstance(text, bytes):
             text = text.decode(json.detect_encoding(text), "surrogatepass")
         raise _first_repetition(text) from None
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > _MOST_DIGITS:
+        raise ValueError(f"has a whole number of {len(digits)} digits")
+    return int(digits)
 
 
 def _first_repetition(text: str) -> RepeatedLineError:

@@ -121,8 +121,16 @@ class AccountFile:
         return _accounts(self._content(), self.path)
 
     def exists(self) -> bool:
-        """Return whether there is anything at the file's path."""
-        return os.path.lexists(self.path)
+        """Return whether there is anything at the file's path.
+
+        Raises:
+            OSError: a folder above it may not be entered, so that nobody knows.
+        """
+        try:
+            os.lstat(self.path)
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        return True
 
     def stamp(self) -> tuple[int, ...]:
         """Return numbers that change when the file is replaced or changed; () if it is not there.

@@ -23,8 +23,12 @@ EXIT_CRASHED: Final = 1
 EXIT_BAD_INPUT: Final = 2
 EXIT_STOPPED: Final = 3
 
-_PATH_ERRORS: Final = (errno.ENAMETOOLONG, errno.ELOOP)
-"""Errors of the system for a path that has a name of over 255 bytes, or a loop of links."""
+_PATH_ERRORS: Final = (
+    errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR,
+    errno.EISDIR, errno.ENXIO,
+)  # fmt: skip
+"""Errors of the system for a path that has a name of over 255 bytes or a loop of links, that this
+user may not use, that is on a disk which is read only, or that is another kind of file."""
 _NO_SPACE: Final = (errno.ENOSPC, errno.EDQUOT)
 """Errors of a disk that is full, or of which this user may have no more."""
 _LONGEST_SHOWN: Final = 100
@@ -188,13 +192,13 @@ def is_bad_input(error: BaseException) -> bool:
 
 
 def _unusable_path(error: Exception) -> str | None:
-    """Return what is wrong with a path that no file can have; None if that is not the error.
+    """Return what is wrong with a path that cannot be used; None if that is not the error.
 
     Whether a path exists is asked in many places, and the system's answer may be that the path
-    itself is wrong. Only the user can have given such a path.
+    itself is wrong, or that a folder above it may not be entered.
     """
-    if isinstance(error, OSError) and error.errno in _PATH_ERRORS:
-        path = str(error.filename)
+    if isinstance(error, OSError) and error.errno in _PATH_ERRORS and error.filename is not None:
+        path = os.fsdecode(error.filename) if not isinstance(error.filename, int) else "a file"
         shown = path if len(path) <= _LONGEST_SHOWN else f"{path[:_LONGEST_SHOWN]}..."
         return f"{shown}: {str(error.strerror).lower()}; check the path"
     if isinstance(error, UnicodeEncodeError) and "surrogates" in error.reason:

@@ -21,8 +21,9 @@ class Screen(Console):
     """A console on standard output that takes no markup, as names may hold brackets.
 
     Args:
-        on_closed: called when nobody reads the output any more (`rig run ... | head`). Without it,
-            rich ends the program at that moment.
+        on_closed: called when nobody reads the output any more (`rig run ... | head`), or when it
+            cannot be written, as to a full disk. Without it, rich ends the program at that moment,
+            or the error is raised.
     """
 
     def __init__(self, on_closed: Callable[[], None] | None = None) -> None:
@@ -49,6 +50,16 @@ class Screen(Console):
         # Otherwise the flush of the stream's buffer at exit would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         self._on_closed()
+
+    def _write_buffer(self) -> None:
+        # What the system says of the output would otherwise be taken for an error of other files.
+        try:
+            super()._write_buffer()
+        except OSError:
+            if self._on_closed is None:
+                raise
+            self._buffer.clear()
+            self.on_broken_pipe()
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None

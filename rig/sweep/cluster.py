@@ -9,11 +9,14 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, Final
 
+import numpy as np
+
 from rig.surviving import start
 
+from .drawing import Cases
 from .group import Setting, SweepError
 from .local import Chunks, Stopped
-from .run_cases import Judged, run_chunk
+from .run_cases import Judged, run_chunk, sources
 
 _QUEUED: Final = 3
 """Number of submitted chunks for each thread of the cluster."""
@@ -138,11 +141,12 @@ def run_cluster(
         say: shows a line to the operator.
 
     Raises:
-        SweepError: a case could not be run, or the connection to the cluster was lost.
+        SweepError: a case could not be run, a worker answered with what cannot be the result, or
+            the connection to the cluster was lost.
     """
     ended: queue.Queue[Any] = queue.Queue()
-    running: set[Any] = set()
-    wanted = _wanted(client, say)
+    running: dict[Any, Cases] = {}
+    wanted, kinds = _wanted(client, say), dict[str, str]()
     try:
         while True:
             while len(running) < next(wanted) and not stopped():
@@ -150,7 +154,7 @@ def run_cluster(
                 if cases is None:
                     break
                 future = client.submit(run_chunk, setting, cases, pure=False, retries=2)
-                running.add(future)
+                running[future] = cases
                 future.add_done_callback(ended.put)
             if not running or stopped():
                 return
@@ -158,15 +162,57 @@ def run_cluster(
                 future = ended.get(timeout=_POLL_S)
             except queue.Empty:
                 continue
-            running.discard(future)
+            cases = running.pop(future)
             result = _asked(partial(_result, future))
             while not (result.done() or stopped()):
                 time.sleep(_SOON_S)
             if result.done():
-                yield result.result()
+                judged = result.result()
+                _require_sound(judged, cases, kinds)
+                yield judged
     finally:
         if running:
             _waited_for(_asked(lambda: client.cancel(list(running))))
+
+
+def _require_sound(judged: object, cases: Cases, kinds: dict[str, str]) -> None:
+    """Refuse what a worker answers if it cannot be the result of these cases.
+
+    A worker with damaged memory, or another program in its place, would else fill the table with
+    what nobody computed, or with columns that cannot be joined at the sweep's end. That its numbers
+    are right cannot be seen.
+
+    Args:
+        judged: the answer.
+        cases: the cases that the worker was given.
+        kinds: numpy's kind of each column of the sweep; filled by the first result.
+
+    Raises:
+        SweepError: the answer is no result of these cases.
+    """
+    if isinstance(judged, Judged) and judged.source != sources():
+        return  # `run_sweep` refuses it
+    if why := _unsound(judged, cases, kinds):
+        worker = getattr(judged, "worker", "of the cluster")
+        raise SweepError(f"the worker {worker} answered with {why}; end it, and --resume goes on")
+
+
+def _unsound(judged: object, cases: Cases, kinds: dict[str, str]) -> str:
+    """Return in words what cannot be the result of these cases; empty if it can be."""
+    if not isinstance(judged, Judged):
+        return "no result"
+    if judged.chunk != cases.chunk:
+        return "the result of other cases"
+    figures, shape = dict(judged.figures), cases.numbers.shape
+    if not all(isinstance(each, np.ndarray) and each.shape == shape for each in figures.values()):
+        return f"columns that are not of its {shape[0]} cases"
+    found = {name: column.dtype.kind for name, column in figures.items()}
+    if not found.keys() >= {"verdict", "right"} or found != (kinds or found):
+        return "other columns than the sweep has"
+    if not np.array_equal(figures["right"], figures["verdict"] == cases.faults):
+        return "verdicts that contradict themselves"
+    kinds |= found
+    return ""
 
 
 def _wanted(client: Any, say: Callable[[str], None]) -> Iterator[int]:
@@ -175,17 +221,21 @@ def _wanted(client: Any, say: Callable[[str], None]) -> Iterator[int]:
     The threads of the cluster are counted every 2 s. When there are none any more, a line says so,
     and also when the scheduler has not told their number for 10 s.
     """
-    threads, asked, since, is_silent = 1, _asked(client.nthreads), time.monotonic(), False
+    threads, is_silent = 1, False
+    asked: Future[Any] | None = None
+    since = time.monotonic() - _LOOK_S
     while True:
         waited_s = time.monotonic() - since
-        if asked.done() and waited_s >= _LOOK_S:
+        if asked is not None and asked.done():
             # If the scheduler is lost, Dask says so of each chunk.
             if asked.exception() is None:
                 threads, before = sum(asked.result().values()), threads
                 if threads == 0 and before > 0:
                     say("the cluster has no workers; waiting for one")
+            asked = None
+        if asked is None and waited_s >= _LOOK_S:
             asked, since, is_silent = _asked(client.nthreads), time.monotonic(), False
-        elif waited_s >= _SILENT_S and not is_silent:
+        elif asked is not None and waited_s >= _SILENT_S and not is_silent:
             is_silent = True
             say("the cluster's scheduler does not answer; waiting for it")
         yield _QUEUED * max(threads, 1)

@@ -4,6 +4,8 @@ The metadata of each column has the column's unit and description. While the swe
 finished chunk is a file of its own, a part, from which the table is made at the end.
 """
 
+import errno
+import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -14,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rig.recording import replacing
+from rig.recording import read_bounded, replacing
 
 from .drawing import Cases
 from .group import Figures
@@ -46,6 +48,7 @@ FIGURES: Final = {
 """Unit and description of each column with results of a case."""
 _ABOUT: Final = b"about"
 _UNIT: Final = b"unit"
+_DIGEST_BYTES: Final = 32
 
 
 def rows_of(
@@ -107,23 +110,28 @@ def write_table(parts: Iterable[pa.Table], path: Path) -> None:
     """
     table = pa.concat_tables(parts).sort_by("case").combine_chunks()
     with _durably(path) as partial:
-        pq.write_table(table, partial, compression="zstd")
+        pq.write_table(table, partial, compression="zstd", write_page_checksum=True)
 
 
 def write_part(rows: pa.Table, path: Path) -> None:
     """Write rows as an Arrow file; after a power cut the file is complete or missing.
 
-    This takes a tenth of the time of writing Parquet.
+    This takes a tenth of the time of writing Parquet. After the Arrow file come 32 bytes, the
+    SHA-256 of the file's name and content, by which damage and exchanged files are noticed.
 
     Raises:
         OSError: the file cannot be written.
     """
-    with (
-        _durably(path) as partial,
-        pa.OSFile(str(partial), "wb") as sink,
-        pa.ipc.new_file(sink, rows.schema) as writer,
-    ):
+    content = pa.BufferOutputStream()
+    with pa.ipc.new_file(content, rows.schema) as writer:
         writer.write_table(rows)
+    written = content.getvalue().to_pybytes()
+    with _durably(path) as partial:
+        partial.write_bytes(written + _digest(path, written))
+
+
+def _digest(path: Path, content: bytes) -> bytes:
+    return hashlib.sha256(path.name.encode() + b"\0" + content).digest()
 
 
 @contextmanager
@@ -147,10 +155,15 @@ def read_part(path: Path) -> pa.Table:
     """Return the rows in an Arrow file of `write_part`.
 
     Raises:
-        OSError: the file cannot be read.
-        pyarrow.ArrowException: the file is damaged.
+        OSError: the file cannot be read, is damaged, or was written under another name.
     """
-    with pa.OSFile(str(path), "rb") as source, pa.ipc.open_file(source) as reader:
+    written = read_bounded(path)
+    content, digest = written[:-_DIGEST_BYTES], written[-_DIGEST_BYTES:]
+    if digest != _digest(path, content):
+        raise OSError(
+            errno.EIO, "it is damaged, or another part; --resume runs it again", str(path)
+        )
+    with pa.ipc.open_file(pa.BufferReader(content)) as reader:
         return reader.read_all()
 
 
@@ -161,7 +174,7 @@ def read_table(path: Path) -> pa.Table:
         OSError: the file cannot be read.
         pyarrow.ArrowException: the file is damaged.
     """
-    with pq.ParquetFile(path) as file:
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
         return file.read()
 
 

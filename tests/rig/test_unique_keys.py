@@ -1,6 +1,7 @@
 """A file in which a key is given twice is refused by file and line, whatever kind of file it is."""
 
 import json
+import re
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -54,6 +55,32 @@ def test_a_key_that_is_given_twice_is_refused_by_file_and_line(tmp_path: Path, k
     told = str(raised.value)
     assert told.startswith(f"{path}:4: ")
     assert "'version' is given twice, first in line 2" in told
+
+
+@pytest.mark.parametrize("kind", [kind for kind in READERS if kind != "beside a CSV"])
+def test_a_whole_number_beyond_every_float_is_refused(tmp_path: Path, kind: str) -> None:
+    name, read, error = READERS[kind]
+    path = tmp_path / name
+    path.write_text(f'{{"version": {"9" * 400}}}')
+    path.chmod(0o600)
+    with pytest.raises(error):
+        read(path)
+
+
+@pytest.mark.parametrize("changed", ['"at_ms": 1' + 40 * "0", '"next_number": 1e999'])
+def test_a_queue_with_a_time_or_a_number_that_none_can_be_is_refused(
+    tmp_path: Path, changed: str
+) -> None:
+    text = (
+        '{"version": 1, "entries": [{"number": 1, "campaign": "a", "by": "Bo", "at_ms": 1, '
+        '"is_begun": false}], "offered": ["a"], "next_number": 2}'
+    )
+    key = changed.partition(":")[0]
+    path = tmp_path / "console-queue.json"
+    path.write_text(re.sub(rf"{key}: \d+", changed, text))
+    path.chmod(0o600)
+    with pytest.raises(QueueError, match="no queue of version 1"):
+        QueueFile(tmp_path).read()
 
 
 def test_what_is_only_read_by_programs_is_as_damaged_if_a_key_is_given_twice(

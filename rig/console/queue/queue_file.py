@@ -27,6 +27,8 @@ LARGEST_FILE: Final = 1 << 18
 """Most bytes that are read. A full queue and 200 offered names, in characters of 4 bytes, fit."""
 LOCK_S: Final = 2.0
 """Longest time in s for which a change waits for another one, which takes some milliseconds."""
+_YEAR_10000_MS: Final = 253_402_300_800_000
+"""A time in ms since 1970 that no calendar of this machine shows any more."""
 _AGAIN_S: Final = 0.02
 
 Way = Literal["earlier", "later", "first"]
@@ -243,7 +245,11 @@ def _content(text: bytes) -> Content:
         )  # fmt: skip
         if not all(type(value) is kind for value, kind in values):
             raise TypeError("has a value of another kind")
+        if not 0 <= each.at_ms < _YEAR_10000_MS:
+            raise ValueError("has a time that no calendar has")
+    if type(told["next_number"]) is not int:
+        raise TypeError("has a next number of another kind")
     offered = tuple(str(name) for name in told["offered"])
     highest = max((each.number for each in entries), default=0)
     marks = tuple(str(mark) for mark in told.get("marks", ()))
-    return Content(entries, offered, max(int(told["next_number"]), highest + 1), marks)
+    return Content(entries, offered, max(told["next_number"], highest + 1), marks)

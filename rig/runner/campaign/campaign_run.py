@@ -230,9 +230,7 @@ def bench_of(
     # Imported here because a simulation does not need the libraries of its drivers.
     from rig.supervisor import ConnectedRig, Session
 
-    if not stop.requested:  # what was not compiled would be compiled now
-        load(needs, ON_HARDWARE)
-
+    load(needs, ON_HARDWARE, stop)
     onlooker = observer if isinstance(observer, Onlooker) else None
     return Session(
         ConnectedRig(

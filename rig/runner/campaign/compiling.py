@@ -87,14 +87,16 @@ def is_compiled(needs: Needs, names: Names) -> bool:
     return marks is None or not _missing(marks, needs, names)
 
 
-def load(needs: Needs, names: Names) -> None:
+def load(needs: Needs, names: Names, stop: StopFlag) -> None:
     """Load the compiled pieces into this process, except the one that the loop process loads.
 
-    A piece that was not compiled before is compiled now.
+    A piece that was not compiled before is compiled now. The function returns earlier if a stop is
+    requested; by a signal at once, as on a busy machine one piece may take a minute.
     """
-    for name in names:
-        if name != LOOP:
-            PIECES[name].run(needs)
+    with stop.interruptible():
+        for name in names:
+            if name != LOOP and not stop.requested:
+                PIECES[name].run(needs)
 
 
 def _mark(marks: Path, needs: Needs, name: str) -> Path:

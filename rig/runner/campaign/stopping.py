@@ -14,6 +14,13 @@ _UNNAMED: Final = "somebody without a name"
 """Reason for a stop that was asked for without one."""
 
 
+class _Interruption(BaseException):
+    """Raised by a signal in a block that `StopFlag.interruptible` lets it end.
+
+    It is no `Exception`, as a library may take those for failures of its own, and go on.
+    """
+
+
 class StopFlag:
     """A flag that asks a run to end after its present batch.
 
@@ -26,6 +33,7 @@ class StopFlag:
 
     def __init__(self) -> None:
         self.reason = ""
+        self._interrupts = False
 
     def request(self, reason: str) -> None:
         """Ask the run to end; the first reason stays.
@@ -38,6 +46,32 @@ class StopFlag:
     def requested(self) -> bool:
         """Whether the run has been asked to end."""
         return bool(self.reason)
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Let a signal that asks for the end also end the block, which is left without an error.
+
+        It is for what takes long without a look at the flag and leaves nothing to be tidied up,
+        such as loading compiled code. Only the main thread may call it.
+        """
+        try:
+            self._interrupts = True
+            yield
+            self._interrupts = False
+        except _Interruption:
+            pass
+        except BaseException:
+            self._interrupts = False
+            raise
+
+    def interrupt(self) -> None:
+        """End the block of `interruptible` that the main thread is in; signal handlers call this.
+
+        Without such a block nothing happens.
+        """
+        if self._interrupts:
+            self._interrupts = False
+            raise _Interruption
 
 
 @contextmanager
@@ -58,6 +92,7 @@ def stop_on_signals(stop: StopFlag, folder: Path | None = None) -> Iterator[None
         stop.request(name)
         if is_first and folder and (who := interrupted_by(folder)):
             stop.reason = f"{who} ({name})"
+        stop.interrupt()
 
     previous = {number: signal.getsignal(number) for number in SIGNALS}
     caught = [number for number in SIGNALS if previous[number] is not signal.SIG_IGN]

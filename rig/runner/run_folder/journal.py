@@ -255,7 +255,8 @@ def is_written(folder: Path, name: str = JOURNAL) -> bool:
         OSError: the system does not let it be opened now, so that nobody knows.
     """
     try:
-        file = os.open(folder / name, os.O_RDONLY)
+        # Where a pipe is in its place, opening it would otherwise wait until somebody writes to it.
+        file = os.open(folder / name, os.O_RDONLY | os.O_NONBLOCK)
     except OSError as error:
         if error.errno in SHORT:
             raise

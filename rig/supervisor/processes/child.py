@@ -106,6 +106,7 @@ class Child:
         self._log = log
         self._survives = Surviving(f"hearing the {name} process", self._note_failure)
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._was_asked = False
         descriptors = (board.fd, theirs.fileno())
         # The module is imported rather than run as __main__, so that the classes of its orders are
         # the same as the sender's.
@@ -149,6 +150,7 @@ class Child:
         Raises:
             ChildError: the process has ended or closed its pipe.
         """
+        self._was_asked = True
         try:
             self._pipe.send(order)
         except OSError:
@@ -263,7 +265,11 @@ class Child:
         """Close the pipe, and wait until the process has ended; kill it after `grace_s` seconds.
 
         A process whose pipe is closed brings its part of the rig to the safe state and ends itself.
+        One that was never sent an order has no device yet, and may take long to begin on a busy
+        machine, so that it is killed at once.
         """
+        if not self._was_asked:
+            self._process.kill()
         # A thread that is blocked in reading the pipe does not notice `close`, so shut it down.
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as end:
             end.shutdown(socket.SHUT_RDWR)

@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -159,3 +160,12 @@ def test_an_account_that_is_made_anew_is_another_one(file: AccountFile) -> None:
     first = file.add("Bo", Role.VIEWER, passwords.hash("the same password"))
     file.remove("Bo")
     assert file.add("Bo", Role.VIEWER, passwords.hash("the same password")).proof != first.proof
+
+
+def test_accounts_that_nobody_may_look_for_are_not_called_none(
+    file: AccountFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert not file.exists()
+    monkeypatch.setattr(os, "lstat", MagicMock(side_effect=PermissionError(13, "denied")))
+    with pytest.raises(PermissionError):
+        file.exists()

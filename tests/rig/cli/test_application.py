@@ -1,5 +1,6 @@
 import errno
 import gc
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -130,6 +131,22 @@ def test_what_the_system_has_no_more_of_is_told_with_its_remedy_and_without_a_tr
     assert "traceback" not in done.err
 
 
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (errno.EACCES, "permission denied"),
+        (errno.EROFS, "read-only file system"),
+        (errno.ENOTDIR, "not a directory"),
+        (errno.EISDIR, "is a directory"),
+    ],
+)
+def test_a_path_that_may_not_be_used_is_bad_input_and_no_crash(
+    invoke: Invoke, failing: Callable[[BaseException], None], number: int, told: str
+) -> None:
+    failing(OSError(number, os.strerror(number), "/locked/run"))
+    assert invoke("init") == (2, "", f"/locked/run: {told}; check the path\n")
+
+
 def test_an_interrupt_before_anything_ran_is_a_stop(
     invoke: Invoke, failing: Callable[[BaseException], None]
 ) -> None:
@@ -150,6 +167,21 @@ def test_output_that_nobody_reads_is_no_crash() -> None:
         process.stdout.close()
         assert process.stderr.read() == b""
         assert process.wait() == 1
+
+
+def test_output_that_cannot_be_written_is_told_once_and_raises_nothing() -> None:
+    program = (
+        "import sys\n"
+        "from rig.cli.screen import Screen\n"
+        "screen = Screen(on_closed=lambda: print('closed', file=sys.stderr))\n"
+        "screen.print('one')\n"
+        "screen.print('two')\n"
+    )
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", program], stdout=full, stderr=subprocess.PIPE, check=False
+        )
+    assert (done.returncode, done.stderr) == (0, b"closed\n")
 
 
 def test_without_any_output_a_command_does_what_it_should() -> None:

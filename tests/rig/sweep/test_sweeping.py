@@ -2,17 +2,20 @@
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -22,14 +25,14 @@ from rig.configuration.sweeps.sweep import load_sweep
 from rig.configuration.sweeps.sweep_plan import Sweep
 from rig.runner.run_folder.directory import DirectoryError
 from rig.sweep import running
-from rig.sweep.cluster import ClusterError, connected, run_cluster
-from rig.sweep.drawing import Cases
+from rig.sweep.cluster import ClusterError, _wanted, connected, run_cluster
+from rig.sweep.drawing import Cases, draw
 from rig.sweep.folder import SweepFolder
 from rig.sweep.group import Setting, SweepError
 from rig.sweep.local import Chunks, run_here, run_pool
-from rig.sweep.run_cases import Judged
+from rig.sweep.run_cases import Judged, sources
 from rig.sweep.running import Runner, Timing, chunk_size, run_sweep
-from rig.sweep.table import unit_of
+from rig.sweep.table import rows_of, unit_of
 from tests.waiting import COMPILE_S, until
 
 TEXT = """\
@@ -316,6 +319,82 @@ def test_a_scheduler_that_falls_silent_is_told_and_keeps_nobody_from_stopping(
     assert not list(run_cluster(chunks, setting, client, lambda: bool(told), told.append))
     assert told == ["the cluster's scheduler does not answer; waiting for it"]
     forever.set()
+
+
+def answering(answer: Callable[[Cases], Any]) -> Any:
+    """A client of a cluster of eight threads whose worker gives these answers at once."""
+
+    def submit(_: Any, setting: Any, cases: Cases, **options: Any) -> Any:
+        done = MagicMock(status="finished", result=lambda: answer(cases))
+        done.add_done_callback = lambda call: call(done)
+        return done
+
+    client: Any = SimpleNamespace(nthreads=lambda: {"far": 8}, cancel=lambda _: None, submit=submit)
+    return client
+
+
+def result_of(cases: Cases, **changed: Any) -> Judged:
+    """What a sound worker answers, with some columns or fields changed."""
+    figures: dict[str, Any] = {
+        "verdict": cases.faults, "right": np.ones(cases.numbers.size, np.bool_)
+    }  # fmt: skip
+    fields = {name: changed.pop(name) for name in ("chunk", "source") if name in changed}
+    whole: dict[str, Any] = {"chunk": cases.chunk, "source": sources()} | fields
+    kept = {name: column for name, column in (figures | changed).items() if column is not None}
+    return Judged(figures=kept, process_s=0.0, wall_s=0.0, worker="far:1", **whole)
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"chunk": 7}, "the result of other cases"),
+        ({"right": np.ones(3, np.bool_)}, "columns that are not of its 16 cases"),
+        ({"right": [True] * 16}, "columns that are not of its 16 cases"),
+        ({"verdict": None}, "other columns than the sweep has"),
+        ({"statistic": np.zeros(16)}, "other columns than the sweep has"),
+        ({"verdict": np.full(16, "foreign")}, "verdicts that contradict themselves"),
+        (None, "no result"),
+    ],
+)
+def test_what_cannot_be_the_result_of_a_workers_cases_is_refused(
+    sweep: Sweep, changed: dict[str, Any] | None, why: str
+) -> None:
+    first, second = (replace(draw(sweep, 0, 16), chunk=number) for number in range(2))
+
+    def answer(cases: Cases) -> Any:
+        if cases.chunk == 0:
+            return result_of(cases)
+        return changed if changed is None else result_of(cases, **changed)
+
+    setting: Any = None
+    client = answering(answer)
+    results = run_cluster(iter([first, second]), setting, client, lambda: False, print)
+    assert next(results).chunk == 0
+    with pytest.raises(SweepError, match=f"answered with {why}; end it"):
+        next(results)
+
+
+def test_the_threads_of_a_cluster_are_counted_as_soon_as_it_answers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rig.sweep.cluster._LOOK_S", 600.0)
+    wanted = _wanted(answering(lambda cases: None), print)
+    until(lambda: next(wanted) == 24, "the count of threads")
+
+
+def test_a_part_that_is_damaged_or_another_one_is_run_again(sweep: Sweep, tmp_path: Path) -> None:
+    cases = draw(sweep, 0, 16)
+    rows = rows_of(cases, dict(result_of(cases).figures))
+    chunks = dict.fromkeys(range(4), 16)
+    with SweepFolder(tmp_path / "run", sweep, resume=False) as folder:
+        for number in range(4):
+            folder.keep(number, rows)
+        parts = sorted((tmp_path / "run" / "parts").iterdir())
+        flipped = bytearray(parts[1].read_bytes())
+        flipped[flipped.index(cases.columns["onset_s"].values[:1].tobytes())] ^= 1
+        parts[1].write_bytes(flipped)
+        shutil.copy(parts[0], parts[2])
+        assert folder.done(chunks).keys() == {0, 3}
 
 
 @pytest.mark.long

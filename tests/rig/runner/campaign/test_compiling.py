@@ -1,5 +1,7 @@
 """Whatever a session runs is compiled before it is armed; an operator is shown how far that is."""
 
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -17,9 +19,10 @@ from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.decided import DECIDED, Decided
 from rig.plant import Model
 from rig.runner import StopFlag
-from rig.runner.campaign.compiled_pieces import Needs
-from rig.runner.campaign.compiling import ON_HARDWARE, _mark, compile_for
+from rig.runner.campaign.compiled_pieces import PIECES, Needs, Piece
+from rig.runner.campaign.compiling import ON_HARDWARE, _mark, compile_for, load
 from rig.runner.campaign.simulated_bench import loop_of
+from rig.runner.campaign.stopping import stop_on_signals
 
 SINE = "{type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}"
 LEAK = "[{type: external_leakage_1, at: 8 s, flow: 0.8 L/min, pressure: 6.9 MPa}]"
@@ -67,7 +70,7 @@ from rig.configuration.campaigns.campaign import load_campaign
 from rig.loop.board import Board
 from rig.loop.decided import no_decision
 from rig.loop.wire.loop import post_decision
-from rig.runner import run_campaign
+from rig.runner import StopFlag, run_campaign
 from rig.runner.campaign.compiled_pieces import Needs
 from rig.runner.campaign.compiling import ON_HARDWARE, SIMULATED, load
 from rig.runner.campaign.simulated_bench import SimulatedBench
@@ -75,8 +78,8 @@ from rig.runner.campaign.simulated_bench import SimulatedBench
 folder = Path(sys.argv[1])
 campaign, rig = load_campaign(str(folder / "campaign.yaml"), None, folder)
 needs = Needs(rig, campaign.filter_name)
-load(needs, ON_HARDWARE)
-load(needs, ("simulated loop",))
+load(needs, ON_HARDWARE, StopFlag())
+load(needs, ("simulated loop",), StopFlag())
 
 compile_or_load = Dispatcher.compile
 def noted(self, signature):
@@ -222,3 +225,23 @@ def test_a_hundred_times_the_ticks_allocate_no_more(
         loop.advance(ticks)
         counted.append(allocations() - before)
     assert counted[0] == counted[1]
+
+
+def test_a_signal_ends_the_loading_of_compiled_code_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def is_long(_: Needs) -> None:
+        begun.append("piece")
+        os.kill(os.getpid(), signal.SIGTERM)
+        begun.append("rest of it")
+
+    begun, stop = list[str](), StopFlag()
+    for name in ("filter", "detector"):
+        monkeypatch.setitem(PIECES, name, Piece(is_long))
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        with stop_on_signals(stop):
+            load(Needs(load_rig("emulated"), "product"), ("filter", "detector"), stop)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert (begun, stop.reason) == (["piece"], "SIGTERM")

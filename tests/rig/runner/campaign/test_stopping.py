@@ -69,3 +69,14 @@ def test_a_signal_that_is_ignored_stays_so() -> None:
         assert not stop.requested
     finally:
         signal.signal(signal.SIGHUP, previous)
+
+
+def test_a_signal_ends_what_may_be_interrupted_and_nothing_after_it() -> None:
+    stop, came_to = StopFlag(), list[str]()
+    with stop_on_signals(stop):
+        with stop.interruptible():
+            os.kill(os.getpid(), signal.SIGTERM)
+            came_to.append("rest of the block")
+        os.kill(os.getpid(), signal.SIGTERM)
+        came_to.append("end")
+    assert (came_to, stop.reason) == (["end"], "SIGTERM")

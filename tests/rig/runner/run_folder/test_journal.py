@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -124,3 +125,14 @@ def test_what_is_not_there_is_said_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(JournalError, match="give the folder of a run"):
         read_journal(tmp_path / JOURNAL)
     assert not is_written(tmp_path)
+
+
+def test_a_pipe_in_the_place_of_a_journal_keeps_nobody_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / JOURNAL)
+    # Whoever waits for a writer gets one after a while, so that this test fails and does not hang.
+    writer = threading.Timer(5.0, os.open, (tmp_path / JOURNAL, os.O_WRONLY | os.O_NONBLOCK))
+    writer.daemon = True
+    writer.start()
+    assert not is_written(tmp_path)
+    assert writer.is_alive()
+    writer.cancel()

@@ -1,6 +1,7 @@
 """A process of the session is heard to its end, whatever fails of what it says."""
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -85,3 +86,14 @@ def test_what_comes_late_is_not_taken_for_the_answer_to_the_last_order(
         assert child.last_answer(7, int, PATIENCE_S) == 7
     finally:
         child.end()
+
+
+def test_a_process_that_was_asked_for_nothing_is_not_waited_for(
+    board: Board, tmp_path: Path
+) -> None:
+    child = begun(board, tmp_path, lambda news: None)
+    os.kill(child._process.pid, signal.SIGSTOP)  # as busy as one that begins on a busy machine
+    before = time.monotonic()
+    child.end(grace_s=20.0)
+    assert time.monotonic() - before < 10.0
+    assert child.exit_code == -signal.SIGKILL
