@@ -1,11 +1,17 @@
 """This module estimates, from one linearisation, what each effect of the catalogue would gain."""
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Final
 
 from estimator.gap.plant import Effect, Plant, Trace
 from estimator.gap.prediction import Column, Filtered, Values, Variable, effect_variables, started
 
 from .findings import Screened
+
+_FAR: Final = 10.0**0.5
+"""Ratio of one far value of a logarithmic parameter to the next one that is tried."""
+_POWERS: Final = 4
+"""Number of far values that are tried on either side."""
 
 
 class Screening:
@@ -47,13 +53,14 @@ class Screening:
             if effects is not None and effect.name not in effects:
                 continue
             given = starts_of(filtered, values, effect)
-            for number, start in enumerate(given):
+            is_linear = not effect.starts and effect.propose is None
+            for number, start in enumerate(_far(values, effect) if is_linear else given):
                 column = Column(
                     f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
                 )
                 columns.append(column)
                 starts[column.name] = (effect.name, start, [column.name])
-            if not effect.starts and effect.propose is None:
+            if is_linear:
                 added = filtered.columns(values, effect_variables(effect))
                 columns += added
                 starts[added[0].name] = (effect.name, {}, [column.name for column in added])
@@ -92,6 +99,20 @@ class Screening:
             column.name: float(before - left.sum())
             for column, left in zip(columns, costs, strict=True)
         }
+
+
+def _far(values: Values, effect: Effect) -> tuple[Mapping[str, float], ...]:
+    """Return far values of an effect's only knob that a fit may start from, if it is logarithmic.
+
+    They are `_FAR` and its powers times or below the present value, within the plausible range.
+    Over such a range an effect is far from linear: of seals fifteen times as soft the linearisation
+    about stiff ones showed a twentieth of what they gain.
+    """
+    if len(effect.knobs) != 1 or not effect.knobs[0].logarithmic:
+        return ()
+    (knob,) = effect.knobs
+    far = [values[knob.parameter] * _FAR**power for power in range(-_POWERS, _POWERS + 1) if power]
+    return tuple({knob.key: value} for value in far if knob.lower < value < knob.upper)
 
 
 def starts_of(

@@ -68,6 +68,17 @@ def test_what_is_hidden_is_named_and_sized(parameter: str, value: float) -> None
     assert found.fitted.cost < 0.9 * found.refitted.cost
 
 
+def test_an_effect_far_from_the_model_given_is_tried_from_far_values_of_its_own() -> None:
+    plant = rig(("presliding_compliance",))
+    soft = {**plant.nominal, "bristle_stiffness": 1.5e6}
+    with fitter(plant, recorded(plant, soft, seed=0)) as of_records:
+        filtered = of_records.filtered(plant.nominal)
+        (candidate,) = Screening(plant).screen(filtered, plant.nominal, ())
+        most = filtered.costs(plant.nominal).sum() - of_records.filtered(soft).costs(soft).sum()
+    assert candidate.start["value"] == pytest.approx(2e6)
+    assert candidate.gain > 0.5 * most
+
+
 @pytest.mark.long
 def test_two_effects_at_once_are_both_named() -> None:
     hidden = {"internal_leakage": 5e-9, "command_delay": 3e-3}
