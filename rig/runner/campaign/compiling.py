@@ -26,6 +26,7 @@ from typing import Final, Protocol
 from rig.compile_cache import COMPILED_ONCE, marks_folder
 
 from .compiled_pieces import LOOP, PIECES, Needs
+from .stopping import StopFlag
 
 Say = Callable[[str], None]
 Names = tuple[str, ...]
