@@ -85,7 +85,7 @@ def valve_conductance(par):
     return par.discharge_coefficient * par.area_gradient * sqrt(2.0 / par.density)
 
 
-@inlined
+@njit(cache=True, error_model="numpy", forceinline=True)
 def valve_drops(opening, p1, p2, supply, back):
     """Return the drops in Pa over the open edges at ports 1 and 2 (eqs. 2.1 and 2.2).
 
