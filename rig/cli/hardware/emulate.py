@@ -4,14 +4,12 @@ import asyncio
 import json
 import os
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
 import click
 
-from rig.compile_cache import COMPILED_ONCE, marks_folder
+from rig.cli.first_compiling import first_compiling
 from rig.configuration import Physical, QuantityError, Rig, load_rig
 from rig.emulator import ATTENTIVE, Emulator, Record, endpoints_of, raise_priority, read_script
 from rig.io import DriverError
@@ -28,8 +26,6 @@ _SHOWN: Final = {
 _PRIORITY: Final = {True: "real-time", False: "ordinary"}
 _PRESSES: Final = {True: "somebody presses it when its lamp is lit", False: "nobody presses it"}
 
-MARK: Final = "emulated_plant"
-"""Name of the empty file beside compiled code that says that the plant's was compiled."""
 _LAST_PORT: Final = 65535
 _FILE: Final = click.Path(path_type=Path, dir_okay=False)
 
@@ -49,19 +45,6 @@ def _ports(
             raise click.BadParameter(f"{value}; write daq=15502, or daq=0 for any free port")
         ports[name] = int(port)
     return ports
-
-
-@contextmanager
-def _compiling(*, silent: bool) -> Iterator[None]:
-    """Say that the block compiles, unless it has done so before or all is to be `silent`."""
-    folder = marks_folder()
-    mark = None if folder is None else folder / MARK
-    if not silent and (mark is None or not mark.exists()):
-        click.echo(f"compiling for this machine, {COMPILED_ONCE}: {MARK.replace('_', ' ')}")
-    yield
-    if mark is not None:
-        with suppress(OSError):
-            mark.touch()
 
 
 def _position(text: str, rig: Rig) -> float:
@@ -149,7 +132,7 @@ def command(
         raise click.FileError(str(error.filename), hint=error.strerror) from error
 
     async def serve() -> dict[str, int]:
-        with _compiling(silent=as_json):
+        with first_compiling("emulated plant", silent=as_json):
             emulator = Emulator(
                 rig, endpoints, written, script=played, seed=seed, position=position
             )

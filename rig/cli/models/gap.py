@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import click
 
+from rig.cli.first_compiling import first_compiling
 from rig.cli.option_types import STREAMED, paced
 
 HOLDOUT: Final = "--holdout"
@@ -103,6 +104,7 @@ def command(**options: Any) -> int:
     # time. The library reads this when numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # The search takes seconds to load, so neither --help nor a wrong option loads it.
-    from .gap_finding import Asked, found_by
+    with first_compiling("search for effects", err=True):
+        from .gap_finding import Asked, found_by
 
     return found_by(Asked(**options))

@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 
-from rig.cli.hardware import emulate as module
-
 Invoke = Callable[..., Any]
 Refused = Callable[..., str]
 
@@ -73,17 +71,6 @@ def test_it_says_what_it_serves_records_it_at_once_and_ends_cleanly_when_asked(
     events = [json.loads(line)["event"] for line in record.read_text().splitlines()]
     assert events[0] == "ready"
     assert "connected" in events
-
-
-def test_that_it_compiles_is_said_once_for_each_version_as_of_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(module, "marks_folder", lambda: tmp_path)
-    line = "compiling for this machine, once for each version of the program: emulated plant\n"
-    for said in (line, ""):
-        with module._compiling(silent=False):
-            # Before it takes its time, not afterwards.
-            assert capsys.readouterr().out == said
 
 
 def test_a_port_in_use_is_refused_with_its_number_and_the_remedy(refused: Refused) -> None:
