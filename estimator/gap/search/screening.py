@@ -52,15 +52,15 @@ class Screening:
                 continue
             if effects is not None and effect.name not in effects:
                 continue
-            given = starts_of(filtered, values, effect)
-            is_linear = not effect.starts and effect.propose is None
-            for number, start in enumerate(_far(values, effect) if is_linear else given):
+            has_slope = not effect.starts and effect.propose is None
+            given = _far(values, effect) if has_slope else starts_of(filtered, values, effect)
+            for number, start in enumerate(given):
                 column = Column(
                     f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
                 )
                 columns.append(column)
                 starts[column.name] = (effect.name, start, [column.name])
-            if is_linear:
+            if has_slope:
                 added = filtered.columns(values, effect_variables(effect))
                 columns += added
                 starts[added[0].name] = (effect.name, {}, [column.name for column in added])

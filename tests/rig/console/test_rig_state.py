@@ -38,6 +38,9 @@ def campaign(*statuses: str, **more: Any) -> dict[str, Any]:
     return {**RUNNING.campaign, "tests": tests, **more}
 
 
+OF_THE_STATION = campaign(status="idle", activity="idle: nothing drives", tests=[])
+
+
 def rig(**changed: Any) -> Site_:
     return lambda site: site.client.shots.update(bench=replace(RUNNING, **changed))
 
@@ -94,7 +97,7 @@ def compiles_for_two_hours(site: Site) -> None:
     rig(
         progress={},
         state={"state": "connecting", "compiles": "wire_ticks", "compiles_since_ns": since_ns},
-        campaign=campaign(status="idle", activity="idle: nothing drives", tests=[]),
+        campaign=OF_THE_STATION,
     )(site)
 
 
@@ -107,13 +110,12 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     ),
     "idle": (rig(campaign={}, progress={}), "off", "Idle", "No campaign runs", {"start"}),
     "read by its station": (
-        rig(progress={}, campaign=campaign(status="idle", activity="idle: nothing drives",
-                                           tests=[])),
+        rig(progress={}, campaign=OF_THE_STATION),
         "off", "Idle", "The station reads the rig; nothing drives.", {"start"},
     ),
     "being read by its station": (
         rig(progress={}, state={"state": "connecting"},
-            campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
+            campaign=OF_THE_STATION),
         "off", "Idle", "The station opens the devices; nothing drives.", {"start"},
     ),
     "being compiled by its station": (
@@ -128,7 +130,7 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     ),
     "told of by its station before it is heard": (
         rig(alive=False, age_s=None, progress={},
-            campaign=campaign(status="idle", activity="idle: nothing drives", tests=[])),
+            campaign=OF_THE_STATION),
         "off", "Idle", "The station opens the devices; nothing drives.", {"start"},
     ),
     "not to be read by its station": (
